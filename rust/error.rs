@@ -1,0 +1,130 @@
+//! Everything that can go wrong with a caller's input.
+
+/// An input that cannot be used, with the numbers that say why.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A filter order outside 1..=32.
+    #[error("order must be in 1..=32, got {order}")]
+    Order {
+        /// The order asked for.
+        order: usize,
+    },
+    /// A sampling rate that is not a positive finite number.
+    #[error("rate_hz must be positive and finite, got {rate_hz}")]
+    Rate {
+        /// The rate asked for, in hertz.
+        rate_hz: f64,
+    },
+    /// A critical frequency outside the open interval (0, rate / 2).
+    #[error("cutoff_hz must be in (0, rate_hz / 2) = (0, {}), got {cutoff_hz} at rate_hz = {rate_hz}", .rate_hz / 2.0)]
+    Cutoff {
+        /// The frequency asked for, in hertz.
+        cutoff_hz: f64,
+        /// The sampling rate, in hertz.
+        rate_hz: f64,
+    },
+    /// Band edges that are equal or reversed.
+    #[error("band edges must satisfy low < high, got low = {low_hz} and high = {high_hz}")]
+    Band {
+        /// The lower edge, in hertz.
+        low_hz: f64,
+        /// The upper edge, in hertz.
+        high_hz: f64,
+    },
+    /// Second-order sections without a single row.
+    #[error("sos must have at least one section, got none")]
+    NoSections,
+    /// A coefficient that is NaN or infinite.
+    #[error("sos[{section}, {column}] must be finite, got {value}")]
+    NonFiniteCoefficient {
+        /// Row of the coefficient.
+        section: usize,
+        /// Column of the coefficient, 0 to 5.
+        column: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// A section whose `a0` is not one.
+    #[error("sos[:, 3] (a0) should be all ones, got {a0} in section {section}")]
+    LeadingCoefficient {
+        /// Row of the section.
+        section: usize,
+        /// The value found.
+        a0: f64,
+    },
+    /// A histogram without bins, or with more than `MAX_BINS`.
+    #[error("n_bins must be in 1..={max}, got {n_bins}")]
+    Bins {
+        /// The number asked for.
+        n_bins: usize,
+        /// The largest number allowed.
+        max: usize,
+    },
+    /// A histogram range that is reversed, empty or not finite.
+    #[error("bin_range must be finite with low < high, got ({low}, {high})")]
+    BinRange {
+        /// The lower end.
+        low: f64,
+        /// The upper end.
+        high: f64,
+    },
+    /// Per-axis ranges whose number differs from the number of axes.
+    #[error("bin_range must hold one range, or one per axis: got {ranges} ranges for {axes} axes")]
+    RangeCount {
+        /// Ranges given.
+        ranges: usize,
+        /// Axes in the data.
+        axes: usize,
+    },
+    /// A feature specification that selects nothing.
+    #[error("at least one of raw and hfmh must be true")]
+    NoFeatures,
+    /// An array with an empty dimension.
+    #[error("{what} must not be empty, got shape {shape:?}")]
+    Empty {
+        /// The argument.
+        what: &'static str,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
+    /// A buffer whose length does not follow from the shapes.
+    #[error("{what} must hold {expected} values, got {got}")]
+    Length {
+        /// The argument.
+        what: &'static str,
+        /// The length that the shapes ask for.
+        expected: usize,
+        /// The length given.
+        got: usize,
+    },
+    /// NaN or infinity where a number is needed.
+    #[error("wrench must be finite, got {value} at recording {recording}, sample {sample}, axis {axis}")]
+    NonFinite {
+        /// Recording of the first such value.
+        recording: usize,
+        /// Its sample.
+        sample: usize,
+        /// Its axis.
+        axis: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// Finite input so large that the filter left the range of float64.
+    #[error("wrench is too large to filter: recording {recording} reaches {largest:e} and overflows float64")]
+    Overflow {
+        /// The recording.
+        recording: usize,
+        /// Its largest magnitude.
+        largest: f64,
+    },
+    /// A number of threads that is zero.
+    #[error("threads must be at least 1, got {threads}")]
+    Threads {
+        /// The number asked for.
+        threads: usize,
+    },
+}
+
+/// Result of an operation on a caller's input.
+pub type Result<T> = std::result::Result<T, Error>;
