@@ -1,0 +1,245 @@
+"""What an evaluation found, with everything needed to recompute each figure."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.evaluation import export, tables
+from granular_id.evaluation.metrics import confusion_counts, macro_f1, recall_per_class, sample_sd
+from granular_id.evaluation.partitions import Partition
+
+__all__ = ["EvaluationResult", "Prediction", "SpaceSummary"]
+
+
+@dataclass(frozen=True)
+class SpaceSummary:
+    """One feature space as it was evaluated.
+
+    Parameters
+    ----------
+    name : str
+        ``"raw"``, ``"hfmh"``, ``"raw+hfmh"`` or the caller's own name.
+    paper_accuracy : float or None
+        Accuracy that the paper reports for this space on its own recordings, in [0, 1]. Never measured here.
+    learns : bool
+        True when the features were fitted on the training rows of each partition.
+    n_features : int
+        Length of a feature vector.
+    seconds : mapping of str to float
+        Time spent in the stages ``features``, ``gram``, ``training`` and ``prediction``. With several threads
+        the stages of different partitions overlap and the sum exceeds the time that passed.
+    settings : mapping
+        Parameters of the transformer.
+    """
+
+    name: str
+    paper_accuracy: float | None
+    learns: bool
+    n_features: int
+    seconds: Mapping[str, float]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What one partition said about one recording."""
+
+    protocol: str
+    partition: int
+    space: str
+    row: int
+    recording: str
+    session: str
+    label: str
+    predicted: str
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluationResult:
+    """Predictions of every partition, and the figures that follow from them.
+
+    Made by `granular_id.evaluate`. The fields hold what happened; the methods compute, and store nothing.
+
+    Parameters
+    ----------
+    spaces : tuple of SpaceSummary
+        In the order of the table.
+    partitions : mapping of str to tuple of Partition
+        Protocol name to its partitions.
+    predicted : mapping of (str, str) to tuple of int arrays
+        (protocol, space) to the class numbers predicted for ``partition.test``, one array per partition.
+    labels : tuple of str
+        The K classes; class number k is ``labels[k]``.
+    truth : (n,) int array
+        Class number of each recording.
+    names, sessions : tuple of str
+        Name and session (empty when unknown) of each recording.
+    settings : mapping
+        Arguments of the evaluation, with the seed, the classifier and its parameters.
+    data : mapping
+        Summary of the recordings and the history of the steps that prepared them.
+    versions : mapping of str to str
+        Versions of what computed the numbers.
+    notes : tuple of str
+        What a reader has to know, one line each.
+    synthetic : bool
+        True when recordings were simulated: such accuracies say nothing about real materials.
+    command : str
+        What to type to repeat it.
+    """
+
+    spaces: tuple[SpaceSummary, ...]
+    partitions: Mapping[str, tuple[Partition, ...]]
+    predicted: Mapping[tuple[str, str], tuple[NDArray[np.intp], ...]]
+    labels: tuple[str, ...]
+    truth: NDArray[np.intp]
+    names: tuple[str, ...]
+    sessions: tuple[str, ...]
+    settings: Mapping[str, Any]
+    data: Mapping[str, Any]
+    versions: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+    synthetic: bool = False
+    command: str = ""
+
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Protocols that ran, in order."""
+        return tuple(self.partitions)
+
+    @property
+    def chance(self) -> float:
+        """Accuracy of guessing when every class is equally frequent: 1 / K."""
+        return 1 / len(self.labels)
+
+    def space(self, name: str) -> SpaceSummary:
+        """Return one space by name, or raise a ValueError that lists the names."""
+        for candidate in self.spaces:
+            if candidate.name == name:
+                return candidate
+        known = ", ".join(repr(candidate.name) for candidate in self.spaces)
+        raise ValueError(f"space must be one of {known}, got {name!r}")
+
+    def best_space(self, protocol: str | None = None) -> str:
+        """Name of the space with the highest mean accuracy; the first of equals.
+
+        The choice uses the tested recordings: good for picking what to look at, not for claiming its
+        accuracy.
+        """
+        return max(self.spaces, key=lambda space: self.mean_accuracy(space.name, protocol)).name
+
+    def accuracies(self, space: str, protocol: str | None = None) -> NDArray[np.float64]:
+        """Share of tested recordings named rightly, one value per partition.
+
+        Parameters
+        ----------
+        space : str
+            Name of a feature space.
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Returns
+        -------
+        (n_partitions,) float array
+            In [0, 1].
+        """
+        partitions, predicted = self._runs(space, protocol)
+        return np.array(
+            [np.mean(self.truth[p.test] == said) for p, said in zip(partitions, predicted, strict=True)]
+        )
+
+    def mean_accuracy(self, space: str, protocol: str | None = None) -> float:
+        """Mean of `accuracies`, in [0, 1]."""
+        return float(self.accuracies(space, protocol).mean())
+
+    def sd_accuracy(self, space: str, protocol: str | None = None) -> float:
+        """Sample standard deviation of `accuracies` (divisor J - 1); NaN for one partition."""
+        return sample_sd(self.accuracies(space, protocol))
+
+    def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
+        """Confusion matrix summed over the partitions of a protocol.
+
+        Parameters
+        ----------
+        space : str, optional
+            Default: `best_space`.
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Returns
+        -------
+        (K, K) int array
+            Row: true class, column: predicted class, in the order of `labels`.
+        """
+        partitions, predicted = self._runs(space or self.best_space(protocol), protocol)
+        truth = np.concatenate([self.truth[partition.test] for partition in partitions])
+        return confusion_counts(truth, np.concatenate(predicted), len(self.labels))
+
+    def recall(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.float64]:
+        """Share of each class named rightly, over all partitions: (K,) in the order of `labels`."""
+        return recall_per_class(self.confusion(space, protocol))
+
+    def macro_f1(self, space: str | None = None, protocol: str | None = None) -> float:
+        """Mean F1 over classes, from the confusion matrix summed over partitions."""
+        return macro_f1(self.confusion(space, protocol))
+
+    def gap(self, space: str) -> float | None:
+        """Accuracy lost between random partitions and halves in time order; None unless both protocols ran.
+
+        Mean accuracy of ``paper`` minus mean accuracy of ``chronological`` over both directions.
+        """
+        if {"paper", "chronological"} <= set(self.partitions):
+            return self.mean_accuracy(space, "paper") - self.mean_accuracy(space, "chronological")
+        return None
+
+    def predictions(self) -> Iterator[Prediction]:
+        """Every prediction: by protocol, space and partition, then row."""
+        for protocol, partitions in self.partitions.items():
+            for space in self.spaces:
+                for partition, said in zip(partitions, self.predicted[protocol, space.name], strict=True):
+                    for row, code in zip(partition.test.tolist(), said.tolist(), strict=True):
+                        yield Prediction(
+                            protocol=protocol,
+                            partition=partition.index,
+                            space=space.name,
+                            row=row,
+                            recording=self.names[row],
+                            session=self.sessions[row],
+                            label=self.labels[self.truth[row]],
+                            predicted=self.labels[code],
+                        )
+
+    def table(self) -> str:
+        """Tables of accuracies, gaps and seconds as plain text."""
+        return tables.plain_text(self)
+
+    def __str__(self) -> str:
+        return self.table()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the single predictions, in types that JSON knows; see `to_json`."""
+        return export.as_dict(self)
+
+    def to_json(self, path: str | os.PathLike[str]) -> None:
+        """Write figures, settings, partitions and data summary as one JSON file; whole or not at all."""
+        export.write_json(self, path)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one line per prediction of every partition, space and protocol; whole or not at all."""
+        export.write_csv(self, path)
+
+    def _runs(
+        self, space: str, protocol: str | None
+    ) -> tuple[tuple[Partition, ...], tuple[NDArray[np.intp], ...]]:
+        name = self.space(space).name
+        chosen = self.protocols[0] if protocol is None else protocol
+        if chosen not in self.partitions:
+            known = ", ".join(map(repr, self.partitions))
+            raise ValueError(f"protocol must be one of those that ran ({known}), got {protocol!r}")
+        return self.partitions[chosen], self.predicted[chosen, name]

@@ -1,0 +1,192 @@
+"""Tables of an evaluation as data, and their plain-text form.
+
+A `Table` holds strings only, so that plain text here and the coloured terminal in the command line show the
+same figures.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from granular_id.evaluation.result import EvaluationResult
+
+__all__ = [
+    "Table",
+    "accuracy_table",
+    "confusion_table",
+    "gap_lines",
+    "mistakes_table",
+    "plain_text",
+    "seconds_table",
+]
+
+PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
+STAGES = ("features", "gram", "training", "prediction")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A title, a header, rows of text (first column left, others right aligned) and notes below."""
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        widths = [max(len(row[i]) for row in (self.header, *self.rows)) for i in range(len(self.header))]
+
+        def line(cells: tuple[str, ...]) -> str:
+            first = cells[0].ljust(widths[0])
+            rest = (cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))
+            return "  ".join((first, *rest)).rstrip()
+
+        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
+        return "\n".join(
+            (self.title, rule, line(self.header), rule, *map(line, self.rows), rule, *self.notes)
+        )
+
+
+def percent(share: float | None, digits: int = 1) -> str:
+    """Format a share of 1 as percent; ``-`` when there is none."""
+    return "-" if share is None or math.isnan(share) else f"{100 * share:.{digits}f} %"
+
+
+def accuracy_table(result: EvaluationResult) -> Table:
+    """Accuracy per space: the paper's, then each protocol, then the gap between them."""
+    counts = f"{len(result.names)} recordings, {len(result.labels)} classes, chance {percent(result.chance)}"
+    kind = (
+        "on SYNTHETIC recordings: says nothing about real materials"
+        if result.synthetic
+        else "on these recordings"
+    )
+    header = ["space", "paper*"]
+    for protocol, partitions in result.partitions.items():
+        if protocol == "chronological":
+            header += [partition.description for partition in partitions]
+        else:
+            header += [f"{len(partitions)} random partitions", "macro-F1"]
+    both = {"paper", "chronological"} <= set(result.partitions)
+    if both:
+        header.append("gap")
+    rows = []
+    for space in result.spaces:
+        row = [space.name, percent(space.paper_accuracy, 2)]
+        for protocol in result.partitions:
+            values = result.accuracies(space.name, protocol)
+            if protocol == "chronological":
+                row += [percent(value) for value in values.tolist()]
+            else:
+                sd = result.sd_accuracy(space.name, protocol)
+                spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
+                macro = f"{result.macro_f1(space.name, protocol):.3f}"
+                row += [f"{100 * values.mean():.2f}{spread} %", macro]
+        if both:
+            row.append(f"{100 * (result.gap(space.name) or 0.0):.1f} points")
+        rows.append(tuple(row))
+    notes = [PAPER_NOTE] if any(space.paper_accuracy is not None for space in result.spaces) else []
+    title = f"Accuracy {kind} ({counts})"
+    return Table(title, tuple(header), tuple(rows), (*notes, *gap_lines(result), *result.notes))
+
+
+def gap_lines(result: EvaluationResult) -> tuple[str, ...]:
+    """One sentence per space on what separates random partitions from halves in time order."""
+    lines = []
+    for space in result.spaces:
+        gap = result.gap(space.name)
+        if gap is None:
+            continue
+        forward, backward = result.accuracies(space.name, "chronological").tolist()
+        figures = (
+            f"{space.name}: {percent(result.mean_accuracy(space.name, 'paper'))} random, "
+            f"{percent(forward)} first half to second half, {percent(backward)} the reverse: "
+        )
+        if gap >= 0.01:
+            lines.append(f"{figures}{100 * gap:.1f} points of it come from recordings of the same session")
+        else:
+            lines.append(f"{figures}nothing is lost over time")
+    if lines:
+        sizes = {name: _train_per_class(result, name) for name in ("paper", "chronological")}
+        if sizes["paper"] != sizes["chronological"]:
+            lines.append(
+                f"(random partitions train on {sizes['paper']} recordings of each class, "
+                f"halves in time order on {sizes['chronological']}: part of a gap may be that)"
+            )
+    return tuple(lines)
+
+
+def seconds_table(result: EvaluationResult) -> Table:
+    """Seconds per stage and space."""
+    rows = []
+    for space in result.spaces:
+        spent = [space.seconds[stage] for stage in STAGES]
+        rows.append(
+            (space.name, *(f"{value:.2f}" for value in spent), f"{sum(spent):.2f}", str(space.n_features))
+        )
+    return Table("Seconds", ("space", *STAGES, "sum", "number of features"), tuple(rows))
+
+
+def confusion_table(result: EvaluationResult, space: str, protocol: str) -> Table:
+    """Percent of each true class (row) given each name (column); empty where zero.
+
+    Columns carry the number of a class, rows its number and name, so that many classes fit a line.
+    """
+    counts = result.confusion(space, protocol)
+    tested = counts.sum(axis=1, keepdims=True)
+    shares = np.divide(100.0 * counts, tested, out=np.zeros(counts.shape), where=tested > 0)
+    width = len(str(len(result.labels)))
+    header = ("true \\ named", *(str(k + 1) for k in range(len(result.labels))))
+    rows = tuple(
+        (f"{k + 1:>{width}} {label}", *(_cell(share, count) for share, count in zip(row, hits, strict=True)))
+        for k, (label, row, hits) in enumerate(
+            zip(result.labels, shares.tolist(), counts.tolist(), strict=True)
+        )
+    )
+    title = f"Confusion of {space}, {protocol} protocol, in percent of the true class{_marked(result)}"
+    return Table(title, header, rows)
+
+
+def mistakes_table(result: EvaluationResult, space: str, protocol: str, limit: int = 10) -> Table:
+    """List the most frequent mistakes, for when the whole matrix would not fit."""
+    counts = result.confusion(space, protocol)
+    tested = counts.sum(axis=1)
+    wrong = counts - np.diag(np.diag(counts))
+    order = np.argsort(-wrong, axis=None, kind="stable")[:limit]
+    rows = []
+    for k, m in zip(*np.unravel_index(order, wrong.shape), strict=True):
+        if wrong[k, m] == 0:
+            break
+        share = f"{wrong[k, m]} of {tested[k]}"
+        rows.append((result.labels[k], result.labels[m], share, percent(float(wrong[k, m] / tested[k]))))
+    title = f"Most frequent mistakes of {space}, {protocol} protocol{_marked(result)}"
+    notes = () if rows else ("none: every tested recording was named rightly",)
+    return Table(title, ("true", "named", "recordings", "of the class"), tuple(rows), notes)
+
+
+def plain_text(result: EvaluationResult) -> str:
+    """Accuracies with gaps and notes, then seconds."""
+    return f"{accuracy_table(result)}\n\n{seconds_table(result)}"
+
+
+def _cell(share: float, count: int) -> str:
+    if count == 0:
+        return ""
+    return f"{share:.0f}" if share >= 0.5 else "<1"
+
+
+def _marked(result: EvaluationResult) -> str:
+    return " (SYNTHETIC recordings)" if result.synthetic else ""
+
+
+def _train_per_class(result: EvaluationResult, protocol: str) -> str:
+    sizes = [
+        np.bincount(result.truth[partition.train], minlength=len(result.labels))
+        for partition in result.partitions[protocol]
+    ]
+    low, high = int(np.min(sizes)), int(np.max(sizes))
+    return str(low) if low == high else f"{low} to {high}"

@@ -1,0 +1,264 @@
+"""The result: every figure follows from the predictions, files are whole, synthetic data are marked."""
+
+import csv
+import json
+import re
+import stat
+
+import numpy as np
+import pytest
+from sklearn.metrics import confusion_matrix, f1_score, recall_score
+
+from granular_id.evaluation.export import CSV_COLUMNS
+from granular_id.evaluation.files import check_target, whole_file
+from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
+from granular_id.evaluation.result import EvaluationResult, SpaceSummary
+from granular_id.evaluation.tables import confusion_table, gap_lines, mistakes_table, seconds_table
+
+LABELS = ("oat flakes", "rice", 'süß, "fine"')
+
+
+def make_result(*, protocols=("paper", "chronological"), right=(0.9, 0.5), synthetic=False, seed=0, n=12):
+    rng = np.random.default_rng(seed)
+    truth = np.repeat(np.arange(3), n)
+    made = {
+        "paper": paper_partitions(truth, n_partitions=4, train_per_class=6, test_per_class=3, seed=seed),
+        "chronological": chronological_partitions(truth, np.arange(truth.size)),
+    }
+    predicted = {}
+    for protocol, share in zip(("paper", "chronological"), right, strict=True):
+        for space in ("raw+hfmh", "raw"):
+            predicted[protocol, space] = tuple(
+                np.where(rng.random(p.test.size) < share, truth[p.test], rng.integers(0, 3, p.test.size))
+                for p in made[protocol]
+            )
+    seconds = {"features": 1.0, "gram": 0.5, "training": 0.25, "prediction": 0.125}
+    return EvaluationResult(
+        spaces=(
+            SpaceSummary("raw+hfmh", 0.9705, False, 10200, seconds, {"n_bins": 100}),
+            SpaceSummary("raw", None, False, 9600, seconds),
+        ),
+        partitions={name: tuple(made[name]) for name in protocols},
+        predicted=predicted,
+        labels=LABELS,
+        truth=truth,
+        names=tuple(f"r{row}" for row in range(truth.size)),
+        sessions=("",) * truth.size,
+        settings={"seed": seed},
+        data={"history": []},
+        versions={"numpy": np.__version__},
+        notes=("a note",),
+        synthetic=synthetic,
+        command="granular-id evaluate X",
+    )
+
+
+@pytest.fixture(scope="module")
+def result():
+    return make_result()
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def write_half_and_raise(target, error):
+    with whole_file(target) as draft:
+        draft.write_text("half")
+        raise error
+
+
+def read_csv(path):
+    with path.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
+    result.to_json(tmp_path / "r.json")
+    result.to_csv(tmp_path / "r.csv")
+    rows = read_csv(tmp_path / "r.csv")
+    saved = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert saved["labels"] == list(LABELS)
+    checked = 0
+    for space in saved["spaces"]:
+        for protocol, figures in space["protocols"].items():
+            mine = [r for r in rows if (r["space"], r["protocol"]) == (space["name"], protocol)]
+            per_partition = []
+            for partition in saved["partitions"][protocol]:
+                said = [r for r in mine if int(r["partition"]) == partition["index"]]
+                assert [int(r["row"]) for r in said] == partition["test"]
+                assert [r["recording"] for r in said] == [f"r{row}" for row in partition["test"]]
+                assert [r["label"] for r in said] == [
+                    saved["recordings"][i]["label"] for i in partition["test"]
+                ]
+                per_partition.append(np.mean([r["label"] == r["predicted"] for r in said]))
+                assert np.mean([int(r["correct"]) for r in said]) == per_partition[-1]
+            truth = [r["label"] for r in mine]
+            predicted = [r["predicted"] for r in mine]
+            assert figures["accuracies"] == pytest.approx(per_partition, abs=0)
+            assert figures["accuracy_mean"] == pytest.approx(np.mean(per_partition))
+            assert figures["accuracy_sd"] == pytest.approx(np.std(per_partition, ddof=1))
+            assert figures["confusion"] == confusion_matrix(truth, predicted, labels=LABELS).tolist()
+            assert figures["recall"] == pytest.approx(
+                recall_score(truth, predicted, average=None, labels=LABELS)
+            )
+            assert figures["macro_f1"] == pytest.approx(f1_score(truth, predicted, average="macro"))
+            checked += 1
+        means = {name: figures["accuracy_mean"] for name, figures in space["protocols"].items()}
+        assert space["gap"] == pytest.approx(means["paper"] - means["chronological"])
+    assert checked == 4
+    assert len(rows) == 2 * (4 * 9 + 36)
+
+
+def test_json_is_strict_and_marks_the_paper_and_synthetic_data(tmp_path):
+    one = make_result(protocols=("paper",), synthetic=True)
+    one = EvaluationResult(
+        **{
+            **vars(one),
+            "partitions": {"paper": one.partitions["paper"][:1]},
+            "predicted": {key: value[:1] for key, value in one.predicted.items()},
+        }
+    )
+    one.to_json(tmp_path / "r.json")
+    text = (tmp_path / "r.json").read_text(encoding="utf-8")
+    assert "NaN" not in text
+    saved = json.loads(text)
+    assert saved["synthetic"] is True
+    assert saved["spaces"][0]["accuracy_in_the_paper_on_its_own_data"] == 0.9705
+    assert saved["spaces"][0]["protocols"]["paper"]["accuracy_sd"] is None
+    assert saved["spaces"][0]["gap"] is None
+    assert saved["command"] == "granular-id evaluate X"
+
+
+def test_defaults_are_the_first_protocol_and_the_best_space(result):
+    assert result.protocols == ("paper", "chronological")
+    best = max(("raw+hfmh", "raw"), key=lambda name: result.accuracies(name, "paper").mean())
+    assert result.best_space() == best
+    np.testing.assert_array_equal(result.confusion(), result.confusion(best, "paper"))
+    assert result.confusion().sum() == 36
+    assert make_result(protocols=("paper",)).gap("raw") is None
+
+
+def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
+    text = result.table()
+    assert str(result) == text
+    first, *_ = text.splitlines()
+    assert first == "Accuracy on these recordings (36 recordings, 3 classes, chance 33.3 %)"
+    row = next(line for line in text.splitlines() if line.startswith("raw+hfmh "))
+    assert "97.05 %" in row
+    mean, sd = result.mean_accuracy("raw+hfmh"), result.sd_accuracy("raw+hfmh")
+    assert f"{100 * mean:.2f} ± {100 * sd:.2f} %" in row
+    assert row.endswith(f"{100 * result.gap('raw+hfmh'):.1f} points")
+    assert (
+        "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here" in text
+    )
+    assert "a note" in text
+    # raw has no value in the paper here: a dash, never a measured figure
+    assert re.search(r"^raw +- +\d", text, re.M)
+    widths = {len(line) for line in text.split("\n\n")[0].splitlines() if line.startswith("---")}
+    assert len(widths) == 1
+
+
+def test_gap_sentence_states_the_figures(result):
+    forward, backward = result.accuracies("raw", "chronological")
+    line = next(line for line in gap_lines(result) if line.startswith("raw:"))
+    assert line == (
+        f"raw: {100 * result.mean_accuracy('raw', 'paper'):.1f} % random, "
+        f"{100 * forward:.1f} % first half to second half, {100 * backward:.1f} % the reverse: "
+        f"{100 * result.gap('raw'):.1f} points of it come from recordings of the same session"
+    )
+    assert gap_lines(make_result(protocols=("paper",))) == ()
+    even = gap_lines(make_result(right=(1.0, 1.0)))
+    assert even[0].endswith("nothing is lost over time")
+
+
+def test_gap_says_when_training_sizes_differ():
+    assert "6 recordings of each class" not in " ".join(gap_lines(make_result(n=12)))
+    assert (
+        "train on 6 recordings of each class, halves in time order on 7" in gap_lines(make_result(n=14))[-1]
+    )
+    assert "halves in time order on 6 to 7" in gap_lines(make_result(n=13))[-1]
+
+
+def test_synthetic_is_in_every_title():
+    made = make_result(synthetic=True)
+    assert made.table().startswith("Accuracy on SYNTHETIC recordings: says nothing about real materials")
+    for table in (confusion_table, mistakes_table):
+        assert "SYNTHETIC" in table(made, "raw", "paper").title
+
+
+def test_confusion_table_rows_sum_to_hundred_percent(result):
+    table = confusion_table(result, "raw", "paper")
+    assert table.header == ("true \\ named", "1", "2", "3")
+    assert [row[0] for row in table.rows] == [f"{k + 1} {label}" for k, label in enumerate(LABELS)]
+    for row, counts in zip(table.rows, result.confusion("raw", "paper"), strict=True):
+        shares = [float(cell or 0) for cell in row[1:]]
+        assert shares == pytest.approx(100 * counts / counts.sum(), abs=0.5)
+
+
+def test_rare_mistakes_are_not_rounded_away():
+    big = make_result(n=12)
+    partition = big.partitions["paper"][0]
+    rows = np.repeat(partition.test, 100)
+    said = big.truth[rows].copy()
+    said[0] = (said[0] + 1) % 3
+    many = type(partition)("paper", 0, "partition 1", partition.train, rows)
+    rare = EvaluationResult(
+        **{
+            **vars(big),
+            "partitions": {"paper": (many,)},
+            "predicted": {("paper", "raw"): (said,), ("paper", "raw+hfmh"): (said,)},
+        }
+    )
+    assert "<1" in confusion_table(rare, "raw", "paper").rows[int(rare.truth[rows[0]])]
+    mistakes = mistakes_table(rare, "raw", "paper")
+    assert len(mistakes.rows) == 1
+    assert mistakes.rows[0][2] == "1 of 300"
+
+
+def test_no_mistakes_is_said():
+    perfect = make_result(right=(1.0, 1.0))
+    assert mistakes_table(perfect, "raw", "paper").notes == (
+        "none: every tested recording was named rightly",
+    )
+
+
+def test_seconds_add_up(result):
+    assert seconds_table(result).rows[0] == ("raw+hfmh", "1.00", "0.50", "0.25", "0.12", "1.88", "10200")
+
+
+def test_unknown_names_are_listed(result):
+    with pytest.raises(ValueError, match=re.escape("space must be one of 'raw+hfmh', 'raw', got 'dft'")):
+        result.accuracies("dft")
+    with pytest.raises(
+        ValueError, match=r"protocol must be one of those that ran \('paper'\), got 'session'"
+    ):
+        make_result(protocols=("paper",)).confusion("raw", "session")
+
+
+def test_whole_file_replaces_only_at_the_end(tmp_path):
+    target = tmp_path / "r.csv"
+    target.write_text("old")
+    for error in (KeyboardInterrupt, ValueError):
+        with pytest.raises(error):
+            write_half_and_raise(target, error)
+        assert target.read_text() == "old"
+        assert names_in(tmp_path) == ["r.csv"]
+    with whole_file(target) as draft:
+        assert draft.suffix == ".csv"
+        draft.write_text("new")
+        assert target.read_text() == "old"
+    assert target.read_text() == "new"
+    assert names_in(tmp_path) == ["r.csv"]
+    plain = tmp_path / "plain"
+    plain.touch()
+    assert stat.S_IMODE(target.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
+
+
+def test_targets_are_refused_early(tmp_path, result):
+    with pytest.raises(IsADirectoryError, match="is a folder, wanted the name of a file"):
+        check_target(tmp_path)
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        result.to_json(tmp_path / "absent" / "r.json")
+    assert names_in(tmp_path) == []
