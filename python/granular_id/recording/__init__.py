@@ -1,0 +1,14 @@
+"""Recordings of a 6-axis wrench: the data model and what can be done to it.
+
+``Recording`` is one push, ``Dataset`` an ordered set of them. Both are frozen: every step (select, resample,
+align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what was done.
+"""
+
+from granular_id.recording.checks import Finding
+from granular_id.recording.dataset import Dataset
+from granular_id.recording.flags import SampleFlag
+from granular_id.recording.one import AXES, Recording
+from granular_id.recording.report import StepReport
+from granular_id.recording.summary import Summary
+
+__all__ = ["AXES", "Dataset", "Finding", "Recording", "SampleFlag", "StepReport", "Summary"]

@@ -1,0 +1,159 @@
+"""Crop recordings to one length, from their start or around a trigger, saying what was dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from granular_id.recording._values import checked_index, checked_number
+from granular_id.recording.one import AXES, Recording
+from granular_id.recording.report import StepReport
+
+
+def align_recordings(
+    recordings: Sequence[Recording],
+    rate_hz: float,
+    *,
+    n_samples: int | Literal["shortest"] | None = None,
+    duration_s: float | None = None,
+    trigger: Literal["recorded"] | Sequence[int] | None = None,
+    lead_s: float = 0.0,
+    on_short: Literal["raise", "skip"] = "raise",
+) -> tuple[list[Recording], StepReport]:
+    """Crop recordings of one rate to one length; see :meth:`Dataset.align`, which calls this."""
+    if on_short not in ("raise", "skip"):
+        raise ValueError(f"on_short={on_short!r}; wanted 'raise' or 'skip'")
+    starts = _starts(recordings, rate_hz, trigger, lead_s)
+    n = _length(recordings, starts, rate_hz, n_samples, duration_s)
+    kept: list[tuple[Recording, int]] = []
+    rows: list[dict[str, Any]] = []
+    for recording, start in zip(recordings, starts, strict=True):
+        if start < 0 or start + n > recording.n_samples:
+            missing = _missing(recording, start, n)
+            if on_short == "raise":
+                raise ValueError(
+                    f"recording {recording.name!r} {missing}; ask for less, or pass on_short='skip' to "
+                    "leave such recordings out"
+                )
+            rows.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": missing})
+            continue
+        kept.append((recording, start))
+        end = recording.n_samples - start - n
+        if start or end:
+            before = recording.n_samples
+            rows.append(
+                {"name": recording.name, "samples_before": before, "dropped_start": start, "dropped_end": end}
+            )
+    if not kept:
+        raise ValueError(
+            f"none of the {len(recordings)} recordings has {n} samples from its start or trigger on; the "
+            f"longest has {max(r.n_samples for r in recordings)} in all"
+        )
+    cropped = _crop(kept, n)
+    changed = [row for row in rows if "skipped" not in row]
+    totals = {
+        "recordings": len(cropped),
+        "recordings_cropped": len(changed),
+        "recordings_skipped": len(rows) - len(changed),
+        "dropped_samples": sum(row["dropped_start"] + row["dropped_end"] for row in changed),
+    }
+    parameters = {
+        "n_samples": n,
+        "duration_s": duration_s,
+        "trigger": trigger if trigger is None or isinstance(trigger, str) else "given",
+        "lead_s": lead_s,
+        "on_short": on_short,
+    }
+    return cropped, StepReport("align", parameters, totals, rows)
+
+
+def _starts(
+    recordings: Sequence[Recording],
+    rate: float,
+    trigger: Literal["recorded"] | Sequence[int] | None,
+    lead_s: float,
+) -> list[int]:
+    lead = round(checked_number(checked_number(lead_s, "lead_s") * rate, "lead_s times the rate"))
+    if trigger is None:
+        if lead:
+            raise ValueError(f"lead_s={lead_s:g} is time kept before the trigger: give trigger= too")
+        return [0] * len(recordings)
+    if isinstance(trigger, str):
+        if trigger != "recorded":
+            raise ValueError(
+                f"trigger={trigger!r}; wanted None, 'recorded' or one sample index per recording"
+            )
+        without = [r.name for r in recordings if r.trigger_index is None]
+        if without:
+            raise ValueError(f"{len(without)} recordings have no trigger_index, the first is {without[0]!r}")
+        return [(r.trigger_index or 0) - lead for r in recordings]
+    indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
+    if len(indices) != len(recordings):
+        raise ValueError(f"trigger has {len(indices)} indices for {len(recordings)} recordings")
+    for recording, index in zip(recordings, indices, strict=True):
+        if not 0 <= index < recording.n_samples:
+            raise ValueError(
+                f"trigger {index} is outside recording {recording.name!r} ({recording.n_samples} samples)"
+            )
+    return [i - lead for i in indices]
+
+
+def _length(
+    recordings: Sequence[Recording],
+    starts: Sequence[int],
+    rate: float,
+    n_samples: int | Literal["shortest"] | None,
+    duration_s: float | None,
+) -> int:
+    if (n_samples is None) == (duration_s is None):
+        raise ValueError("give exactly one of n_samples (a number, or 'shortest') and duration_s")
+    if duration_s is not None:
+        seconds = checked_number(duration_s, "duration_s")
+        n = round(checked_number(seconds * rate, "duration_s times the rate"))
+        what = f"duration_s={seconds:g} at {rate:g} Hz"
+    elif isinstance(n_samples, str):
+        if n_samples != "shortest":
+            raise ValueError(f"n_samples={n_samples!r}; wanted a number or 'shortest'")
+        n = min(r.n_samples - start for r, start in zip(recordings, starts, strict=True))
+        what = "n_samples='shortest'"
+    else:
+        n = checked_index(n_samples, "n_samples")
+        what = f"n_samples={n}"
+    if n < 1:
+        raise ValueError(f"{what} gives {n} samples; at least one is wanted")
+    return n
+
+
+def _missing(recording: Recording, start: int, n: int) -> str:
+    if start < 0:
+        return f"begins {-start} samples too late for the lead before its trigger"
+    after = f" after sample {start}" if start else ""
+    return f"is too short: {recording.n_samples - start} samples{after}, {n} wanted"
+
+
+def _crop(kept: Sequence[tuple[Recording, int]], n: int) -> list[Recording]:
+    # one block that all results look into, so that Dataset.X needs no second copy
+    block = np.empty((len(kept), n, len(AXES)))
+    for row, (recording, start) in zip(block, kept, strict=True):
+        row[:] = recording.wrench[start : start + n]
+    block.flags.writeable = False
+    return [_cropped(recording, start, row) for (recording, start), row in zip(kept, block, strict=True)]
+
+
+def _cropped(recording: Recording, start: int, wrench: np.ndarray[Any, np.dtype[np.float64]]) -> Recording:
+    n = len(wrench)
+    trigger = None if recording.trigger_index is None else recording.trigger_index - start
+    rate = recording.rate_hz or 1.0
+    return Recording(
+        wrench,
+        rate_hz=recording.rate_hz,
+        label=recording.label,
+        session=recording.session,
+        start_time=None if recording.start_time is None else recording.start_time + start / rate,
+        trigger_index=trigger if trigger is not None and 0 <= trigger < n else None,
+        meta=recording.meta,
+        flags=None if recording.flags is None else recording.flags[start : start + n],
+        name=recording.name,
+    )

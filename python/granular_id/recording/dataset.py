@@ -1,0 +1,282 @@
+"""``Dataset``: recordings in order, and the steps that make a uniform array of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id.recording._values import FloatArray
+from granular_id.recording.alignment import align_recordings
+from granular_id.recording.checks import Finding, check_recordings
+from granular_id.recording.one import Recording
+from granular_id.recording.report import StepReport
+from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings
+from granular_id.recording.selection import select_recordings
+from granular_id.recording.stacking import common_rate, stack
+from granular_id.recording.summary import Summary, summarise
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Dataset:
+    """An ordered, frozen set of at least one recording.
+
+    Nothing is resampled, cropped or padded unless asked for: each step gives a new ``Dataset`` whose
+    ``history[-1]`` prints what was done. Two data sets are equal when their recordings are; history is not
+    compared.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        In the order that ``.X`` and ``.y`` will have.
+    history : sequence of StepReport
+        What was done to get here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import Dataset, Recording
+    >>> long = Recording(np.zeros((5, 6)), rate_hz=500, label="rice", name="a")
+    >>> short = Recording(np.ones((4, 6)), rate_hz=500, label="peas", name="b")
+    >>> data = Dataset([long, short]).align(n_samples=4)
+    >>> data.X.shape, data.y.tolist()
+    ((2, 4, 6), ['rice', 'peas'])
+    >>> data.history[-1].totals["dropped_samples"]
+    1
+    """
+
+    recordings: Sequence[Recording]
+    history: Sequence[StepReport] = ()
+
+    __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
+
+    def __post_init__(self) -> None:
+        for name, kind in (("recordings", Recording), ("history", StepReport)):
+            value = getattr(self, name)
+            if isinstance(value, Recording) or not hasattr(value, "__iter__"):
+                raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {type(value).__name__}")
+            items = tuple(value)
+            wrong = next((i for i, item in enumerate(items) if not isinstance(item, kind)), None)
+            if wrong is not None:
+                raise TypeError(f"{name}[{wrong}] is a {type(items[wrong]).__name__}; wanted {kind.__name__}")
+            object.__setattr__(self, name, items)
+        if not self.recordings:
+            raise ValueError("recordings is empty; a Dataset holds at least one recording")
+
+    # -- what is in it
+
+    @cached_property
+    def X(self) -> FloatArray:  # noqa: N802  # the name that scikit-learn gives it
+        """Samples, shape (n, T, 6), read-only; made once and kept (after ``align`` without a copy).
+
+        Raises
+        ------
+        ValueError
+            When recordings are irregular or differ in rate or length, naming the method that helps.
+        """
+        return stack(self.recordings)
+
+    @property
+    def rate_hz(self) -> float:
+        """The sampling rate all recordings share, Hz; ValueError naming ``.resample`` when there is none."""
+        return common_rate(self.recordings)
+
+    @property
+    def y(self) -> NDArray[np.str_]:
+        """Labels, shape (n,); ValueError naming the first recording without one."""
+        without = [r.name for r in self.recordings if r.label is None]
+        if without:
+            raise ValueError(f"{len(without)} recordings have no label, the first is {without[0]!r}")
+        return np.array([r.label for r in self.recordings], dtype=np.str_)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The labels that occur, sorted, each once."""
+        return tuple(sorted({r.label for r in self.recordings if r.label is not None}))
+
+    @property
+    def sessions(self) -> NDArray[np.object_]:
+        """Sessions, shape (n,), dtype object: str, or None where the session is not known."""
+        return np.array([r.session for r in self.recordings], dtype=object)
+
+    @property
+    def start_times(self) -> FloatArray:
+        """Times of the first samples, seconds since 1970, shape (n,); NaN where unknown."""
+        return np.array([np.nan if r.start_time is None else r.start_time for r in self.recordings])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the recordings, in order."""
+        return tuple(r.name for r in self.recordings)
+
+    def chronological_order(self) -> tuple[NDArray[np.intp], str]:
+        """Say in which order the recordings were made, and how that is known.
+
+        Returns
+        -------
+        order : ndarray of int, shape (n,)
+            Indices from the earliest to the latest recording (ties keep the data set's order).
+        basis : {"start_time", "file order"}
+            ``"start_time"`` when every recording has one; else the data set's own order stands in (files are
+            read in natural order: ``rice_2`` before ``rice_10``).
+        """
+        times = self.start_times
+        if np.isnan(times).any():
+            return np.arange(len(self), dtype=np.intp), "file order"
+        return np.argsort(times, kind="stable"), "start_time"
+
+    # -- steps
+
+    def select(
+        self,
+        labels: str | Sequence[str] | None = None,
+        sessions: str | Sequence[str] | None = None,
+        indices: ArrayLike | None = None,
+    ) -> Dataset:
+        """Keep the recordings that meet every condition given.
+
+        Parameters
+        ----------
+        labels, sessions : str or sequence of str, optional
+            Labels and sessions to keep; one that does not occur is a ValueError.
+        indices : array_like of int or bool, optional
+            Recordings to keep, in this order (int), or a mask, shape (n,).
+        """
+        kept, report = select_recordings(self.recordings, labels, sessions, indices)
+        return Dataset(kept, (*self.history, report))
+
+    def resample(
+        self,
+        rate_hz: float,
+        method: Method = "linear",
+        *,
+        max_gap_s: float | None = MAX_GAP_S,
+        on_gap: Literal["raise", "skip"] = "raise",
+    ) -> Dataset:
+        """Bring every recording to one uniform rate.
+
+        Recordings already at `rate_hz` stay as they are. New samples stand at k / `rate_hz` from the first
+        sample to the last; none is extrapolated. Those strictly inside a gap (a step longer than twice the
+        recording's median step and twice the new step) get ``SampleFlag.GAP_FILLED``; flags of the neighbours
+        carry over.
+
+        Parameters
+        ----------
+        rate_hz : float
+            The new rate, Hz.
+        method : {"linear", "polyphase"}
+            ``"linear"``: straight lines between samples (as ``numpy.interp``), for any stamps; it does not
+            filter, so content above half the new rate folds back. ``"polyphase"``:
+            ``scipy.signal.resample_poly`` with its anti-alias filter (zero phase) and straight-line padding;
+            uniform input and a rational ratio only.
+        max_gap_s : float or None
+            Longest gap that is interpolated over; 0.25 s by default, in which the paper's tool moves 7.5 mm,
+            less than half its width. None: no limit.
+        on_gap : {"raise", "skip"}
+            What to do with a recording whose gap is longer: refuse, or leave it out and say so.
+
+        Raises
+        ------
+        ValueError
+            Bad settings, a gap beyond the limit (with recording and place), polyphase on irregular input.
+        """
+        results, report = resample_recordings(
+            self.recordings, rate_hz, method=method, max_gap_s=max_gap_s, on_gap=on_gap
+        )
+        return Dataset(results, (*self.history, report))
+
+    def align(
+        self,
+        n_samples: int | Literal["shortest"] | None = None,
+        *,
+        duration_s: float | None = None,
+        trigger: Literal["recorded"] | Sequence[int] | None = None,
+        lead_s: float = 0.0,
+        on_short: Literal["raise", "skip"] = "raise",
+    ) -> Dataset:
+        """Crop every recording to the same number of samples.
+
+        Parameters
+        ----------
+        n_samples : int or "shortest", optional
+            Samples to keep, or as many as the shortest recording offers.
+        duration_s : float, optional
+            The same in seconds (n = round(duration_s * rate)); exactly one of the two is given.
+        trigger : None, "recorded" or sequence of int
+            Where to begin: at the first sample, at each recording's `trigger_index`, or at these indices,
+            shape (n,).
+        lead_s : float
+            Seconds kept ahead of the trigger.
+        on_short : {"raise", "skip"}
+            What to do with a recording that is too short: refuse, or leave it out and say so. Never padded.
+
+        Raises
+        ------
+        ValueError
+            Bad settings, no common rate (resample first), a recording too short, a missing trigger.
+        """
+        cropped, report = align_recordings(
+            self.recordings,
+            self.rate_hz,
+            n_samples=n_samples,
+            duration_s=duration_s,
+            trigger=trigger,
+            lead_s=lead_s,
+            on_short=on_short,
+        )
+        return Dataset(cropped, (*self.history, report))
+
+    @classmethod
+    def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
+        """Put data sets one after the other, keeping all their histories."""
+        parts = list(datasets)
+        wrong = next((i for i, d in enumerate(parts) if not isinstance(d, Dataset)), None)
+        if wrong is not None:
+            raise TypeError(f"datasets[{wrong}] is a {type(parts[wrong]).__name__}; wanted Dataset")
+        report = StepReport("concatenate", totals={"recordings": [len(d) for d in parts]})
+        history = [step for d in parts for step in d.history]
+        return cls([r for d in parts for r in d.recordings], (*history, report))
+
+    # -- looking at it
+
+    def summary(self) -> Summary:
+        """Count recordings, lengths, rates, sessions and flags per label; ``print`` it."""
+        return summarise(self.recordings)
+
+    def check(self) -> list[Finding]:
+        """Look for what would spoil an evaluation, worst first; an empty list means nothing was found."""
+        return check_recordings(self.recordings)
+
+    def __add__(self, other: Dataset) -> Dataset:
+        return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented
+
+    def __len__(self) -> int:
+        return len(self.recordings)
+
+    def __iter__(self) -> Iterator[Recording]:
+        return iter(self.recordings)
+
+    @overload
+    def __getitem__(self, index: int) -> Recording: ...
+    @overload
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[Any]) -> Dataset: ...
+    def __getitem__(self, index: Any) -> Recording | Dataset:
+        if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
+            return self.recordings[int(index)]
+        return self.select(indices=np.arange(len(self))[index] if isinstance(index, slice) else index)
+
+    def __eq__(self, other: object) -> bool:
+        return self.recordings == other.recordings if isinstance(other, Dataset) else NotImplemented
+
+    def __repr__(self) -> str:
+        rates = {r.rate_hz for r in self.recordings}
+        rate = next(iter(rates)) if len(rates) == 1 else None
+        shared = "no common rate" if rate is None else f"{rate:g} Hz"
+        return f"Dataset({len(self)} recordings, {len(self.labels)} labels, {shared})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Dataset, (self.recordings, self.history))  # without the cached X, which would be sent twice

@@ -1,0 +1,214 @@
+"""``Recording``: one push through a material, as the sensor saw it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.recording._values import (
+    FloatArray,
+    as_floats,
+    checked_index,
+    checked_number,
+    checked_rate,
+    checked_text,
+    freeze,
+    locked,
+    thaw,
+)
+from granular_id.recording.flags import KNOWN_FLAGS
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Order of the six axes in every array: forces in N, then torques in N m."""
+
+_WRENCH = "a real array of shape (T, 6), T >= 1, axes fx fy fz (N) tx ty tz (N m)"
+_TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One recording: validated once, then never changed.
+
+    Exactly one of `rate_hz` and `time_s` is given: a recording is either uniform at a known rate, or carries
+    the stamps of its samples and must be resampled before anything that needs a rate.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (T, 6)
+        Samples, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64.
+    rate_hz : float or None
+        Sampling rate of a uniform recording, Hz.
+    label : str or None
+        Name of the material; None where it is unknown.
+    session : str or None
+        What was recorded in one go (same set-up, same filling). None: not known, nothing is guessed.
+    start_time : float or None
+        Time of the first sample, seconds since 1970-01-01 UTC.
+    trigger_index : int or None
+        Sample at which the motion (or whatever was waited for) began.
+    time_s : array_like, shape (T,), or None
+        Seconds from the first sample, strictly increasing; None for uniform recordings.
+    meta : mapping
+        Sensor, calibration, filter, frame, sign, tool, speed, fill height ...: any JSON-like tree.
+    flags : array_like of uint8, shape (T,), or None
+        Bits of :class:`SampleFlag` per sample; None when no sample has any.
+    name : str
+        How reports call this recording, for example the file it came from.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what came and what is wanted (the first NaN or infinity by its index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import Recording
+    >>> Recording(np.zeros((1600, 6)), rate_hz=500, label="rice", name="rice_01")
+    Recording('rice_01', label='rice', 1600 samples at 500 Hz)
+    """
+
+    wrench: FloatArray
+    rate_hz: float | None = None
+    label: str | None = None
+    session: str | None = None
+    start_time: float | None = None
+    trigger_index: int | None = None
+    time_s: FloatArray | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    flags: NDArray[np.uint8] | None = None
+    name: str = ""
+
+    __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
+
+    def __post_init__(self) -> None:
+        wrench = _checked_wrench(self.wrench)
+        checked: dict[str, object] = {"wrench": wrench}
+        n_samples = len(wrench)
+        if (self.rate_hz is None) == (self.time_s is None):
+            came = "neither" if self.rate_hz is None else "both"
+            raise ValueError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
+        if self.rate_hz is not None:
+            checked["rate_hz"] = checked_rate(self.rate_hz)
+            if not np.isfinite(n_samples / checked_rate(self.rate_hz)):
+                raise ValueError(f"rate_hz={self.rate_hz} makes {n_samples} samples last for ever")
+        if self.time_s is not None:
+            checked["time_s"] = _checked_time(self.time_s, n_samples)
+        for name in ("label", "session"):
+            if getattr(self, name) is not None:
+                checked[name] = checked_text(getattr(self, name), name)
+        checked["name"] = checked_text(self.name, "name", empty=True)
+        if self.start_time is not None:
+            checked["start_time"] = checked_number(self.start_time, "start_time")
+        if self.trigger_index is not None:
+            index = checked_index(self.trigger_index, "trigger_index")
+            if not 0 <= index < n_samples:
+                raise ValueError(f"trigger_index={index} is outside the {n_samples} samples")
+            checked["trigger_index"] = index
+        if not isinstance(self.meta, Mapping):
+            raise TypeError(f"meta must be a mapping, got {type(self.meta).__name__}")
+        checked["meta"] = freeze(self.meta, "meta")
+        if self.flags is not None:
+            checked["flags"] = _checked_flags(self.flags, n_samples)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples T."""
+        return len(self.wrench)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the samples are equally spaced at `rate_hz`."""
+        return self.rate_hz is not None
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.times()[-1])
+
+    def times(self) -> FloatArray:
+        """Return seconds from the first sample, shape (T,), whether uniform or not."""
+        if self.time_s is not None:
+            return self.time_s
+        return np.arange(self.n_samples) / checked_rate(self.rate_hz)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Recording):
+            return NotImplemented
+        plain = ("rate_hz", "label", "session", "start_time", "trigger_index", "name", "meta")
+        return all(getattr(self, n) == getattr(other, n) for n in plain) and all(
+            _same_array(getattr(self, n), getattr(other, n)) for n in ("wrench", "time_s", "flags")
+        )
+
+    def __repr__(self) -> str:
+        if self.rate_hz is not None:
+            rate = f"at {self.rate_hz:g} Hz"
+        elif self.n_samples > 1:
+            rate = f"irregular, {(self.n_samples - 1) / self.duration_s:.3g} Hz on average"
+        else:
+            rate = "irregular"
+        return f"Recording({self.name!r}, label={self.label!r}, {self.n_samples} samples {rate})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # unpickled arrays are writable and read-only mappings do not pickle: go through the checks again
+        fields = (thaw(self.meta) if n == "meta" else getattr(self, n) for n in self.__dataclass_fields__)
+        return (Recording, tuple(fields))
+
+
+def _checked_wrench(value: object) -> FloatArray:
+    array = as_floats(value, "wrench", _WRENCH)
+    if array.ndim != 2 or array.shape[1] != len(AXES) or not len(array):
+        raise ValueError(f"wrench has shape {array.shape}; wanted {_WRENCH}")
+    if not np.isfinite(array).all():
+        row, column = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(
+            f"wrench[{row}, {column}] ({AXES[column]}) is {array[row, column]}; samples must be finite"
+        )
+    return locked(array)
+
+
+def _checked_time(value: object, n_samples: int) -> FloatArray:
+    array = as_floats(value, "time_s", _TIME)
+    if array.shape != (n_samples,):
+        raise ValueError(
+            f"time_s has shape {array.shape}, but wrench has {n_samples} samples; wanted {_TIME}"
+        )
+    if not np.isfinite(array).all():
+        first = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise ValueError(f"time_s[{first}] is {array[first]}; stamps must be finite")
+    if array[0] != 0:
+        raise ValueError(f"time_s[0] is {array[0]:g}; wanted {_TIME}")
+    wrong = np.flatnonzero(array[1:] <= array[:-1])
+    if len(wrong):
+        first = int(wrong[0])
+        raise ValueError(
+            f"time_s[{first + 1}] = {float(array[first + 1])!r} does not come after time_s[{first}] = "
+            f"{float(array[first])!r}"
+        )
+    return locked(array + 0.0)  # -0.0 would not compare equal bit for bit after a round trip through text
+
+
+def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"flags has dtype {array.dtype}; wanted integers of shape ({n_samples},)")
+    if array.shape != (n_samples,):
+        raise ValueError(f"flags has shape {array.shape}; wanted ({n_samples},)")
+    unknown = np.flatnonzero(array.astype(np.int64) & ~KNOWN_FLAGS)
+    if len(unknown):
+        raise ValueError(
+            f"flags[{unknown[0]}] is {array[unknown[0]]}; wanted bits of SampleFlag (0 to {KNOWN_FLAGS})"
+        )
+    return locked(np.ascontiguousarray(array, dtype=np.uint8)) if array.any() else None
+
+
+def _same_array(a: NDArray[Any] | None, b: NDArray[Any] | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return a is b or np.array_equal(a, b)

@@ -1,0 +1,90 @@
+"""What a step did to a data set: printable, JSON-able, kept in ``Dataset.history``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from granular_id.recording._values import checked_text, freeze, thaw
+
+_PRINTED_ROWS = 10
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """One step of a data set's history.
+
+    Parameters
+    ----------
+    step : str
+        What was done: ``"load"``, ``"select"``, ``"resample"``, ``"align"``, ...
+    parameters : mapping
+        The settings of the step.
+    totals : mapping
+        Figures over all recordings.
+    rows : sequence of mappings
+        One per recording that the step changed or left out, the first key being ``"name"``.
+    notes : sequence of str
+        Sentences a reader should not miss.
+
+    Examples
+    --------
+    >>> from granular_id.recording import StepReport
+    >>> print(StepReport("align", {"n_samples": 2}, {"dropped": 1}, [{"name": "a", "dropped_end": 1}]))
+    align: n_samples=2
+      dropped: 1
+      name  dropped_end
+      a     1
+    """
+
+    step: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    totals: Mapping[str, Any] = field(default_factory=dict)
+    rows: Sequence[Mapping[str, Any]] = ()
+    notes: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step", checked_text(self.step, "step"))
+        for name in ("parameters", "totals", "rows", "notes"):
+            object.__setattr__(self, name, freeze(getattr(self, name), name))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # read-only mappings cannot be pickled: rebuild from plain ones
+        return (StepReport, tuple(thaw(getattr(self, name)) for name in self.__dataclass_fields__))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
+        return {name: thaw(getattr(self, name)) for name in self.__dataclass_fields__}
+
+    def to_json(self) -> str:
+        """Return the whole report as one JSON text."""
+        return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    def __str__(self) -> str:
+        settings = ", ".join(f"{key}={_cell(value)}" for key, value in self.parameters.items())
+        lines = [f"{self.step}: {settings}" if settings else self.step]
+        lines += [f"  {key}: {_cell(value)}" for key, value in self.totals.items()]
+        lines += [f"  note: {note}" for note in self.notes]
+        lines += ["  " + line for line in text_table(self.rows[:_PRINTED_ROWS])]
+        if len(self.rows) > _PRINTED_ROWS:
+            lines.append(f"  ... and {len(self.rows) - _PRINTED_ROWS} more recordings")
+        return "\n".join(lines)
+
+
+def text_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lay out mappings as left-aligned columns under their keys, in order of first appearance."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    if not columns:
+        return []
+    cells = [columns, *([_cell(row[key]) if key in row else "" for key in columns] for row in rows)]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in cells
+    ]
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(thaw(value))
