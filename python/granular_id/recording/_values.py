@@ -45,7 +45,7 @@ def thaw(value: Any) -> Any:
     return value
 
 
-def checked_text(value: object, name: str, *, empty: bool = False) -> str:
+def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool = True) -> str:
     """Return a str of printable, encodable characters, or say which argument is not one."""
     if not isinstance(value, str):
         raise TypeError(f"{name} must be a str, got {type(value).__name__}")
@@ -55,6 +55,8 @@ def checked_text(value: object, name: str, *, empty: bool = False) -> str:
     bad = next((c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None)
     if bad is not None:
         raise ValueError(f"{name} {text[:40]!r} holds the control character {bad!r}")
+    if not spaced and text != text.strip():
+        raise ValueError(f"{name} {text[:40]!r} begins or ends with a space: it would not equal its own name")
     return text
 
 

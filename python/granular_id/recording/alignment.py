@@ -51,6 +51,7 @@ def align_recordings(
             f"none of the {len(recordings)} recordings has {n} samples from its start or trigger on; the "
             f"longest has {max(r.n_samples for r in recordings)} in all"
         )
+    rows.sort(key=lambda row: "skipped" not in row)
     cropped = _crop(kept, n)
     changed = [row for row in rows if "skipped" not in row]
     totals = {

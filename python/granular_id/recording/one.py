@@ -100,7 +100,7 @@ class Recording:
             checked["time_s"] = _checked_time(self.time_s, n_samples)
         for name in ("label", "session"):
             if getattr(self, name) is not None:
-                checked[name] = checked_text(getattr(self, name), name)
+                checked[name] = checked_text(getattr(self, name), name, spaced=False)
         checked["name"] = checked_text(self.name, "name", empty=True)
         if self.start_time is not None:
             checked["start_time"] = checked_number(self.start_time, "start_time")

@@ -67,6 +67,7 @@ def resample_recordings(
                     "largest_gap_s": gap,
                 }
             )
+    rows.sort(key=lambda row: -row.get("largest_gap_s", np.inf))  # skipped ones first, then the widest gaps
     if not results:
         raise ValueError(f"all {len(recordings)} recordings have gaps beyond max_gap_s={limit:g} s")
     changed = [row for row in rows if "skipped" not in row]

@@ -41,6 +41,8 @@ def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
     if len(time_s) < 2:
         return None
     mean = (len(time_s) - 1) / float(time_s[-1])
+    if largest_offset(time_s, mean) > 2 * (UNIFORM_TOLERANCE / mean + resolution_s) * (1 + 1e-6):
+        return None  # the mean rate fits at least half as well as the best one: no rate will do
     for digits in range(1, 18):
         rate = float(f"{mean:.{digits}g}")
         if largest_offset(time_s, rate) <= UNIFORM_TOLERANCE / rate + resolution_s:
@@ -80,6 +82,10 @@ class RepairedTime:
         The samples in that order, those with the same stamp averaged.
     touched : ndarray of bool, shape (M,)
         Which samples were moved or merged.
+    order : ndarray of int, shape (T,)
+        The sort: ``stamps[order]`` ascends.
+    first : ndarray of int, shape (M,)
+        Where in that order each merged sample begins (for ``ufunc.reduceat`` on other columns).
     n_moved, n_merged : int
         How many samples came later than one with a later stamp, and how many were merged into another one.
     """
@@ -87,6 +93,8 @@ class RepairedTime:
     stamps: FloatArray
     values: FloatArray
     touched: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    order: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    first: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
     n_moved: int
     n_merged: int
 
@@ -117,6 +125,8 @@ def repair_time(stamps: FloatArray, values: FloatArray) -> RepairedTime:
         stamps=stamps[first],
         values=np.where(equal, lowest, means),  # a mean of equal values may differ from them in the last bit
         touched=touched,
+        order=order,
+        first=first,
         n_moved=int(late.sum()),
         n_merged=int((counts - 1).sum()),
     )

@@ -1,0 +1,161 @@
+"""``index.csv``: what is known about the files of a folder, one line per recording.
+
+Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since
+1970), ``rate_hz``, ``trigger_index``, ``name`` and ``meta`` (a JSON object) may follow in any order, empty
+cells meaning "not known". Any other column goes into each recording's ``meta`` as text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from granular_id.io.csv_file import CsvSource
+from granular_id.io.csv_numbers import plain_number, split_header
+from granular_id.io.errors import RecordingFileError, attempt
+from granular_id.io.files import read_bounded
+
+INDEX_NAME = "index.csv"
+INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta")
+
+_WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
+
+
+def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[RecordingFileError], list[str]]:
+    """Read ``index.csv`` of a folder.
+
+    Returns
+    -------
+    sources : list of CsvSource
+        In the order of the index.
+    problems : list of RecordingFileError
+        Lines that cannot be used.
+    extra : list of str
+        Columns that went into ``meta``.
+
+    Raises
+    ------
+    RecordingFileError
+        When the index as a whole cannot be used.
+    """
+    path = root / INDEX_NAME
+    data = read_bounded(path, root, max_bytes)
+    columns, start = split_header(data, path)
+    for i, column in enumerate(columns):
+        if not column or column in columns[:i]:
+            problem = f"column {column!r} occurs twice" if column else "the column has no name"
+            raise RecordingFileError(path, problem, line=1, column=str(i + 1))
+    if "file" not in columns:
+        raise RecordingFileError(path, f"no column 'file'; wanted {', '.join(INDEX_COLUMNS)}", line=1)
+    sources: list[CsvSource] = []
+    problems: list[RecordingFileError] = []
+    seen: dict[str, int] = {}
+    for line, cells in _rows(data, start, path):
+        source = attempt(problems, _listed, root, columns, cells, line, seen)
+        if source is not None:
+            sources.append(source)
+    return sources, problems, [c for c in columns if c not in INDEX_COLUMNS]
+
+
+def _rows(data: bytes, start: int, path: Path) -> list[tuple[int, list[str]]]:
+    try:
+        text = data[start:].decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = 2 + data.count(b"\n", start, start + error.start)
+        problem = f"byte 0x{data[start + error.start]:02x} is not UTF-8 text"
+        raise RecordingFileError(path, problem, line=line) from error
+    if "\0" in text:
+        problem = "is binary (holds NUL bytes); wanted text"
+        raise RecordingFileError(path, problem, line=2 + text.count("\n", 0, text.index("\0")))
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    rows = []
+    line = 2
+    try:
+        for cells in reader:
+            if cells:
+                rows.append((line, cells))
+            line = reader.line_num + 2
+    except csv.Error as error:
+        raise RecordingFileError(path, f"is not valid CSV: {error}", line=line) from error
+    if not rows:
+        raise RecordingFileError(path, "has a header but lists no file", line=2)
+    return rows
+
+
+def _listed(root: Path, columns: list[str], cells: list[str], line: int, seen: dict[str, int]) -> CsvSource:
+    """Make a source of one line, unless an earlier one (in `seen`) names the same file."""
+    path = root / INDEX_NAME
+    if len(cells) != len(columns):
+        problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
+        raise RecordingFileError(path, problem, line=line)
+    source = _source(root, dict(zip(columns, cells, strict=True)), line)
+    key = source.path.as_posix()
+    if key in seen:
+        problem = f"{source.path.name!r} is already listed in line {seen[key]}"
+        raise RecordingFileError(path, problem, line=line, column="file")
+    seen[key] = line
+    return source
+
+
+def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
+    def number(column: str) -> float | None:
+        text = cells.get(column, "")
+        value = plain_number(text) if text else None
+        if text and value is None:
+            problem = f"{text[:40]!r} is not a plain finite decimal number"
+            raise RecordingFileError(root / INDEX_NAME, problem, line=line, column=column)
+        return value
+
+    trigger = cells.get("trigger_index", "")
+    if trigger and not _WHOLE_NUMBER.fullmatch(trigger):
+        problem = f"{trigger[:40]!r} is not a whole number"
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="trigger_index")
+    rate_hz = number("rate_hz")
+    if rate_hz is not None and rate_hz <= 0:
+        problem = f"the rate must be positive, got {rate_hz:g}"
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="rate_hz")
+    meta = _meta(root, cells.get("meta", ""), line)
+    extra = {column: text for column, text in cells.items() if column not in INDEX_COLUMNS and text}
+    return CsvSource(
+        path=_inside(root, cells["file"], line),
+        name=cells.get("name", cells["file"]),
+        label=cells.get("label") or None,
+        session=cells.get("session") or None,
+        start_time=number("start_time"),
+        rate_hz=rate_hz,
+        trigger_index=int(trigger) if trigger else None,
+        meta={**extra, **meta},
+    )
+
+
+def _inside(root: Path, text: str, line: int) -> Path:
+    """Turn a cell into a path under the folder; anything that could lead elsewhere is refused."""
+    parts = PurePosixPath(text).parts
+    if (
+        not parts
+        or text.startswith("/")
+        or ".." in parts
+        or any(c in text for c in "\\:")
+        or not text.isprintable()
+    ):
+        problem = f"{text[:80]!r} is not a path within the folder (like rice/rice_01.csv)"
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="file")
+    return root.joinpath(*parts)
+
+
+def _meta(root: Path, text: str, line: int) -> dict[str, Any]:
+    if not text:
+        return {}
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        problem = f"not a JSON object: {error}"
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="meta") from error
+    if not isinstance(value, dict):
+        problem = f'a JSON {type(value).__name__}; wanted an object like {{"tool": "cylinder"}}'
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="meta")
+    return value

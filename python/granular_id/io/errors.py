@@ -1,0 +1,61 @@
+"""The one exception that reading and writing recordings raises about a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from os import PathLike, fspath
+from typing import ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+class RecordingFileError(ValueError):
+    """A file or folder that cannot be read as recordings: which one, where in it, and what is wrong.
+
+    Parameters
+    ----------
+    path : str or path
+        The file or folder.
+    problem : str
+        What came and what is wanted.
+    line : int or None
+        Line in the file, 1-based (the header is line 1).
+    column : str or None
+        Name of the column, or its 1-based number where there is no name.
+
+    Examples
+    --------
+    >>> from granular_id.io import RecordingFileError
+    >>> print(RecordingFileError("a.csv", "'nan' is not a plain decimal number", line=7, column="fx"))
+    a.csv, line 7, column fx: 'nan' is not a plain decimal number
+    """
+
+    def __init__(
+        self, path: str | PathLike[str], problem: str, *, line: int | None = None, column: str | None = None
+    ) -> None:
+        # names that are not valid text reach Python as lone surrogates, which no terminal can print
+        self.path = fspath(path).encode("utf-8", "backslashreplace").decode("utf-8")
+        self.problem = problem
+        self.line = line
+        self.column = column
+        place = ("" if line is None else f", line {line}") + ("" if column is None else f", column {column}")
+        super().__init__(f"{self.path}{place}: {problem}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (self.path, self.problem, self.line, self.column))
+
+
+def _rebuild(path: str, problem: str, line: int | None, column: str | None) -> RecordingFileError:
+    return RecordingFileError(path, problem, line=line, column=column)
+
+
+def attempt(
+    problems: list[RecordingFileError], function: Callable[_P, _T], *args: _P.args, **kwargs: _P.kwargs
+) -> _T | None:
+    """Call a function; when it raises RecordingFileError, put that into `problems` and return None."""
+    try:
+        return function(*args, **kwargs)
+    except RecordingFileError as error:
+        problems.append(error)
+        return None
