@@ -4,9 +4,9 @@ A coding matrix has one row per class and one column per binary learner. Its ent
 makes of a class: +1 positive, -1 negative, 0 not shown to this learner. To decode, the scores of all
 learners are compared with each row; the class whose row costs least wins.
 
-Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141 (ternary codes, loss-based
-decoding); Escalera, Pujol, Radeva (2010), "On the decoding process in ternary error-correcting output
-codes", IEEE TPAMI 32:120-134 (loss-weighted decoding).
+Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141 (ternary codes,
+loss-based decoding); Escalera, Pujol, Radeva (2010), "On the decoding process in ternary error-correcting
+output codes", IEEE TPAMI 32:120-134 (loss-weighted decoding).
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def onevsone(n_classes: int) -> CodingMatrix:
     Returns
     -------
     ndarray of int8, shape (K, K (K - 1) / 2)
-        Columns in the order (0, 1), (0, 2), ..., (1, 2), ...: +1 for the lower class index, -1 for the higher.
+        Columns in the order (0, 1), (0, 2), ..., (1, 2), ...: +1 for the lower class index, -1 for the
+        higher.
 
     Raises
     ------
@@ -138,11 +139,13 @@ def _exponential(z: FloatArray) -> FloatArray:
 
 
 def _logit(z: FloatArray) -> FloatArray:
-    return np.logaddexp(0.0, -z) / (2.0 * np.log(2.0))
+    loss: FloatArray = np.logaddexp(0.0, -z) / (2.0 * np.log(2.0))
+    return loss
 
 
 def _binodeviance(z: FloatArray) -> FloatArray:
-    return np.logaddexp(0.0, -2.0 * z) / (2.0 * np.log(2.0))
+    loss: FloatArray = np.logaddexp(0.0, -2.0 * z) / (2.0 * np.log(2.0))
+    return loss
 
 
 LOSSES: Mapping[str, BinaryLoss] = MappingProxyType(
@@ -233,7 +236,8 @@ def decode(
         codes = matrix[:, learner]
         total[:, codes == 1] += agree[:, learner, None]
         total[:, codes == -1] += differ[:, learner, None]
-    return -total / divisor_of(matrix)
+    mean_loss: FloatArray = total / divisor_of(matrix)
+    return -mean_loss
 
 
 def _named(table: Mapping[str, Any], argument: str, name: object) -> Any:

@@ -1,40 +1,51 @@
 """One two-class linear support vector machine, solved on the Gram matrix of its rows.
 
-libsvm finds which rows carry the margin; one linear system in float64 then gives the multipliers. libsvm stops at a
-tolerance and keeps its kernel in float32, so its answer depends on the order of the rows, on where the
-origin lies and on whether a row was repeated or weighted. The solution of the linear system does not.
+libsvm finds which rows carry the margin; one linear system in float64 then gives the multipliers. libsvm
+stops at a tolerance and keeps its kernel in float32, so its answer depends on the order of the rows, on where
+the origin lies and on whether a row was repeated or weighted. The solution of the linear system does not.
 """
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn import config_context
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
-__all__ = ["BinarySolution", "NotSeparableError", "solve_binary"]
+__all__ = ["BinarySolution", "NotSeparableError", "one_vs_one_guess", "solve_binary"]
 
 FloatArray = npt.NDArray[np.float64]
 
-# libsvm needs to name the right rows only, its multipliers are computed anew: its own default does in nearly all
-# cases, and the second value where it did not.
+# libsvm needs to name the right rows only, its multipliers are computed anew: its own default does in nearly
+# all cases, the second value where it did not.
 _TOLERANCES = (1e-3, 1e-6)
-# libsvm's own limit; scikit-learn's default is none, and a problem past the accuracy of float32 then never ends.
+# libsvm's own limit. scikit-learn has none, and problems past the accuracy of float32 then never end.
 _MAX_STEPS = 10_000_000
 # With a margin that libsvm can resolve in float32 it ends far below this number of steps.
 _MAX_STEPS_HARD = 1_000_000
-# Relative to the squared spread of the rows. Multipliers of separable rows stay below 1 / (relative margin)^2,
-# and float32 resolves no margin of less than about 1e-4 of the spread.
+# For a guess it does not pay to wait: pairs that need longer are solved on their own.
+_MAX_STEPS_GUESS = 100_000
+# Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
+# stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
 _HARD_BOUND = 1e10
 _KKT_TOLERANCE = 1e-8
 
 
 class NotSeparableError(ValueError):
     """No hyperplane separates the two classes, or none that can be found numerically."""
+
+
+class _QuietSVC(SVC):  # type: ignore[misc]
+    """SVC whose caller looks at `fit_status_` and names the classes in a warning of its own.
+
+    `warnings.catch_warnings` would do the same for the whole process, and partitions are trained in threads.
+    """
+
+    def _warn_from_fit_status(self) -> None:
+        pass
 
 
 @dataclass(frozen=True)
@@ -60,7 +71,11 @@ class BinarySolution:
 
 
 def solve_binary(
-    gram: FloatArray, targets: FloatArray, bounds: FloatArray | None, *, scale_free_bound: float = _HARD_BOUND
+    gram: FloatArray,
+    targets: FloatArray,
+    bounds: FloatArray | None,
+    *,
+    guess: FloatArray | None = None,
 ) -> BinarySolution:
     """Maximise the margin between the rows with target +1 and those with target -1.
 
@@ -73,9 +88,11 @@ def solve_binary(
     targets : ndarray, shape (n,)
         +1.0 or -1.0, both present.
     bounds : ndarray, shape (n,), or None
-        Upper bound of each multiplier (C times the weight of the row), positive. None asks for the hard margin.
-    scale_free_bound : float, default 1e10
-        Stands for infinity in the hard margin, in units of 1 / (mean squared distance from the centre).
+        Upper bound of each multiplier (C times the weight of the row), positive. None asks for the hard
+        margin.
+    guess : ndarray, shape (n,), optional
+        Multipliers of an earlier solution near enough to tell free, bound and idle rows apart. Used when they
+        lead to the solution, forgotten otherwise.
 
     Returns
     -------
@@ -86,24 +103,26 @@ def solve_binary(
     NotSeparableError
         `bounds` is None and the classes overlap, or lie too close for the solver.
     """
-    row_mean = gram.mean(axis=0)
-    centred = gram - row_mean
-    centred -= row_mean[:, None]
-    centred += row_mean.mean()
-    # A power of two scales without rounding, and keeps float32 kernels inside their range.
-    spread = float(np.trace(centred)) / len(targets)
-    scale = float(np.ldexp(1.0, int(np.frexp(spread)[1]))) if spread > 0 else 1.0
-    centred /= scale
+    centred, row_mean, scale = _centred(gram)
     hard = bounds is None
-    upper = np.full(len(targets), scale_free_bound) if bounds is None else bounds * scale
+    upper = np.full(len(targets), _HARD_BOUND) if bounds is None else bounds * scale
 
-    dual, intercept, converged = _libsvm(centred, targets, upper, _TOLERANCES[0], hard=hard)
-    exact = _active_set_solution(centred, targets, upper, dual)
-    if exact is None and converged:
-        tighter, intercept_tighter, ended = _libsvm(centred, targets, upper, _TOLERANCES[1], hard=hard)
-        exact = _active_set_solution(centred, targets, upper, tighter)
-        if ended:
-            dual, intercept = tighter, intercept_tighter
+    dual, intercept, converged = np.zeros(len(targets)), 0.0, False
+    exact = None if guess is None else _active_set_solution(centred, targets, upper, targets * guess * scale)
+    for tolerance in _TOLERANCES:
+        if exact is not None:
+            break
+        machine = _libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
+        if converged and machine.fit_status_ != 0:
+            break  # the looser tolerance was met, the tighter one is out of reach
+        converged = machine.fit_status_ == 0
+        dual = np.zeros(len(targets))
+        dual[machine.support_] = machine.dual_coef_[0]
+        dual = _snapped(dual, upper)
+        intercept = float(machine.intercept_[0])
+        exact = _active_set_solution(centred, targets, upper, dual)
+        if not converged:
+            break
     if exact is not None:
         dual, intercept = exact
         converged = True
@@ -114,29 +133,73 @@ def solve_binary(
     return BinarySolution(dual, intercept - float(dual @ row_mean), at_bound, converged)
 
 
+def one_vs_one_guess(gram: FloatArray, codes: npt.NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
+    """Multipliers of all pairs of classes from a single call of libsvm, to start `solve_binary` from.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (n, n)
+        Scalar products of the rows of all classes.
+    codes : ndarray of int, shape (n,)
+        Class index of each row; every index from 0 to K - 1 occurs.
+    bounds : ndarray, shape (n,), or None
+        As for `solve_binary`.
+
+    Returns
+    -------
+    ndarray, shape (K (K - 1) / 2, n)
+        Non-negative; pairs in the order of `granular_id.coding.onevsone`. Rows of other classes hold 0.
+    """
+    centred, _, scale = _centred(gram)
+    upper = np.full(len(codes), _HARD_BOUND) if bounds is None else bounds * scale
+    machine = _libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
+    # One row per opponent: the classes below its own first, then those above.
+    by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
+    by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)
+    n_classes = len(machine.classes_)
+    pairs = [(low, high) for low in range(n_classes) for high in range(low + 1, n_classes)]
+    guess = np.zeros((len(pairs), len(codes)))
+    for learner, (low, high) in enumerate(pairs):
+        is_low, is_high = codes == low, codes == high
+        guess[learner, is_low] = by_opponent[high - 1, is_low]
+        guess[learner, is_high] = by_opponent[low, is_high]
+    return _snapped(guess, upper) / scale
+
+
+def _centred(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Gram matrix of the rows about their mean in units of their spread; mean of each row before; the unit.
+
+    The unit is a power of two, so that it scales without rounding; it keeps kernels in the range of float32.
+    """
+    row_mean = gram.mean(axis=0)
+    centred = gram - row_mean
+    centred -= row_mean[:, None]
+    centred += row_mean.mean()
+    spread = float(np.trace(centred)) / len(gram)
+    scale = float(np.ldexp(1.0, int(np.frexp(spread)[1]))) if spread > 0 else 1.0
+    centred /= scale
+    return centred, row_mean, scale
+
+
 def _libsvm(
-    gram: FloatArray, targets: FloatArray, upper: FloatArray, tolerance: float, *, hard: bool
-) -> tuple[FloatArray, float, bool]:
-    """Multipliers with sign, intercept, and whether the tolerance was met."""
+    gram: FloatArray, labels: npt.NDArray[Any], upper: FloatArray, tolerance: float, max_steps: int
+) -> SVC:
     largest = float(upper.max())
-    machine = SVC(
+    machine = _QuietSVC(
         C=largest,
         kernel="precomputed",
         tol=tolerance,
         shrinking=False,  # slower than it saves for the few hundred rows of a pair, and less exact
-        max_iter=_MAX_STEPS_HARD if hard else _MAX_STEPS,
+        max_iter=max_steps,
     )
     weights = None if float(upper.min()) == largest else upper / largest
-    with warnings.catch_warnings(), config_context(assume_finite=True, skip_parameter_validation=True):
-        warnings.simplefilter("ignore", ConvergenceWarning)  # the caller names the classes in its own warning
-        machine.fit(gram, targets, sample_weight=weights)
-    dual = np.zeros(len(targets))
-    # np.minimum: libsvm multiplies C and the weights in another order, so a bound may differ in its last bit.
-    multipliers = np.abs(machine.dual_coef_[0])
-    limits = upper[machine.support_]
-    multipliers = np.where(multipliers >= limits * (1 - 1e-12), limits, multipliers)
-    dual[machine.support_] = targets[machine.support_] * multipliers
-    return dual, float(machine.intercept_[0]), machine.fit_status_ == 0
+    with config_context(assume_finite=True, skip_parameter_validation=True):
+        return machine.fit(gram, labels, sample_weight=weights)
+
+
+def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
+    """Multipliers within rounding of their bound, put on it: libsvm multiplies C and weight on its own."""
+    return np.where(np.abs(dual) >= upper * (1 - 1e-12), np.copysign(upper, dual), dual)
 
 
 def _active_set_solution(
@@ -156,23 +219,28 @@ def _active_set_solution(
     system[:n_free, :n_free] = gram[np.ix_(free, free)]
     system[n_free, n_free] = 0.0
     wanted = np.append(targets[free] - gram[free] @ at_bound, -at_bound.sum())
-    try:
-        solution = np.linalg.solve(system, wanted)
-    except np.linalg.LinAlgError:
-        return None
-    exact = at_bound
-    exact[free] = solution[:n_free]
-    intercept = float(solution[n_free])
-    multipliers = exact * targets
-    if (multipliers < 0).any() or (multipliers > upper).any():
-        return None
-    # Functional margins: 1 for free rows, at least 1 for rows without, at most 1 for rows at the bound.
-    excess = targets * (gram @ exact + intercept) - 1.0
-    violation = np.where(free, np.abs(excess), np.where(bound, excess, -excess))
-    # Written so that a NaN from a system that is singular to working precision refuses too.
-    if not violation.max() <= _KKT_TOLERANCE:
-        return None
-    return exact, intercept
+    # Repeated rows make the system singular, not unsolvable: the shortest solution shares their weight.
+    for solve in (np.linalg.solve, _shortest_solution):
+        try:
+            solution = solve(system, wanted)
+        except np.linalg.LinAlgError:
+            continue
+        exact = at_bound.copy()
+        exact[free] = solution[:n_free]
+        intercept = float(solution[n_free])
+        multipliers = exact * targets
+        if (multipliers < 0).any() or (multipliers > upper).any():
+            continue
+        # Functional margins: 1 for free rows, at least 1 for rows without, at most 1 for rows at the bound.
+        excess = targets * (gram @ exact + intercept) - 1.0
+        violation = np.where(free, np.abs(excess), np.where(bound, excess, -excess))
+        if violation.max() <= _KKT_TOLERANCE:  # False for NaN too
+            return exact, intercept
+    return None
+
+
+def _shortest_solution(system: FloatArray, wanted: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.lstsq(system, wanted)[0], dtype=np.float64)
 
 
 def _check_separated(margins: FloatArray, at_bound: int, converged: bool) -> None:

@@ -1,14 +1,13 @@
 """ECOCClassifier: many two-class linear support vector machines, one decision.
 
-Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force Measurements"
-(arXiv 2403.17606): trinary one-vs-one ECOC, linear SVM, loss-weighted decoding with the hinge loss. Defaults
-reproduce `fitcecoc` of MATLAB, which the paper used.
+Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force
+Measurements" (arXiv 2403.17606): trinary one-vs-one ECOC, linear SVM, loss-weighted decoding with the hinge
+loss. Defaults reproduce `fitcecoc` of MATLAB.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,35 +17,13 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, column_or_1d, validate_data
 
 from granular_id.coding import DECODINGS, LOSSES, decode, onevsone
-from granular_id.gram import DualLearners, fit_dual, fit_learners, linear_gram
+from granular_id.learners import DualLearners, LinearLearner, fit_dual
+from granular_id.primal import fit_features
 
-__all__ = ["ECOCClassifier", "LinearLearner"]
+__all__ = ["ECOCClassifier"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class LinearLearner:
-    """One binary learner of a fitted `ECOCClassifier`.
-
-    Attributes
-    ----------
-    positive, negative : tuple
-        Labels of the classes with code +1 and with code -1.
-    support : ndarray of int
-        Indices of its support vectors among the training rows.
-    dual_coef : ndarray
-        Weight of each support vector; its sign is the code of the row's class.
-    intercept : float
-        Score at the origin.
-    """
-
-    positive: tuple[Any, ...]
-    negative: tuple[Any, ...]
-    support: IntArray
-    dual_coef: FloatArray
-    intercept: float
 
 
 class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -68,9 +45,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Cost of a violated margin, positive. 1 is the default of MATLAB and scikit-learn. With 10,200 raw
         features the margin is mostly hard already: `alpha_at_bound_` tells.
     hard_margin : bool, default False
-        Allow no violated margin (C has no effect then). Solved with a bound on the dual variables of 1e10 over
-        the mean squared distance from the centre, which none may reach. An error that names two classes when
-        no hyperplane separates them.
+        Allow no violated margin (C has no effect then). Solved with a bound on the dual variables of 1e10
+        over the mean squared distance from the centre, which none may reach. An error that names two classes
+        when no hyperplane separates them.
     standardize : bool, default False
         Centre and scale each feature within the rows of each learner (weighted mean and population standard
         deviation; a feature that is constant there is ignored). No two learners share a Gram matrix then:
@@ -96,16 +73,16 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Raises
     ------
     ValueError
-        From `fit`: a parameter outside its range, fewer than two classes, NaN or infinity in X, negative weights,
-        `hard_margin` with classes that overlap.
+        From `fit`: a parameter outside its range, fewer than two classes, NaN or infinity in X, negative
+        weights, `hard_margin` with classes that overlap.
 
     Notes
     -----
-    Ties go to the class that comes first in `classes_`. They are rare with the hinge and common with "hamming".
+    Ties go to the class that comes first in `classes_`. Rare with the hinge, they are common with "hamming".
 
-    `sample_weight` multiplies C: a whole number equals as many repetitions of the row. MATLAB divides by n - 1 in
-    the standard deviation; this class divides by n so that the equality holds with `standardize` too. The
-    difference is that of a C larger by 1 / n.
+    `sample_weight` multiplies C: a whole number equals as many repetitions of the row. MATLAB divides by
+    n - 1 in the standard deviation; this class divides by n so that the equality holds with `standardize`
+    too. The difference is that of a C larger by 1 / n.
 
     An evaluation over many partitions computes one Gram matrix and uses `fit_gram` and `predict_gram`.
 
@@ -168,16 +145,16 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         weights = None if sample_weight is None else _checked_weights(sample_weight, rows)
         codes = self._learn_classes(labels, weights)
-        options = self._dual_options(weights)
-        if self.standardize:
-            self._fit_standardized(rows, codes, weights, options)
-            return self
-        origin = rows.mean(axis=0)
-        learned = fit_dual(linear_gram(rows, center=origin), codes, self.coding_matrix_, **options)
-        self._keep(learned)
-        # The multipliers of a learner sum to 0 up to rounding: taking off the rest keeps a large offset harmless.
-        self.coef_ = learned.dual_coef @ rows - np.outer(learned.dual_coef.sum(axis=1), origin)
-        self.intercept_ = learned.intercept - self.coef_ @ origin
+        learned = fit_features(
+            rows,
+            codes,
+            self.coding_matrix_,
+            standardize=bool(self.standardize),
+            **self._dual_options(weights),
+        )
+        self._keep(learned.dual)
+        self.coef_ = learned.coef
+        self.intercept_ = learned.intercept
         return self
 
     def fit_gram(
@@ -215,18 +192,21 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         learned = fit_dual(products, codes, self.coding_matrix_, **self._dual_options(weights))
         self._keep(learned)
         for of_features in ("coef_", "n_features_in_", "feature_names_in_"):
-            vars(self).pop(of_features, None)
+            if hasattr(self, of_features):
+                delattr(self, of_features)
         return self
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:
         """Scores (n, L) of the binary learners for features (n, D); positive speaks for the code +1."""
-        check_is_fitted(self, "coef_", msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)")
+        check_is_fitted(
+            self, "coef_", msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)"
+        )
         rows = validate_data(self, X, dtype=np.float64, reset=False)
         scores: FloatArray = rows @ self.coef_.T + self.intercept_
         return scores
 
     def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """Scores (m, L) of rows given as scalar products (m, n) with the training rows, from the same origin."""
+        """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
         check_is_fitted(self, "dual_coef_")
         if self.standardize:
             raise ValueError("standardize=True has no shared Gram matrix: use the methods that take X")
@@ -238,8 +218,8 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Returns
         -------
         ndarray, shape (n, K), or (n,) for two classes
-            Minus the mean binary loss of each class: the largest wins. For two classes the value of the second minus
-            that of the first: positive means ``classes_[1]``.
+            Minus the mean binary loss of each class: the largest wins. For two classes the value of the
+            second minus that of the first: positive means ``classes_[1]``.
         """
         return _as_decision(self._class_values(self.binary_scores(X)))
 
@@ -249,13 +229,11 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[Any]:
         """Label of each row of features (n, D); of tied classes the first in `classes_`."""
-        values = self._class_values(self.binary_scores(X))
-        return self.classes_[values.argmax(axis=1)]
+        return self._winners(self.binary_scores(X))
 
     def predict_gram(self, gram: npt.ArrayLike) -> npt.NDArray[Any]:
         """`predict` for scalar products (m, n) with the training rows."""
-        values = self._class_values(self.binary_scores_gram(gram))
-        return self.classes_[values.argmax(axis=1)]
+        return self._winners(self.binary_scores_gram(gram))
 
     def margin(self, X: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Decision value (n,) of the true class minus the largest of the others.
@@ -294,6 +272,10 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def _class_values(self, scores: FloatArray) -> FloatArray:
         return decode(scores, self.coding_matrix_, self.loss, self.decoding)
+
+    def _winners(self, scores: FloatArray) -> npt.NDArray[Any]:
+        labels: npt.NDArray[Any] = self.classes_[self._class_values(scores).argmax(axis=1)]
+        return labels
 
     def _check_parameters(self) -> None:
         for name, table in (("loss", LOSSES), ("decoding", DECODINGS)):
@@ -335,26 +317,6 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.intercept_ = learned.intercept
         self.alpha_at_bound_ = learned.alpha_at_bound
 
-    def _fit_standardized(
-        self, rows: FloatArray, codes: IntArray, weights: FloatArray | None, options: dict[str, Any]
-    ) -> None:
-        moments: list[tuple[FloatArray, FloatArray]] = []
-
-        def gram_of(learner_rows: IntArray) -> FloatArray:
-            own = rows[learner_rows]
-            mean, deviation = _mean_and_deviation(own, None if weights is None else weights[learner_rows])
-            moments.append((mean, deviation))
-            return linear_gram(own, center=mean, scale=deviation)
-
-        learned = fit_learners(gram_of, len(rows), codes, self.coding_matrix_, **options)
-        self._keep(learned)
-        self.coef_ = learned.dual_coef @ rows
-        self.intercept_ = learned.intercept.copy()
-        for learner, (mean, deviation) in enumerate(moments):
-            self.coef_[learner] -= learned.dual_coef[learner].sum() * mean
-            self.coef_[learner] /= deviation**2
-            self.intercept_[learner] -= self.coef_[learner] @ mean
-
 
 def _as_decision(values: FloatArray) -> FloatArray:
     return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values
@@ -365,14 +327,3 @@ def _checked_weights(sample_weight: npt.ArrayLike, rows: FloatArray) -> FloatArr
     if (weights < 0).any():
         raise ValueError(f"sample_weight must not be negative, got {weights.min()}")
     return weights
-
-
-def _mean_and_deviation(rows: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean and population standard deviation of each column; 1 for the deviation of a constant."""
-    mean = np.average(rows, axis=0, weights=weights)
-    centred = rows - mean
-    np.square(centred, out=centred)
-    deviation = np.sqrt(np.average(centred, axis=0, weights=weights))
-    # Rounding leaves a constant column a deviation that is not quite 0.
-    constant = (rows.min(axis=0) == rows.max(axis=0)) | (deviation == 0)
-    return mean, np.where(constant, 1.0, deviation)
