@@ -49,6 +49,8 @@ class CsvSource:
         As in :class:`Recording`.
     rate_hz : float or None
         A rate stated for this file; the one in the options otherwise.
+    irregular : bool
+        Keep the stamps even where they lie on an even grid, and whatever rate the options state.
     """
 
     path: Path
@@ -57,6 +59,7 @@ class CsvSource:
     session: str | None = None
     start_time: float | None = None
     rate_hz: float | None = None
+    irregular: bool = False
     trigger_index: int | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
 
@@ -188,6 +191,8 @@ def _clock(
     """Return rate_hz, time_s (one of the two is None) and the time of the first sample since 1970."""
     stated = options.rate_hz if source.rate_hz is None else source.rate_hz
     stamps = samples.stamps
+    if stamps is None and source.irregular:
+        raise RecordingFileError(source.path, "has no time column, but is called irregular", line=1)
     if stamps is None:
         if stated is None:
             problem = (
@@ -202,6 +207,8 @@ def _clock(
     since_1970 = first if first > _SINCE_1970 else None
     if since_1970 is None and first:
         remarks["first_stamp_s"] = first
+    if source.irregular:
+        return None, time_s, since_1970
     if stated is not None:
         offset = largest_offset(time_s, stated)
         if offset > STATED_TOLERANCE / stated:

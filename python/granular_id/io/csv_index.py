@@ -1,8 +1,9 @@
 """``index.csv``: what is known about the files of a folder, one line per recording.
 
 Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since
-1970), ``rate_hz``, ``trigger_index``, ``name`` and ``meta`` (a JSON object) may follow in any order, empty
-cells meaning "not known". Any other column goes into each recording's ``meta`` as text.
+1970), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name`` and ``meta`` (a JSON
+object) may follow in any order, empty cells meaning "not known". Any other column goes into each recording's
+``meta`` as text.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from granular_id.io.files import read_bounded
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta")
+
+IRREGULAR = "irregular"
+"""What stands for a rate where a recording's own stamps are to be kept as they are."""
 
 _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
 
@@ -114,7 +118,8 @@ def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
     if trigger and not _WHOLE_NUMBER.fullmatch(trigger):
         problem = f"{trigger[:40]!r} is not a whole number"
         raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="trigger_index")
-    rate_hz = number("rate_hz")
+    irregular = cells.get("rate_hz") == IRREGULAR
+    rate_hz = None if irregular else number("rate_hz")
     if rate_hz is not None and rate_hz <= 0:
         problem = f"the rate must be positive, got {rate_hz:g}"
         raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="rate_hz")
@@ -127,6 +132,7 @@ def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
         session=cells.get("session") or None,
         start_time=number("start_time"),
         rate_hz=rate_hz,
+        irregular=irregular,
         trigger_index=int(trigger) if trigger else None,
         meta={**extra, **meta},
     )

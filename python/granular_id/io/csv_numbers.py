@@ -84,7 +84,9 @@ def parse_numbers(
     while start < end:
         stop = data.find(b"\n", min(start + _CHUNK_BYTES, end), end)
         stop = end if stop < 0 else stop
-        chunk = data[start:stop].replace(b"\r\n", b"\n").removesuffix(b"\r")
+        chunk = data[start:stop]
+        if b"\r" in chunk:
+            chunk = chunk.replace(b"\r\n", b"\n").removesuffix(b"\r")
         rows = _parse_fast(chunk, len(columns))
         if rows is None:
             rows = _parse_slowly(chunk.split(b"\n"), filled + 2, columns, path)
@@ -133,6 +135,8 @@ def _parse_slowly(
             raise RecordingFileError(path, f"the line is longer than {MAX_LINE_BYTES} bytes", line=number)
         if b"\0" in line:
             raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=number)
+        if not line:
+            raise RecordingFileError(path, "the line is empty; only the end of a file may be", line=number)
         cells = line.decode("ascii", "backslashreplace").split(",")
         for j, (column, cell) in enumerate(zip(columns, cells, strict=False)):
             value = plain_number(cell)
@@ -140,8 +144,8 @@ def _parse_slowly(
                 raise RecordingFileError(path, _cell_problem(cell), line=number, column=column)
             values[i, j] = value
         if len(cells) != len(columns):
-            what = "the line is empty" if cells == [""] else f"{len(cells)} cells"
-            raise RecordingFileError(path, f"{what}; wanted {len(columns)}, as in the header", line=number)
+            problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
+            raise RecordingFileError(path, problem, line=number)
     return values
 
 

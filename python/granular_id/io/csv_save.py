@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from granular_id.io.csv_file import FLAGS_NAME
-from granular_id.io.csv_index import INDEX_COLUMNS, INDEX_NAME
+from granular_id.io.csv_index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
 from granular_id.recording._values import thaw
 
@@ -92,12 +92,13 @@ def _write(dataset: Dataset, folder: Path) -> None:
 
 
 def _index_row(file: str, recording: Recording) -> list[str]:
-    numbers = (recording.start_time, recording.rate_hz, recording.trigger_index)
     return [
         file,
         recording.label or "",
         recording.session or "",
-        *("" if number is None else repr(number) for number in numbers),
+        "" if recording.start_time is None else repr(recording.start_time),
+        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
+        "" if recording.trigger_index is None else str(recording.trigger_index),
         recording.name,
         json.dumps(thaw(recording.meta), ensure_ascii=False) if recording.meta else "",
     ]

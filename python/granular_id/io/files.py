@@ -50,19 +50,23 @@ def read_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
     try:
         # without O_NONBLOCK, opening a pipe that somebody named .csv would wait for ever
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        with open(descriptor, "rb") as file:  # noqa: PTH123  # a descriptor, not a path
-            status = os.fstat(descriptor)
-            if not stat.S_ISREG(status.st_mode):
-                raise RecordingFileError(path, "is not a regular file")
-            if status.st_size > max_bytes:
-                raise RecordingFileError(path, _too_large(status.st_size, max_bytes))
-            data = file.read(max_bytes + 1)
+        try:
+            return _read(descriptor, path, max_bytes)
+        finally:
+            os.close(descriptor)
     except OSError as error:
         raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
-    if len(data) > max_bytes:
-        raise RecordingFileError(path, _too_large(len(data), max_bytes))
+
+
+def _read(descriptor: int, path: Path, max_bytes: int) -> bytes:
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode):
+        raise RecordingFileError(path, "is not a regular file")
+    if status.st_size > max_bytes:
+        problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}; raise that to read it"
+        raise RecordingFileError(path, problem)
+    with open(descriptor, "rb", closefd=False) as file:
+        data = file.read(status.st_size + 1)  # one more, to see a file that grows while it is read
+    if len(data) > status.st_size:
+        raise RecordingFileError(path, "grows while it is read; wait until the recording is complete")
     return data
-
-
-def _too_large(size: int, limit: int) -> str:
-    return f"has {size} bytes, more than max_file_bytes={limit}; raise max_file_bytes to read it"

@@ -99,7 +99,7 @@ def as_floats(value: object, name: str, wanted: str) -> FloatArray:
     if array.dtype.kind not in "iuf":
         raise TypeError(f"{name} has dtype {array.dtype}; wanted {wanted}")
     with np.errstate(over="ignore"):  # what overflows becomes infinite and is refused by the caller's check
-        return np.ascontiguousarray(array, dtype=np.float64)
+        return np.asarray(array, dtype=np.float64, order="C")
 
 
 def locked(array: NDArray[Any]) -> NDArray[Any]:

@@ -162,10 +162,11 @@ def _duplicates(recordings: Sequence[Recording]) -> Iterator[Finding]:
     twins: list[Recording] = []
     clash = False
     for r in recordings:
-        first = seen.setdefault(hashlib.blake2b(r.wrench.tobytes()).digest(), r)
-        if first is not r:
-            twins += [first, r]
-            clash |= first.label != r.label
+        digest = hashlib.blake2b(r.wrench.tobytes()).digest()
+        if digest in seen:
+            twins += [seen[digest], r]
+            clash |= seen[digest].label != r.label
+        seen.setdefault(digest, r)
     if twins:
         message = f"{len(twins) // 2} recordings hold exactly the samples of another one"
         if clash:

@@ -179,6 +179,8 @@ def _polyphase(recording: Recording, rate: float) -> FloatArray:
             f"rate_hz={rate:g} over {recording.rate_hz:g} Hz (recording {recording.name!r}) is not a "
             f"ratio of whole numbers up to {_MAX_RATIO}; use method='linear'"
         )
+    if recording.n_samples == 1:
+        return recording.wrench  # there is no line through one point to pad along
     from scipy.signal import resample_poly  # heavy to import, and only this method needs it  # noqa: PLC0415
 
     # "line": a force with an offset or a drift must not fall to zero at the ends

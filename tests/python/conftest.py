@@ -1,0 +1,20 @@
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# a busy machine must not fail a test: hypothesis' limit of 200 ms per example is off
+settings.register_profile("granular_id", deadline=None)
+settings.load_profile("granular_id")
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real recordings, which is no part of the project: see the ``data`` marker."""
+    stated = os.environ.get("GRANULAR_ID_DATA")
+    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    folder = Path(stated) if stated else beside
+    if not folder.is_dir():
+        pytest.skip("no real recordings: set GRANULAR_ID_DATA, or put them into ../shared/data")
+    return folder

@@ -1,0 +1,318 @@
+"""A corpus of files that are no recordings: each gives one error with its place, and the rest still loads."""
+
+import os
+import socket
+
+import pytest
+
+from granular_id.io import RecordingFileError, load
+
+HEADER = b"time,fx,fy,fz,tx,ty,tz\n"
+ROW1 = b"0.00,1.5,2,3,4,5,6\n"
+ROW2 = b"0.01,1,2,3,4,5,6\n"
+ROW3 = b"0.02,1,2,3,4,5,6\n"
+GOOD = HEADER + ROW1 + ROW2 + ROW3
+
+# name: (bytes, line, column, part of the problem)
+BAD = {
+    "empty": (b"", None, None, "is empty (0 bytes)"),
+    "bom only": (b"\xef\xbb\xbf", 1, "1", "unknown column ''"),
+    "line end only": (b"\n", 1, "1", "unknown column ''"),
+    "header only": (HEADER, 2, None, "a header but no samples"),
+    "header without line end": (HEADER[:-1], 2, None, "a header but no samples"),
+    "header and blank lines": (HEADER + b"\r\n\n \n", 2, None, "a header but no samples"),
+    "no header": (ROW1 + ROW2, 1, "1", "unknown column '0.00'"),
+    "cut in the header": (GOOD[:9], 1, "3", "unknown column 'f'"),
+    "cut between header cells": (GOOD[:10], 1, None, "column 'fz' is missing"),
+    "cut after a cell": (HEADER + ROW1 + ROW2[:6], 3, None, "2 cells; wanted 7"),
+    "cut after a comma": (HEADER + ROW1 + ROW2[:5], 3, "fx", "the cell is empty"),
+    "cut before the last cell": (HEADER + ROW1 + ROW2[:-3], 3, None, "6 cells; wanted 7"),
+    "cut in an exponent": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6e", 3, "tz", "'6e' is not a plain"),
+    "cut after a minus": (HEADER + ROW1 + b"0.01,1,2,3,4,5,-", 3, "tz", "'-' is not a plain"),
+    "zip": (b"PK\x03\x04\x14\0\0\0\x08\0" + bytes(range(256)) * 3, 1, None, "is binary"),
+    "npy": (b"\x93NUMPY\x01\x00v\x00{'descr': '<f8'}", 1, None, "is binary"),
+    "png": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 1, None, "byte 0x89 is not UTF-8"),
+    "nul bytes after a good start": (HEADER + ROW1 + bytes(100), 3, None, "is binary"),
+    "nul in a cell": (HEADER + b"0.00,1\x00,2,3,4,5,6\n", 2, None, "is binary"),
+    "latin-1 header": ("zeit\xe4,fx\n".encode("latin-1"), 1, None, "byte 0xe4 is not UTF-8"),
+    "utf-16": (GOOD.decode().encode("utf-16"), 1, None, "is UTF-16 text"),
+    "utf-16 without mark": (GOOD.decode().encode("utf-16-le"), 1, None, "is binary"),
+    "latin-1 cell": (HEADER + b"0.00,1,2,3,4,5,6\xb0\n", 2, "tz", "is not a plain"),
+    "unicode minus": (HEADER + "0,\u22121,2,3,4,5,6\n".encode(), 2, "fx", "is not a plain"),
+    "arabic digits": (HEADER + "0,\u0661,2,3,4,5,6\n".encode(), 2, "fx", "is not a plain"),
+    "semicolons": (GOOD.replace(b",", b";"), 1, None, "separated by semicolons; wanted commas"),
+    "tabs": (GOOD.replace(b",", b"\t"), 1, None, "separated by tabs; wanted commas"),
+    "blanks": (GOOD.replace(b",", b" "), 1, "1", "unknown column 'time fx fy fz tx ty tz'"),
+    "bare carriage returns": (GOOD.replace(b"\n", b"\r"), 1, None, "bare carriage return"),
+    "carriage return in a line": (HEADER + b"0.00,1,2,3,4,5,6\r7\n", 2, "tz", "is not a plain"),
+    "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None, "column 'tz' is missing"),
+    "doubled column": (b"time,fx,fy,fz,tx,ty,tz,FX\n", 1, "8", "column 'fx' occurs twice"),
+    "two times": (b"time,timestamp,fx,fy,fz,tx,ty,tz\n", 1, None, "both a time and a timestamp"),
+    "units": (b"time,fx [N],fy,fz,tx,ty,tz\n", 1, "2", "unknown column 'fx [n]'"),
+    "milliseconds in the name": (b"time_ms,fx,fy,fz,tx,ty,tz\n", 1, "1", "unknown column 'time_ms'"),
+    "other column": (b"time,fx,fy,fz,tx,ty,tz,temp\n", 1, "8", "unknown column 'temp'"),
+    "commented header": (b"# " + GOOD, 1, "1", "unknown column '# time'"),
+    "too few cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5\n", 3, None, "6 cells; wanted 7"),
+    "too many cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6,7\n", 3, None, "8 cells; wanted 7"),
+    "one short, one long": (HEADER + b"0,1,2,3,4,5\n0.1,1,2,3,4,5,6,7\n", 2, None, "6 cells; wanted 7"),
+    "trailing commas": (HEADER + ROW1.replace(b"\n", b",\n"), 2, None, "8 cells; wanted 7"),
+    "empty cell": (HEADER + ROW1 + b"0.01,1,,3,4,5,6\n", 3, "fy", "the cell is empty"),
+    "blank cell": (HEADER + ROW1 + b"0.01,1, ,3,4,5,6\n", 3, "fy", "the cell is empty"),
+    "empty line": (HEADER + ROW1 + b"\n" + ROW2, 3, None, "the line is empty"),
+    "line of blanks": (HEADER + ROW1 + b"  \n" + ROW2, 3, "time", "the cell is empty"),
+    "comment": (HEADER + ROW1 + b"# pause\n" + ROW2, 3, "time", "'# pause' is not a plain"),
+    "text": (HEADER + b"0.00,1,2,three,4,5,6\n", 2, "fz", "'three' is not a plain"),
+    "nan": (HEADER + ROW1 + b"0.01,nan,2,3,4,5,6\n", 3, "fx", "'nan' is not a plain"),
+    "inf": (HEADER + b"0.00,1,2,3,4,5,-inf\n", 2, "tz", "'-inf' is not a plain"),
+    "too large": (HEADER + b"0.00,1,1e999,3,4,5,6\n", 2, "fy", "'1e999' is too large"),
+    "underscores": (HEADER + b"0.00,1_000,2,3,4,5,6\n", 2, "fx", "'1_000' is not a plain"),
+    "hex": (HEADER + b"0.00,0x10,2,3,4,5,6\n", 2, "fx", "'0x10' is not a plain"),
+    "hex float": (HEADER + b"0.00,0x1p3,2,3,4,5,6\n", 2, "fx", "is not a plain"),
+    "fortran exponent": (HEADER + b"0.00,1d3,2,3,4,5,6\n", 2, "fx", "'1d3' is not a plain"),
+    "complex": (HEADER + b"0.00,1+2j,2,3,4,5,6\n", 2, "fx", "'1+2j' is not a plain"),
+    "two points": (HEADER + b"0.00,1.2.3,2,3,4,5,6\n", 2, "fx", "'1.2.3' is not a plain"),
+    "two signs": (HEADER + b"0.00,--1,2,3,4,5,6\n", 2, "fx", "'--1' is not a plain"),
+    "two numbers": (HEADER + b"0.00,1 2,2,3,4,5,6\n", 2, "fx", "'1 2' is not a plain"),
+    "a point alone": (HEADER + b"0.00,.,2,3,4,5,6\n", 2, "fx", "'.' is not a plain"),
+    "quoted numbers": (HEADER + b'0.00,"1",2,3,4,5,6\n', 2, "fx", "is not a plain"),
+    "decimal commas": (HEADER + b"0,00,1,5,2,0,3,0,4,0,5,0,6,0\n", 2, None, "14 cells; wanted 7"),
+    "time backwards": (HEADER + ROW2 + ROW1, 3, "time", "time runs back from 0.01 to 0.0;"),
+    "repeated stamp": (HEADER + ROW1 + ROW2 + ROW2, 4, "time", "the stamp 0.01 is repeated"),
+    "milliseconds since 1970": (
+        HEADER + b"1581072654215,1,2,3,4,5,6\n",
+        2,
+        "time",
+        "milliseconds or nanoseconds?",
+    ),
+    "nanoseconds since 1970": (HEADER + b"1581072654215425827,1,2,3,4,5,6\n", 2, "time", "wanted seconds"),
+    "endless time": (HEADER + b"-1e11,1,2,3,4,5,6\n1.79e308,1,2,3,4,5,6\n", None, None, "last for ever"),
+    "huge header": (b"a" * 100_000, 1, None, "longer than 4096 bytes"),
+    "huge line": (HEADER + ROW1 + b"1" * 100_000 + b"\n", 3, None, "longer than 4096 bytes"),
+    "flags out of range": (
+        b"time,fx,fy,fz,tx,ty,tz,flags\n0,1,2,3,4,5,6,16\n",
+        2,
+        "flags",
+        "16 is not a sum",
+    ),
+    "flags with a fraction": (b"time,fx,fy,fz,tx,ty,tz,flags\n0,1,2,3,4,5,6,0.5\n", 2, "flags", "0.5 is not"),
+    "html": (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", 1, "1", "unknown column '<!doctype html>'"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_one_error_with_its_place(tmp_path, name):
+    data, line, column, problem = BAD[name]
+    file = tmp_path / "bad_1.csv"
+    file.write_bytes(data)
+    with pytest.raises(RecordingFileError) as caught:
+        load(file)
+    error = caught.value
+    assert problem in error.problem
+    assert (error.line, error.column) == (line, column)
+    assert error.path == str(file)
+    assert str(error).startswith(str(file))
+
+
+def test_the_corpus_is_large_and_the_good_file_is_good(tmp_path):
+    assert len(BAD) > 60
+    (tmp_path / "good_1.csv").write_bytes(GOOD)
+    assert load(tmp_path)[0].wrench[0].tolist() == [1.5, 2, 3, 4, 5, 6]
+
+
+def test_every_cut_of_a_good_file_is_refused_or_remarked(tmp_path):
+    """A file cut inside its last number cannot be told from a whole one, but it lacks its line end."""
+    file = tmp_path / "a.csv"
+    for end in range(len(GOOD)):
+        file.write_bytes(GOOD[:end])
+        try:
+            data = load(file)
+        except RecordingFileError:
+            continue
+        assert GOOD[:end].endswith(b"\n") or "cut off" in data.history[-1].rows[0]["remark"]
+
+
+def test_the_rest_of_the_folder_loads_with_skip(tmp_path):
+    folder = tmp_path / "rice"
+    folder.mkdir()
+    for i, (data, *_) in enumerate(BAD.values()):
+        (folder / f"bad_{i}.csv").write_bytes(data)
+    for i in range(3):
+        (folder / f"good_{i}.csv").write_bytes(GOOD)
+    with pytest.raises(RecordingFileError, match="bad_0"):
+        load(tmp_path)
+    data = load(tmp_path, on_error="skip")
+    assert data.names == ("rice/good_0.csv", "rice/good_1.csv", "rice/good_2.csv")
+    report = data.history[-1]
+    assert report.totals["skipped"] == len(BAD)
+    listed = [row["skipped"] for row in report.rows if "skipped" in row]
+    for row, (_, _, _, problem) in zip(listed, BAD.values(), strict=True):
+        assert problem in row
+
+
+def test_nothing_readable_is_an_error_even_with_skip(tmp_path):
+    (tmp_path / "a_1.csv").write_bytes(b"")
+    with pytest.raises(
+        RecordingFileError, match=r"none of 1 recordings could be read; the first problem: .*empty"
+    ):
+        load(tmp_path, on_error="skip")
+
+
+def test_a_name_without_a_label(tmp_path):
+    for name in ("rice.csv", "_1.csv", "rice_.csv"):
+        (tmp_path / name).write_bytes(GOOD)
+        with pytest.raises(RecordingFileError, match=f"the name '{name}' gives no label"):
+            load(tmp_path)
+        (tmp_path / name).unlink()
+
+
+def test_labels_that_are_no_names(tmp_path):
+    for label, problem in (("a\tb", "control character"), (" rice", "begins or ends with a space")):
+        folder = tmp_path / label
+        folder.mkdir()
+        (folder / "1.csv").write_bytes(GOOD)
+        with pytest.raises(RecordingFileError, match=problem):
+            load(tmp_path)
+        (folder / "1.csv").unlink()
+        folder.rmdir()
+
+
+def test_a_file_beyond_the_size_cap_is_not_read(tmp_path):
+    file = tmp_path / "a_1.csv"
+    file.write_bytes(GOOD)
+    with pytest.raises(
+        RecordingFileError, match=f"has {len(GOOD)} bytes, more than max_file_bytes={len(GOOD) - 1}"
+    ):
+        load(file, max_file_bytes=len(GOOD) - 1)
+    assert len(load(file, max_file_bytes=len(GOOD))) == 1
+    with file.open("r+b") as sparse:
+        sparse.truncate(1 << 40)  # a terabyte that takes no room on the disk
+    with pytest.raises(RecordingFileError, match="1099511627776 bytes"):
+        load(file)
+
+
+def test_what_is_named_like_a_file_but_is_none(tmp_path):
+    os.mkfifo(tmp_path / "pipe_1.csv")
+    with pytest.raises(RecordingFileError, match="not a regular file"):
+        load(tmp_path)
+    (tmp_path / "pipe_1.csv").unlink()
+    with socket.socket(socket.AF_UNIX) as server:
+        place = os.getcwd()  # noqa: PTH109  # socket paths are short: go there
+        os.chdir(tmp_path)
+        try:
+            server.bind("s_1.csv")
+        finally:
+            os.chdir(place)
+        with pytest.raises(RecordingFileError, match=r"s_1.csv: cannot be read"):
+            load(tmp_path)
+
+
+def test_links_out_of_the_folder_are_not_followed(tmp_path):
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (outside / "secret_1.csv").write_bytes(GOOD)
+    inside = tmp_path / "set"
+    (inside / "rice").mkdir(parents=True)
+    (inside / "rice" / "1.csv").write_bytes(GOOD)
+    links = {
+        "rice/link.csv": outside / "secret_1.csv",
+        "rice/relative.csv": "../../outside/secret_1.csv",
+        "peas": outside,
+    }
+    for name, target in links.items():
+        (inside / name).symlink_to(target)
+        with pytest.raises(RecordingFileError, match="leaves the folder") as caught:
+            load(inside)
+        assert caught.value.path == str(inside / name)
+        assert load(inside, on_error="skip").names == ("rice/1.csv",)
+        (inside / name).unlink()
+
+
+@pytest.mark.parametrize("target", ["loop.csv", "missing.csv"])
+def test_links_that_lead_nowhere(tmp_path, target):
+    (tmp_path / "rice").mkdir()
+    (tmp_path / "rice" / "loop.csv").symlink_to(target)
+    with pytest.raises(RecordingFileError, match=r"loop.csv: cannot be read"):
+        load(tmp_path)
+
+
+def test_errors_survive_pickle_and_unprintable_names(tmp_path):
+    import pickle
+
+    error = RecordingFileError(b"a\xff.csv".decode("utf-8", "surrogateescape"), "is odd", line=3, column="fx")
+    assert str(error) == "a\\udcff.csv, line 3, column fx: is odd"
+    twin = pickle.loads(pickle.dumps(error))
+    assert (str(twin), twin.line, twin.column) == (str(error), 3, "fx")
+
+
+# index.csv: (text, line, column, part of the problem)
+BAD_INDEX = {
+    "no file column": (b"label,session\nrice,a\n", 1, None, "no column 'file'"),
+    "doubled column": (b"file,label,label\n", 1, "3", "column 'label' occurs twice"),
+    "nameless column": (b"file,,label\n", 1, "2", "the column has no name"),
+    "lists nothing": (b"file,label\n\n", 2, None, "lists no file"),
+    "empty": (b"", None, None, "is empty"),
+    "binary": (b"file,label\na\0,b\n", 2, None, "is binary"),
+    "not utf-8": (b"file,label\ngood.csv,rice\nx.csv,m\xfcsli\n", 3, None, "byte 0xfc is not UTF-8"),
+    "open quote": (b'file,label\n"good.csv,rice\n', 2, None, "is not valid CSV"),
+    "too many cells": (b"file,label\ngood.csv,rice,more\n", 2, None, "3 cells; wanted 2"),
+    "missing file": (b"file,label\ngood.csv,a\nlost.csv,b\n", None, None, "cannot be read: No such file"),
+    "listed twice": (
+        b"file,label\ngood.csv,a\n./good.csv,b\n",
+        3,
+        "file",
+        "'good.csv' is already listed in line 2",
+    ),
+    "up and out": (b"file\n../good.csv\n", 2, "file", "is not a path within the folder"),
+    "up in the middle": (b"file\na/../../good.csv\n", 2, "file", "is not a path within"),
+    "absolute": (b"file\n/etc/passwd\n", 2, "file", "is not a path within"),
+    "backslashes": (b"file\n..\\good.csv\n", 2, "file", "is not a path within"),
+    "drive": (b"file\nC:good.csv\n", 2, "file", "is not a path within"),
+    "control character": (b'file\n"go\x07od.csv"\n', 2, "file", "is not a path within"),
+    "no path": (b"file,label\n,rice\n", 2, "file", "is not a path within"),
+    "the folder itself": (b"file,label\n.,rice\n", 2, "file", "is not a path within"),
+    "itself": (b"file,label\nindex.csv,rice\n", 1, "1", "unknown column 'file'"),
+    "folder": (b"file,label\nfolder,rice\n", None, None, "is not a regular file"),
+    "name too long": (b"file\n" + b"a" * 5000 + b"\n", None, None, "cannot be read"),
+    "bad start time": (
+        b"file,start_time\ngood.csv,yesterday\n",
+        2,
+        "start_time",
+        "'yesterday' is not a plain",
+    ),
+    "infinite start time": (b"file,start_time\ngood.csv,1e999\n", 2, "start_time", "is not a plain finite"),
+    "negative rate": (b"file,rate_hz\ngood.csv,-1\n", 2, "rate_hz", "must be positive, got -1"),
+    "rate that does not fit": (b"file,rate_hz\ngood.csv,7\n", None, "time", "does not fit the stamps"),
+    "fractional trigger": (
+        b"file,trigger_index\ngood.csv,1.5\n",
+        2,
+        "trigger_index",
+        "is not a whole number",
+    ),
+    "trigger outside": (b"file,trigger_index\ngood.csv,3\n", None, None, "trigger_index=3 is outside the 3"),
+    "bad meta": (b"file,meta\ngood.csv,{\n", 2, "meta", "not a JSON object"),
+    "meta list": (b"file,meta\ngood.csv,[]\n", 2, "meta", "a JSON list; wanted an object"),
+    "meta with nan": (b'file,meta\ngood.csv,"{""a"": NaN}"\n', None, None, "meta['a'] is nan"),
+    "deep meta": (b"file,meta\ngood.csv," + b"[" * 100_000 + b"\n", 2, "meta", "not a JSON object"),
+    "bad label": (b"file,label\ngood.csv,rice \n", None, None, "begins or ends with a space"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_INDEX)
+def test_one_error_for_a_bad_index(tmp_path, name):
+    data, line, column, problem = BAD_INDEX[name]
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "good.csv").write_bytes(GOOD)
+    (tmp_path / "index.csv").write_bytes(data)
+    with pytest.raises(RecordingFileError) as caught:
+        load(tmp_path)
+    assert problem in caught.value.problem
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert str(tmp_path) in caught.value.path
+
+
+def test_good_lines_of_a_partly_bad_index_load_with_skip(tmp_path):
+    (tmp_path / "good.csv").write_bytes(GOOD)
+    (tmp_path / "index.csv").write_bytes(b"file,label\n../x.csv,a\ngood.csv,rice\nlost.csv,b\n")
+    data = load(tmp_path, on_error="skip")
+    assert data.y.tolist() == ["rice"]
+    assert [row["name"] for row in data.history[-1].rows] == ["index.csv", "lost.csv"]

@@ -1,0 +1,278 @@
+"""Reading CSV: layouts, time, sessions, and what the history says about it."""
+
+import math
+import os
+import re
+
+import numpy as np
+import pytest
+
+from granular_id.io import RecordingFileError, load
+from granular_id.recording import AXES, SampleFlag
+
+HEADER = "time," + ",".join(AXES)
+
+
+def rows(times, seed=0):
+    wrench = np.random.default_rng(seed).normal(size=(len(times), 6))
+    lines = [",".join(map(repr, [t, *row])) for t, row in zip(times, wrench.tolist(), strict=True)]
+    return wrench, "\n".join(lines) + "\n"
+
+
+def write(path, times=(0.0, 0.01, 0.02), seed=0, header=HEADER):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    wrench, text = rows([float(t) for t in times], seed)
+    path.write_text(header + "\n" + text)
+    return wrench
+
+
+def test_single_file_has_no_label(tmp_path):
+    wrench = write(tmp_path / "push.csv")
+    data = load(str(tmp_path / "push.csv"))
+    assert len(data) == 1
+    assert (data[0].label, data[0].session, data[0].start_time, data[0].name) == (
+        None,
+        None,
+        None,
+        "push.csv",
+    )
+    assert data[0].rate_hz == 100
+    np.testing.assert_array_equal(data[0].wrench, wrench)
+    assert data.history[-1].parameters["format"] == "CSV file"
+
+
+def test_label_folders_in_natural_order(tmp_path):
+    for label in ("rice", "peas"):
+        for k in (10, 2, 1):
+            write(tmp_path / label / f"{label}_{k}.CSV", seed=k)
+    data = load(tmp_path)
+    assert data.names == tuple(f"{label}/{label}_{k}.CSV" for label in ("peas", "rice") for k in (1, 2, 10))
+    assert data.y.tolist() == ["peas"] * 3 + ["rice"] * 3
+    assert set(data.sessions) == {None}
+    assert data.history[-1].parameters["format"] == "label/*.csv"
+
+
+def test_session_folders(tmp_path):
+    for session in ("day_2", "day_10"):
+        write(tmp_path / "rice" / session / "a.csv")
+    write(tmp_path / "peas" / "b.csv")
+    data = load(tmp_path)
+    assert data.labels == ("peas", "rice")
+    assert data.sessions.tolist() == [None, "day_2", "day_10"]
+    assert data.history[-1].parameters["format"] == "label/session/*.csv"
+
+
+def test_flat_names(tmp_path):
+    for name in ("oat_flakes_01.csv", "oat_flakes_02.csv", "rice_1.csv"):
+        write(tmp_path / name)
+    (tmp_path / "notes.txt").write_text("not a recording")
+    (tmp_path / ".hidden_1.csv").write_text("not one either")
+    assert load(tmp_path).y.tolist() == ["oat_flakes", "oat_flakes", "rice"]
+
+
+def test_index(tmp_path):
+    write(tmp_path / "a.csv", seed=1)
+    write(tmp_path / "deep" / "er" / "b.csv", seed=2)
+    write(tmp_path / "spare.csv")
+    (tmp_path / "index.csv").write_text(
+        "File,LABEL,session,start_time,rate_hz,trigger_index,meta,operator\n"
+        'deep/er/b.csv,"oats, rolled",s2,1.5e9,100,1,"{""depth_mm"": 76}",anna\n'
+        "\n"
+        "a.csv,,,,,,,\n",
+    )
+    data = load(tmp_path)
+    b, a = data
+    assert (b.label, b.session, b.start_time, b.rate_hz, b.trigger_index) == (
+        "oats, rolled",
+        "s2",
+        1.5e9,
+        100,
+        1,
+    )
+    assert b.meta == {"depth_mm": 76, "operator": "anna"}
+    assert b.name == "deep/er/b.csv"
+    assert (a.label, a.session, a.start_time, a.trigger_index, a.meta) == (None, None, None, None, {})
+    assert data.history[-1].notes == (
+        "columns of index.csv kept in meta: operator",
+        "1 CSV files beside index.csv are not listed in it and were not read",
+    )
+
+
+def test_columns_in_any_order_and_case_with_blanks_quotes_bom_and_crlf(tmp_path):
+    file = tmp_path / "a_1.csv"
+    file.write_bytes(
+        b'\xef\xbb\xbf"TZ", ty,TX,fz,"Fy",fx,TimeStamp\r\n 6, 5,4\t,+3.,.2e1,1E0,0\r\n6,5,4,3,2,1,0.5\r\n\r\n'
+    )
+    recording = load(file)[0]
+    assert recording.wrench.tolist() == [[1, 2, 3, 4, 5, 6]] * 2
+    assert recording.rate_hz == 2
+
+
+def test_numbers_are_read_as_python_reads_them(tmp_path):
+    texts = ["0.1", "-0.0", "5e-324", "1.7976931348623157e308", "123456789.123456789123456789", "1e-999"]
+    file = tmp_path / "a_1.csv"
+    file.write_text(",".join(AXES) + "\n" + ",".join(texts) + "\n")
+    values = load(file, rate_hz=1)[0].wrench[0].tolist()
+    assert [v.hex() for v in values] == [float(t).hex() for t in texts]
+
+
+def test_stamps_since_1970_give_the_start_time(tmp_path):
+    write(tmp_path / "a_1.csv", times=[1581072654.25, 1581072654.5, 1581072655.0])
+    recording = load(tmp_path)[0]
+    assert recording.start_time == 1581072654.25
+    assert recording.time_s.tolist() == [0, 0.25, 0.75]
+    assert load(tmp_path).history[-1].rows == ()
+
+
+def test_a_clock_of_its_own_is_noted_not_guessed(tmp_path):
+    write(tmp_path / "a_1.csv", times=[12.5, 13.0, 14.0])
+    data = load(tmp_path)
+    assert data[0].start_time is None
+    assert data.history[-1].rows == ({"name": "a_1.csv", "first_stamp_s": 12.5},)
+
+
+@pytest.mark.parametrize("start", [0.0, 1.58e9])
+def test_even_stamps_become_a_rate_and_jittered_ones_stay(tmp_path, start):
+    write(tmp_path / "a_1.csv", times=start + np.arange(800) / 500)
+    write(tmp_path / "a_2.csv", times=start + np.arange(800) / 500 + np.where(np.arange(800) == 70, 4e-5, 0))
+    data = load(tmp_path)
+    assert [r.rate_hz for r in data] == [500, None]
+    totals = data.history[-1].totals
+    assert (totals["uniform"], totals["irregular"]) == (1, 1)
+
+
+def test_the_index_can_keep_even_stamps_as_they_are(tmp_path):
+    write(tmp_path / "a.csv")
+    (tmp_path / "index.csv").write_text("file,rate_hz\na.csv,irregular\n")
+    for rate in (None, 100, 7):
+        assert load(tmp_path, rate_hz=rate)[0].time_s.tolist() == [0, 0.01, 0.02]
+    (tmp_path / "a.csv").write_text(",".join(AXES) + "\n1,2,3,4,5,6\n")
+    with pytest.raises(RecordingFileError, match="has no time column, but is called irregular"):
+        load(tmp_path, rate_hz=100)
+
+
+def test_without_a_time_column_a_rate_is_needed(tmp_path):
+    (tmp_path / "a_1.csv").write_text(",".join(AXES) + "\n1,2,3,4,5,6\n")
+    with pytest.raises(RecordingFileError, match="no time column and no rate is stated; pass rate_hz="):
+        load(tmp_path)
+    assert load(tmp_path, rate_hz=500)[0].rate_hz == 500
+
+
+def test_a_stated_rate_must_fit_the_stamps(tmp_path):
+    write(tmp_path / "a_1.csv", times=[0, 0.002, 0.003, 0.005])  # 600 Hz, printed to the millisecond
+    assert load(tmp_path, rate_hz=600)[0].rate_hz == 600
+    assert load(tmp_path)[0].rate_hz is None
+    with pytest.raises(RecordingFileError, match="stated rate of 100 Hz does not fit the stamps"):
+        load(tmp_path, rate_hz=100)
+
+
+def test_time_errors_are_repaired_only_when_told(tmp_path):
+    file = tmp_path / "a_1.csv"
+    body = ["0", "0.3", "0.1", "0.1", "0.5"]
+    file.write_text(
+        HEADER + ",flags\n" + "".join(f"{t},{i},0,0,0,0,0,{2 * (i == 3)}\n" for i, t in enumerate(body))
+    )
+    (tmp_path / "index.csv").write_text("file,label,trigger_index\na_1.csv,a,1\n")
+    with pytest.raises(
+        RecordingFileError, match=re.escape("time runs back from 0.3 to 0.1; on_time_error='repair'")
+    ):
+        load(tmp_path)
+    data = load(tmp_path, on_time_error="repair")
+    r = data[0]
+    assert r.time_s.tolist() == [0, 0.1, 0.3, 0.5]
+    assert r.wrench[:, 0].tolist() == [0, 2.5, 1, 4]
+    repaired = SampleFlag.TIME_REPAIRED
+    assert r.flags.tolist() == [0, SampleFlag.SATURATED | repaired, 0, 0]
+    assert r.trigger_index == 2
+    assert data.history[-1].totals["moved_samples"] == 2
+    assert data.history[-1].totals["merged_samples"] == 1
+    assert data.history[-1].rows == ({"name": "a_1.csv", "moved": 2, "merged": 1},)
+
+
+def test_repeated_stamps_alone(tmp_path):
+    write(tmp_path / "a_1.csv", times=[0, 0.1, 0.1, 0.3])
+    with pytest.raises(RecordingFileError, match=re.escape("the stamp 0.1 is repeated")) as caught:
+        load(tmp_path)
+    assert (caught.value.line, caught.value.column) == (4, "time")
+
+
+def test_a_missing_last_line_end_is_remarked(tmp_path):
+    file = tmp_path / "a_1.csv"
+    file.write_text(HEADER + "\n0,1,2,3,4,5,6")
+    assert "it may be cut off" in load(file).history[-1].rows[0]["remark"]
+
+
+def test_progress_is_told_of_every_file(tmp_path):
+    for k in range(3):
+        write(tmp_path / f"a_{k}.csv")
+    (tmp_path / "a_1.csv").write_text("broken")
+    calls = []
+    load(tmp_path, on_error="skip", progress=lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_long_files_are_read_in_pieces(tmp_path):
+    n = 30_000  # 2.9 MB: three pieces
+    wrench = write(tmp_path / "a_1.csv", times=np.arange(n) / 500)
+    recording = load(tmp_path)[0]
+    np.testing.assert_array_equal(recording.wrench, wrench)
+    assert recording.rate_hz == 500
+    text = (tmp_path / "a_1.csv").read_text().splitlines()
+    text[20_000] = text[20_000].replace(",", ",x", 1)
+    (tmp_path / "a_1.csv").write_text("\n".join(text) + "\n")
+    with pytest.raises(RecordingFileError) as caught:
+        load(tmp_path)
+    assert (caught.value.line, caught.value.column) == (20_001, "fx")
+
+
+def test_what_is_no_recording_is_said_to_be_none(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere: no such file or folder"):
+        load(tmp_path / "nowhere")
+    (tmp_path / "a.xlsx").write_bytes(b"PK")
+    with pytest.raises(RecordingFileError, match=r"no known format; what can be read: one CSV file.*folder"):
+        load(tmp_path / "a.xlsx")
+    with pytest.raises(RecordingFileError, match="holds no CSV recordings; wanted label/"):
+        load(tmp_path)
+
+
+def test_mixed_layouts_are_refused(tmp_path):
+    write(tmp_path / "rice_1.csv")
+    write(tmp_path / "peas" / "1.csv")
+    with pytest.raises(RecordingFileError, match=r"both here \('rice_1.csv'\) and in sub-folders"):
+        load(tmp_path)
+    (tmp_path / "rice_1.csv").unlink()
+    write(tmp_path / "peas" / "day1" / "1.csv")
+    with pytest.raises(RecordingFileError, match=r"peas: CSV files both here"):
+        load(tmp_path)
+    (tmp_path / "peas" / "1.csv").unlink()
+    write(tmp_path / "peas" / "day1" / "morning" / "1.csv")
+    with pytest.raises(RecordingFileError, match=r"morning: CSV files lie too deep"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("setting", "error"),
+    [
+        ({"rate_hz": 0}, ValueError),
+        ({"rate_hz": math.nan}, ValueError),
+        ({"rate_hz": "1"}, TypeError),
+        ({"on_error": "ignore"}, ValueError),
+        ({"on_time_error": "sort"}, ValueError),
+        ({"max_file_bytes": 0}, ValueError),
+        ({"max_file_bytes": 1.5}, TypeError),
+        ({"progress": True}, TypeError),
+    ],
+)
+def test_bad_settings_are_named(tmp_path, setting, error):
+    with pytest.raises(error, match=next(iter(setting))):
+        load(tmp_path, **setting)
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="needs symbolic links")
+def test_links_inside_the_folder_are_followed(tmp_path):
+    write(tmp_path / "set" / "rice" / "1.csv")
+    (tmp_path / "set" / "rice" / "2.csv").symlink_to("1.csv")
+    (tmp_path / "way").symlink_to("set")
+    assert load(tmp_path / "way").names == ("rice/1.csv", "rice/2.csv")
+    (tmp_path / "one.csv").symlink_to("set/rice/1.csv")
+    assert load(tmp_path / "one.csv")[0].n_samples == 3

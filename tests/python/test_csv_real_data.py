@@ -1,0 +1,48 @@
+"""The reader on a thousand real recordings, beside the plain numpy call."""
+
+import numpy as np
+import pytest
+
+from granular_id.io import load, save_csv
+
+pytestmark = pytest.mark.data
+
+
+@pytest.fixture(scope="module")
+def sliding(data_dir):
+    return load(data_dir / "sliding_wrench")
+
+
+def test_samples_and_stamps_are_those_of_loadtxt(sliding, data_dir):
+    assert len(sliding) == 1000
+    for recording in sliding.select(indices=range(0, 1000, 97)):
+        plain = np.loadtxt(data_dir / "sliding_wrench" / recording.name, delimiter=",", skiprows=1)
+        assert recording.wrench.tobytes() == np.ascontiguousarray(plain[:, 1:]).tobytes()
+        np.testing.assert_array_equal(recording.time_s, plain[:, 0] - plain[0, 0])
+        assert recording.start_time == plain[0, 0]
+        assert recording.name.startswith(recording.label)
+
+
+def test_it_notices_what_is_odd_about_them(sliding):
+    assert sliding.history[-1].totals["irregular"] == 1000
+    assert {r.n_samples for r in sliding} >= {64, 876}
+    codes = {finding.code: finding.message for finding in sliding.check()}
+    assert set(codes) == {"no-session", "irregular", "gaps", "lengths-differ", "length-tells-label"}
+    assert "'mat01' last 5.98 s" in codes["length-tells-label"]
+    assert "0.909 s, is in 'mat10/mat10_45.csv'" in codes["gaps"]
+    assert sliding.chronological_order()[1] == "start_time"
+
+
+def test_resampled_and_aligned_for_an_evaluation(sliding):
+    with pytest.raises(ValueError, match=r"mat04_04.csv' has a gap of 0.683 s"):
+        sliding.resample(100)
+    resampled = sliding.resample(100, on_gap="skip")
+    assert resampled.history[-1].totals["recordings_skipped"] == 31
+    aligned = resampled.align(duration_s=5.9)
+    assert aligned.X.shape == (969, 590, 6)
+    assert aligned.labels == tuple(f"mat{i:02d}" for i in range(1, 21))
+
+
+def test_round_trip(sliding, tmp_path):
+    part = sliding.select(indices=range(0, 1000, 50))
+    assert load(save_csv(part, tmp_path / "part")) == part

@@ -1,0 +1,208 @@
+"""``Recording``: checked once, frozen afterwards."""
+
+import copy
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+from granular_id.recording import AXES, Recording, SampleFlag
+
+WRENCH = np.arange(24.0).reshape(4, 6)
+
+
+def test_axes_are_forces_then_torques():
+    assert AXES == ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def test_keeps_what_it_was_given():
+    r = Recording(
+        WRENCH.astype(np.float32),
+        rate_hz=500,
+        label="rice",
+        session="monday",
+        start_time=1.5e9,
+        trigger_index=2,
+        meta={"tool": "cylinder", "speed_m_s": 0.03, "frame": [1, 2]},
+        flags=[0, 1, 0, 8],
+        name="rice_01",
+    )
+    assert r.wrench.dtype == np.float64
+    np.testing.assert_array_equal(r.wrench, WRENCH)
+    assert (r.rate_hz, r.label, r.session, r.start_time, r.trigger_index) == (
+        500.0,
+        "rice",
+        "monday",
+        1.5e9,
+        2,
+    )
+    assert r.meta == {"tool": "cylinder", "speed_m_s": 0.03, "frame": (1, 2)}
+    assert r.flags.tolist() == [0, 1, 0, SampleFlag.TIME_REPAIRED]
+    assert (r.n_samples, r.is_uniform, r.duration_s) == (4, True, 3 / 500)
+    np.testing.assert_array_equal(r.times(), np.arange(4) / 500)
+
+
+def test_irregular_recording_keeps_its_stamps():
+    r = Recording(WRENCH, time_s=[0, 0.1, 0.5, 0.6])
+    assert not r.is_uniform
+    assert r.duration_s == 0.6
+    assert r.times() is r.time_s
+
+
+def test_changes_to_the_source_do_not_reach_it():
+    source = WRENCH.copy()
+    meta = {"list": [1]}
+    r = Recording(source, rate_hz=1, meta=meta)
+    source[:] = 0
+    meta["list"].append(2)
+    np.testing.assert_array_equal(r.wrench, WRENCH)
+    assert r.meta == {"list": (1,)}
+
+
+def test_read_only_view_of_a_writable_array_is_copied():
+    source = WRENCH.copy()
+    view = source.view()
+    view.flags.writeable = False
+    r = Recording(view, rate_hz=1)
+    source[:] = 0
+    np.testing.assert_array_equal(r.wrench, WRENCH)
+
+
+def test_read_only_array_is_not_copied():
+    source = WRENCH.copy()
+    source.flags.writeable = False
+    assert Recording(source, rate_hz=1).wrench is source
+
+
+def test_frozen_through_and_through():
+    r = Recording(WRENCH, time_s=[0, 1, 2, 3], flags=[1, 0, 0, 0], meta={"a": {"b": 1}})
+    for array in (r.wrench, r.time_s, r.flags):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    with pytest.raises(AttributeError):
+        r.label = "x"
+    with pytest.raises(TypeError):
+        r.meta["a"]["b"] = 2
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(r)
+
+
+def test_no_flags_and_all_zero_flags_are_the_same():
+    plain, zero = Recording(WRENCH, rate_hz=1), Recording(WRENCH, rate_hz=1, flags=np.zeros(4, int))
+    assert zero.flags is None
+    assert plain == zero
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"wrench": WRENCH + 1},
+        {"wrench": WRENCH[:3], "time_s": [0, 1, 2], "flags": None},
+        {"time_s": [0, 1, 2, 4]},
+        {"time_s": None, "rate_hz": 1},
+        {"label": "peas"},
+        {"label": None},
+        {"session": "b"},
+        {"start_time": 3.0},
+        {"trigger_index": 0},
+        {"meta": {"a": 2}},
+        {"flags": [2, 0, 0, 0]},
+        {"name": "other"},
+    ],
+)
+def test_equality_looks_at_everything(change):
+    fields = {
+        "wrench": WRENCH,
+        "time_s": [0, 1, 2, 3],
+        "label": "rice",
+        "session": "a",
+        "start_time": 1.0,
+        "trigger_index": 1,
+        "meta": {"a": 1},
+        "flags": [1, 0, 0, 0],
+        "name": "n",
+    }
+    assert Recording(**fields) == Recording(**copy.deepcopy(fields))
+    assert Recording(**fields) != Recording(**{**fields, **change})
+    assert Recording(**fields) != "a recording"
+
+
+def test_survives_pickle_and_deepcopy_frozen():
+    r = Recording(WRENCH, time_s=[0, 1, 2, 3], meta={"a": {"b": [1, 2]}}, flags=[0, 0, 4, 0], label="rice")
+    for twin in (pickle.loads(pickle.dumps(r)), copy.deepcopy(r)):
+        assert twin == r
+        assert not twin.wrench.flags.writeable
+        assert not twin.time_s.flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "message"),
+    [
+        ({"wrench": WRENCH.ravel()}, ValueError, "wrench has shape (24,)"),
+        ({"wrench": WRENCH[:, :5]}, ValueError, "wrench has shape (4, 5)"),
+        ({"wrench": WRENCH[:0]}, ValueError, "wrench has shape (0, 6)"),
+        ({"wrench": 1.0}, ValueError, "wrench has shape ()"),
+        ({"wrench": [[1, 2], [3]]}, ValueError, "wrench is not a rectangular array"),
+        ({"wrench": WRENCH.astype(complex)}, TypeError, "wrench has dtype complex128"),
+        ({"wrench": WRENCH.astype(object)}, TypeError, "wrench has dtype object"),
+        ({"wrench": WRENCH.astype(str)}, TypeError, "wrench has dtype <U"),
+        ({"wrench": WRENCH > 1}, TypeError, "wrench has dtype bool"),
+        ({"wrench": np.ma.masked_array(WRENCH)}, TypeError, "wrench is a masked array"),
+        ({"wrench": None}, TypeError, "wrench has dtype object"),
+        ({"wrench": np.where(WRENCH == 8, np.nan, WRENCH)}, ValueError, "wrench[1, 2] (fz) is nan"),
+        ({"wrench": np.where(WRENCH == 23, -np.inf, WRENCH)}, ValueError, "wrench[3, 5] (tz) is -inf"),
+        (
+            {"rate_hz": None},
+            ValueError,
+            "exactly one of rate_hz (uniform) and time_s (irregular), got neither",
+        ),
+        (
+            {"time_s": [0, 1, 2, 3]},
+            ValueError,
+            "exactly one of rate_hz (uniform) and time_s (irregular), got both",
+        ),
+        ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
+        ({"rate_hz": -5}, ValueError, "rate_hz must be positive"),
+        ({"rate_hz": np.inf}, ValueError, "rate_hz must be finite, got inf"),
+        ({"rate_hz": 10**400}, ValueError, "rate_hz must be finite"),
+        ({"rate_hz": 5e-324}, ValueError, "last for ever"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got str"),
+        ({"rate_hz": True}, TypeError, "rate_hz must be a number, got bool"),
+        ({"rate_hz": None, "time_s": [0, 1, 2]}, ValueError, "time_s has shape (3,)"),
+        ({"rate_hz": None, "time_s": [1, 2, 3, 4]}, ValueError, "time_s[0] is 1"),
+        (
+            {"rate_hz": None, "time_s": [0, 1, 1, 2]},
+            ValueError,
+            "time_s[2] = 1.0 does not come after time_s[1] = 1.0",
+        ),
+        (
+            {"rate_hz": None, "time_s": [0, 2, 1, 3]},
+            ValueError,
+            "time_s[2] = 1.0 does not come after time_s[1] = 2.0",
+        ),
+        ({"rate_hz": None, "time_s": [0, np.nan, 1, 3]}, ValueError, "time_s[1] is nan"),
+        ({"label": ""}, ValueError, "label is empty"),
+        ({"label": 3}, TypeError, "label must be a str, got int"),
+        ({"label": "a\nb"}, ValueError, "label 'a\\nb' holds the control character"),
+        ({"label": "\udc80"}, ValueError, "label '\\udc80' holds the control character"),
+        ({"label": " rice"}, ValueError, "label ' rice' begins or ends with a space"),
+        ({"session": b"a"}, TypeError, "session must be a str, got bytes"),
+        ({"name": None}, TypeError, "name must be a str"),
+        ({"start_time": np.nan}, ValueError, "start_time must be finite"),
+        ({"trigger_index": 4}, ValueError, "trigger_index=4 is outside the 4 samples"),
+        ({"trigger_index": -1}, ValueError, "trigger_index=-1 is outside"),
+        ({"trigger_index": 1.0}, TypeError, "trigger_index must be an int, got float"),
+        ({"flags": [0, 0]}, ValueError, "flags has shape (2,); wanted (4,)"),
+        ({"flags": [0, 0, 16, 0]}, ValueError, "flags[2] is 16"),
+        ({"flags": np.array([0, 0, 255, 0], np.uint8)}, ValueError, "flags[2] is 255"),
+        ({"flags": [0.0] * 4}, TypeError, "flags has dtype float64"),
+        ({"meta": [1]}, TypeError, "meta must be a mapping"),
+        ({"meta": {1: 2}}, TypeError, "meta has the key 1"),
+        ({"meta": {"a": [np.nan]}}, ValueError, "meta['a'][0] is nan"),
+        ({"meta": {"a": {"b": WRENCH}}}, TypeError, "meta['a']['b'] is a ndarray"),
+    ],
+)
+def test_refuses_naming_the_argument(fields, error, message):
+    with pytest.raises(error, match=re.escape(message)):
+        Recording(**{"wrench": WRENCH, "rate_hz": 500, **fields})

@@ -1,0 +1,292 @@
+"""``Dataset``: order, selection, alignment, and a history that says everything."""
+
+import copy
+import json
+import pickle
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular_id.recording import Dataset, Recording, StepReport
+
+
+def recording(n=10, *, seed=0, **fields):
+    wrench = np.random.default_rng(seed).normal(size=(n, 6))
+    return Recording(wrench, **{"rate_hz": 100, "label": "rice", "name": f"r{seed}", **fields})
+
+
+@pytest.fixture
+def mixed():
+    return Dataset(
+        [
+            recording(10, seed=1, label="rice", session="a", start_time=30.0, trigger_index=2),
+            recording(12, seed=2, label="peas", session="b", start_time=10.0, trigger_index=5),
+            recording(11, seed=3, label="rice", session="b", start_time=20.0, trigger_index=0),
+        ]
+    )
+
+
+def test_what_is_in_it(mixed):
+    assert mixed.y.tolist() == ["rice", "peas", "rice"]
+    assert mixed.labels == ("peas", "rice")
+    assert mixed.sessions.tolist() == ["a", "b", "b"]
+    assert mixed.start_times.tolist() == [30, 10, 20]
+    assert mixed.names == ("r1", "r2", "r3")
+    assert mixed.rate_hz == 100
+    assert len(mixed) == 3
+    assert [r.name for r in mixed] == ["r1", "r2", "r3"]
+    assert mixed[-1].name == "r3"
+    assert repr(mixed) == "Dataset(3 recordings, 2 labels, 100 Hz)"
+
+
+def test_unknown_sessions_and_times_stay_unknown():
+    data = Dataset([recording(), recording(session="a", start_time=1.0)])
+    assert data.sessions.tolist() == [None, "a"]
+    assert np.isnan(data.start_times[0])
+    assert data.chronological_order()[1] == "file order"
+    np.testing.assert_array_equal(data.chronological_order()[0], [0, 1])
+
+
+def test_chronological_order_by_start_time(mixed):
+    order, basis = mixed.chronological_order()
+    assert order.tolist() == [1, 2, 0]
+    assert basis == "start_time"
+
+
+def test_labels_are_needed_for_y():
+    data = Dataset([recording(), recording(label=None, name="nameless")])
+    with pytest.raises(ValueError, match=re.escape("1 recordings have no label, the first is 'nameless'")):
+        _ = data.y
+
+
+def test_stacked_refuses_unequal_lengths_naming_align(mixed):
+    with pytest.raises(ValueError, match=r"10 to 12 samples.*\.align\(n_samples"):
+        _ = mixed.X
+
+
+def test_stacked_refuses_unequal_rates_naming_resample():
+    with pytest.raises(ValueError, match=r"differ in rate \(50 to 100 Hz\).*\.resample\(rate_hz\)"):
+        _ = Dataset([recording(), recording(rate_hz=50)]).X
+
+
+def test_stacked_refuses_irregular_recordings_naming_resample():
+    irregular = recording(3, seed=9, rate_hz=None, time_s=[0, 1, 3])
+    with pytest.raises(
+        ValueError, match=r"1 of 2 recordings are irregularly sampled.*'r9'.*\.resample\(rate_hz\)"
+    ):
+        _ = Dataset([recording(3), irregular]).X
+
+
+def test_stacked_stacks_in_order_once_read_only():
+    data = Dataset([recording(seed=i) for i in range(3)])
+    np.testing.assert_array_equal(data.X, np.stack([r.wrench for r in data]))
+    assert data.X is data.X
+    assert not data.X.flags.writeable
+
+
+def test_stacked_after_align_is_not_a_second_copy(mixed):
+    aligned = mixed.align(8)
+    assert aligned.X is aligned[0].wrench.base
+    np.testing.assert_array_equal(aligned.X, np.stack([r.wrench[:8] for r in mixed]))
+
+
+def test_stacked_of_a_part_of_an_aligned_set_is_right(mixed):
+    aligned = mixed.align(8)
+    for indices in ([2, 0, 1], [0, 1], [1, 1, 2], [2]):
+        np.testing.assert_array_equal(aligned.select(indices=indices).X, aligned.X[indices])
+
+
+def test_pickle_and_deepcopy_without_the_cached_array(mixed):
+    aligned = mixed.align(8)
+    bare = len(pickle.dumps(aligned))
+    assert aligned.X.shape == (3, 8, 6)
+    assert len(pickle.dumps(aligned)) == bare
+    for twin in (pickle.loads(pickle.dumps(aligned)), copy.deepcopy(aligned)):
+        assert twin == aligned
+        assert twin.history == aligned.history
+        np.testing.assert_array_equal(twin.X, aligned.X)
+
+
+def test_equality_is_of_recordings_not_of_history(mixed):
+    assert mixed == Dataset(list(mixed))
+    assert mixed.select(labels=["rice", "peas"]) == mixed
+    assert mixed != mixed[:2]
+    assert mixed != mixed.select(indices=[1, 0, 2])
+    assert mixed != list(mixed)
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(mixed)
+
+
+def test_select(mixed):
+    assert mixed.select(labels="rice").names == ("r1", "r3")
+    assert mixed.select(sessions=["b"]).names == ("r2", "r3")
+    assert mixed.select(labels="rice", sessions="b").names == ("r3",)
+    assert mixed.select(indices=[2, -3]).names == ("r3", "r1")
+    assert mixed.select(indices=mixed.y == "peas").names == ("r2",)
+    assert mixed[1:].names == ("r2", "r3")
+    assert mixed[[0]].names == ("r1",)
+    assert mixed.select(labels="rice").history[-1].totals == {"recordings_before": 3, "recordings_after": 2}
+
+
+@pytest.mark.parametrize(
+    ("how", "error", "message"),
+    [
+        ({"labels": "oats"}, ValueError, "labels: no recording has 'oats'; there are 'peas', 'rice'"),
+        ({"sessions": ["a", "c"]}, ValueError, "sessions: no recording has 'c'; there are 'a', 'b'"),
+        ({"labels": "peas", "sessions": "a"}, ValueError, "leaves no recording"),
+        ({"indices": []}, ValueError, "leaves no recording"),
+        ({"indices": [3]}, IndexError, "indices reach outside the 3 recordings"),
+        ({"indices": [True, False]}, ValueError, "indices is a mask of 2 for 3 recordings"),
+        ({"indices": [0.5]}, TypeError, "indices has dtype float64"),
+        ({"indices": [[0]]}, TypeError, "shape (1, 1)"),
+    ],
+)
+def test_select_refuses(mixed, how, error, message):
+    with pytest.raises(error, match=re.escape(message)):
+        mixed.select(**how)
+
+
+def test_concatenation_keeps_order_and_histories(mixed):
+    rice, peas = mixed.select(labels="rice"), mixed.select(labels="peas")
+    both = rice + peas
+    assert both.names == ("r1", "r3", "r2")
+    assert [step.step for step in both.history] == ["select", "select", "concatenate"]
+    assert Dataset.concatenate([rice, peas]) == both
+    with pytest.raises(TypeError, match=re.escape("datasets[1] is a list")):
+        Dataset.concatenate([rice, [1]])
+    with pytest.raises(TypeError, match="unsupported operand"):
+        _ = rice + 1
+
+
+@pytest.mark.parametrize(
+    ("recordings", "error", "message"),
+    [
+        ([], ValueError, "recordings is empty"),
+        ([1], TypeError, "recordings[0] is a int; wanted Recording"),
+        (3, TypeError, "recordings must be a sequence of Recording, got int"),
+        (Recording(np.zeros((1, 6)), rate_hz=1), TypeError, "recordings must be a sequence of Recording"),
+    ],
+)
+def test_dataset_refuses(recordings, error, message):
+    with pytest.raises(error, match=re.escape(message)):
+        Dataset(recordings)
+
+
+def test_align_crops_the_end_and_says_so(mixed):
+    aligned = mixed.align(n_samples=10)
+    report = aligned.history[-1]
+    assert report.totals == {
+        "recordings": 3,
+        "recordings_cropped": 2,
+        "recordings_skipped": 0,
+        "dropped_samples": 3,
+    }
+    assert [(row["name"], row["dropped_start"], row["dropped_end"]) for row in report.rows] == [
+        ("r2", 0, 2),
+        ("r3", 0, 1),
+    ]
+    assert [r.trigger_index for r in aligned] == [2, 5, 0]
+    assert aligned.start_times.tolist() == [30, 10, 20]
+    assert mixed.align("shortest") == aligned == mixed.align(duration_s=0.1)
+
+
+def test_align_at_the_recorded_trigger(mixed):
+    aligned = mixed.select(indices=[0, 1]).align(6, trigger="recorded", lead_s=0.02)
+    np.testing.assert_array_equal(aligned.X[0], mixed[0].wrench[0:6])
+    np.testing.assert_array_equal(aligned.X[1], mixed[1].wrench[3:9])
+    assert [r.trigger_index for r in aligned] == [2, 2]
+    assert aligned.start_times.tolist() == [30.0, 10.0 + 3 / 100]
+
+
+def test_align_at_given_samples_carries_flags_and_forgets_lost_triggers():
+    data = Dataset([recording(6, flags=[1, 0, 0, 2, 0, 0], trigger_index=0), recording(6, seed=1)])
+    aligned = data.align(3, trigger=[2, 3])
+    np.testing.assert_array_equal(aligned.X[0], data[0].wrench[2:5])
+    np.testing.assert_array_equal(aligned.X[1], data[1].wrench[3:6])
+    assert aligned[0].flags.tolist() == [0, 2, 0]
+    assert aligned[0].trigger_index is None
+
+
+def test_align_skips_short_recordings_only_when_told(mixed):
+    with pytest.raises(ValueError, match=r"'r1' is too short: 10 samples, 11 wanted.*on_short='skip'"):
+        mixed.align(11)
+    aligned = mixed.align(11, on_short="skip")
+    assert aligned.names == ("r2", "r3")
+    assert aligned.history[-1].totals["recordings_skipped"] == 1
+    assert aligned.history[-1].rows[0]["skipped"] == "is too short: 10 samples, 11 wanted"
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({}, "exactly one of n_samples (a number, or 'shortest') and duration_s"),
+        ({"n_samples": 3, "duration_s": 1.0}, "exactly one of n_samples"),
+        ({"n_samples": 0}, "n_samples=0 gives 0 samples"),
+        ({"n_samples": -2}, "n_samples=-2"),
+        ({"n_samples": "longest"}, "n_samples='longest'"),
+        ({"duration_s": 0.001}, "duration_s=0.001 at 100 Hz gives 0 samples"),
+        ({"duration_s": np.nan}, "duration_s must be finite"),
+        ({"duration_s": 1e308}, "duration_s times the rate must be finite"),
+        ({"n_samples": 13, "on_short": "skip"}, "none of the 3 recordings has 13 samples"),
+        ({"n_samples": 3, "on_short": "pad"}, "on_short='pad'"),
+        ({"n_samples": 3, "lead_s": 0.1}, "give trigger= too"),
+        ({"n_samples": 3, "trigger": "onset"}, "trigger='onset'"),
+        ({"n_samples": 3, "trigger": [1, 2]}, "trigger has 2 indices for 3 recordings"),
+        ({"n_samples": 3, "trigger": [1, 2, 11]}, "trigger 11 is outside recording 'r3' (11 samples)"),
+        (
+            {"n_samples": 3, "trigger": "recorded", "lead_s": 0.03},
+            "'r1' begins 1 samples too late for the lead",
+        ),
+    ],
+)
+def test_align_refuses(mixed, how, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        mixed.align(**how)
+
+
+def test_align_refuses_missing_triggers_and_rates():
+    with pytest.raises(ValueError, match="1 recordings have no trigger_index, the first is 'r0'"):
+        Dataset([recording()]).align(3, trigger="recorded")
+    with pytest.raises(ValueError, match=r"\.resample\(rate_hz\)"):
+        Dataset([recording(3, rate_hz=None, time_s=[0, 1, 3])]).align(2)
+
+
+@given(
+    lengths=st.lists(st.integers(5, 30), min_size=1, max_size=5),
+    n=st.integers(1, 8),
+    shift=st.integers(0, 4),
+)
+def test_align_accounts_for_every_sample(lengths, n, shift):
+    data = Dataset([recording(length, seed=i) for i, length in enumerate(lengths)])
+    aligned = None
+    fits = [length - shift >= n for length in lengths]
+    if not any(fits):
+        with pytest.raises(ValueError, match="none of the"):
+            data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+        return
+    aligned = data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+    kept = [r for r, fit in zip(data, fits, strict=True) if fit]
+    totals = aligned.history[-1].totals
+    assert totals["recordings_skipped"] == len(data) - len(kept)
+    assert totals["dropped_samples"] + n * len(kept) == sum(r.n_samples for r in kept)
+    np.testing.assert_array_equal(aligned.X, np.stack([r.wrench[shift : shift + n] for r in kept]))
+
+
+def test_reports_print_and_serialise(mixed):
+    history = mixed.select(labels="rice").align(9).history
+    for report in history:
+        assert json.loads(report.to_json()) == report.to_dict()
+        assert pickle.loads(pickle.dumps(report)) == report
+    assert str(history[-1]).splitlines()[0].startswith("align: n_samples=9")
+    assert "r3    11              0              2" in str(history[-1])
+
+
+def test_long_reports_print_their_first_rows():
+    report = StepReport("load", rows=[{"name": f"f{i}"} for i in range(25)])
+    assert str(report).splitlines()[-1] == "  ... and 15 more recordings"
+    assert "f9" in str(report)
+    assert "f10" not in str(report)
+    assert len(report.to_dict()["rows"]) == 25
