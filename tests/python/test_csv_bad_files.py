@@ -2,6 +2,7 @@
 
 import os
 import socket
+from pathlib import Path
 
 import pytest
 
@@ -183,11 +184,21 @@ def test_a_file_beyond_the_size_cap_is_not_read(tmp_path):
         RecordingFileError, match=f"has {len(GOOD)} bytes, more than max_file_bytes={len(GOOD) - 1}"
     ):
         load(file, max_file_bytes=len(GOOD) - 1)
-    assert len(load(file, max_file_bytes=len(GOOD))) == 1
+    assert len(load(file, max_file_bytes=4 * 40)) == 1
+    file.write_bytes(HEADER + b"\n" * 300_000)
+    with pytest.raises(RecordingFileError, match="300001 lines, more than 209715"):
+        load(file)
     with file.open("r+b") as sparse:
         sparse.truncate(1 << 40)  # a terabyte that takes no room on the disk
     with pytest.raises(RecordingFileError, match="1099511627776 bytes"):
         load(file)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs a file that hides its size")
+def test_a_file_with_more_in_it_than_it_says(tmp_path):
+    (tmp_path / "a.csv").symlink_to("/proc/self/status")
+    with pytest.raises(RecordingFileError, match="grows while it is read"):
+        load(tmp_path / "a.csv")
 
 
 def test_what_is_named_like_a_file_but_is_none(tmp_path):

@@ -8,6 +8,7 @@ import stat
 from pathlib import Path
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.options import MIN_LINE_BYTES
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -38,7 +39,7 @@ def refuse_outside(path: Path, root: Path) -> None:
 
 
 def read_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
-    """Read a regular file inside `root` of at most `max_bytes`, checking before reading.
+    """Read a regular file inside `root` of at most `max_bytes`, checked before reading.
 
     Raises
     ------
@@ -63,10 +64,17 @@ def _read(descriptor: int, path: Path, max_bytes: int) -> bytes:
     if not stat.S_ISREG(status.st_mode):
         raise RecordingFileError(path, "is not a regular file")
     if status.st_size > max_bytes:
-        problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}; raise that to read it"
-        raise RecordingFileError(path, problem)
+        problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}"
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
     with open(descriptor, "rb", closefd=False) as file:
         data = file.read(status.st_size + 1)  # one more, to see a file that grows while it is read
     if len(data) > status.st_size:
         raise RecordingFileError(path, "grows while it is read; wait until the recording is complete")
+    lines = data.count(b"\n")
+    if lines * MIN_LINE_BYTES > max_bytes:
+        most = max_bytes // MIN_LINE_BYTES
+        problem = (
+            f"has {lines} lines, more than {most} (max_file_bytes={max_bytes}, {MIN_LINE_BYTES} bytes a line)"
+        )
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
     return data

@@ -59,8 +59,8 @@ def load(
         What to do where time runs backwards or a stamp is repeated: raise with the line, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
     max_file_bytes : int
-        Largest file that is read; 16 MiB by default (7 minutes at 500 Hz), so that a file that is no
-        recording is refused within a second and 256 MB.
+        Largest file that is read, a line counting as at least 40 bytes; 8 MiB by default (three minutes at
+        500 Hz), so that a file that is no recording is refused within a second and 256 MB.
     progress : callable, optional
         Called as ``progress(files_done, files_in_all)`` after each file.
 

@@ -6,8 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-MAX_FILE_BYTES = 16 * 1024 * 1024
-"""Default size cap of one text file: 7 minutes of 500 Hz samples, read or refused within a second."""
+MAX_FILE_BYTES = 8 * 1024 * 1024
+"""Default size cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
+
+MIN_LINE_BYTES = 40
+"""A line counts as at least this many bytes towards the cap: short lines take as long as others to parse."""
 
 
 @dataclass(frozen=True)
