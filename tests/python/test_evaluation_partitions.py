@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular_id.evaluation.partitions import (
-    chronological_order,
     chronological_partitions,
+    describe_order,
     paper_partitions,
 )
 
@@ -74,27 +74,17 @@ def test_chronological_halves_each_class_in_order(case, seed):
         assert late.size - early.size in (0, 1)
 
 
-def test_order_by_start_time():
-    order, note = chronological_order([3.0, 1.0, 2.0], ["a", "a", "b"], ["x", "y", "z"])
-    assert order.tolist() == [1, 2, 0]
-    assert note == "by start time"
-
-
 @pytest.mark.parametrize(
-    ("times", "why"),
-    [([np.nan] * 3, "carry no start time"), ([0.0] * 3, "start at the same time")],
+    ("times", "note"),
+    [
+        ([3.0, 1.0, 2.0], "by start time"),
+        ([5.0, 1.0, 1.0], "by start time"),  # the equal times are in different classes
+        ([np.nan] * 3, "by file order: the recordings carry no start time"),
+        ([0.0] * 3, "by file order: all recordings start at the same time, so their clocks say nothing"),
+    ],
 )
-def test_order_by_file_says_why(times, why):
-    order, note = chronological_order(times, ["a", "a", "b"], ["x", "y", "z"])
-    assert order.tolist() == [0, 1, 2]
-    assert note.startswith("by file order")
-    assert why in note
-
-
-def test_equal_times_in_different_classes_are_an_order():
-    order, note = chronological_order([5.0, 1.0, 1.0], ["a", "a", "b"], ["x", "y", "z"])
-    assert order.tolist() == [1, 2, 0]
-    assert note == "by start time"
+def test_where_the_order_comes_from(times, note):
+    assert describe_order(times, ["a", "a", "b"], ["x", "y", "z"]) == note
 
 
 @pytest.mark.parametrize(
@@ -106,7 +96,7 @@ def test_equal_times_in_different_classes_are_an_order():
 )
 def test_no_order(times, message):
     with pytest.raises(ValueError, match="no order for the chronological protocol: " + re.escape(message)):
-        chronological_order(times, ["a", "a", "b"], ["x", "y", "z"])
+        describe_order(times, ["a", "a", "b"], ["x", "y", "z"])
 
 
 @pytest.mark.parametrize("make", [paper_partitions, lambda y: chronological_partitions(y, np.arange(len(y)))])

@@ -10,7 +10,7 @@ import pytest
 from sklearn.metrics import confusion_matrix, f1_score, recall_score
 
 from granular_id.evaluation.export import CSV_COLUMNS
-from granular_id.evaluation.files import check_target, whole_file
+from granular_id._files import check_target, whole_file
 from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
 from granular_id.evaluation.result import EvaluationResult, SpaceSummary
 from granular_id.evaluation.tables import confusion_table, gap_lines, mistakes_table, seconds_table
@@ -149,7 +149,7 @@ def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
     assert "97.05 %" in row
     mean, sd = result.mean_accuracy("raw+hfmh"), result.sd_accuracy("raw+hfmh")
     assert f"{100 * mean:.2f} ± {100 * sd:.2f} %" in row
-    assert row.endswith(f"{100 * result.gap('raw+hfmh'):.1f} points")
+    assert row.endswith(f" {100 * result.gap('raw+hfmh'):.1f}")
     assert (
         "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here" in text
     )
@@ -170,7 +170,7 @@ def test_gap_sentence_states_the_figures(result):
     )
     assert gap_lines(make_result(protocols=("paper",))) == ()
     even = gap_lines(make_result(right=(1.0, 1.0)))
-    assert even[0].endswith("nothing is lost over time")
+    assert even[0].endswith("less than a point is lost over time")
 
 
 def test_gap_says_when_training_sizes_differ():

@@ -12,7 +12,7 @@ import math
 import os
 from typing import TYPE_CHECKING, Any
 
-from granular_id.evaluation.files import whole_file
+from granular_id._files import whole_file
 
 if TYPE_CHECKING:
     from granular_id.evaluation.partitions import Partition

@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "PROTOCOLS",
     "Partition",
-    "chronological_order",
     "chronological_partitions",
+    "describe_order",
     "paper_partitions",
 ]
 
@@ -30,8 +30,8 @@ PROTOCOLS = {
     "chronological": "one half of each class in time order trains, the other is tested",
 }
 
-FORWARD = "first half to second half"
-BACKWARD = "second half to first half"
+FORWARD = "1st->2nd half"
+BACKWARD = "2nd->1st half"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Partition:
     index : int
         Position within its protocol, from 0.
     description : str
-        What this split is, for a table: ``"partition 3"`` or ``"first half to second half"``.
+        What this split is, for a table: ``"partition 3"`` or ``"1st->2nd half"``.
     train, test : (n_train,) and (n_test,) int arrays
         Row numbers, ascending, without a row in both.
     """
@@ -126,7 +126,7 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
     y : (n,) array
         Label of each recording.
     order : (n,) int array
-        Row numbers from the earliest to the latest recording, see `chronological_order`.
+        Row numbers from the earliest to the latest recording, see `Dataset.chronological_order`.
 
     Returns
     -------
@@ -163,13 +163,11 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
     ]
 
 
-def chronological_order(
-    start_times: ArrayLike, labels: ArrayLike, names: Sequence[str]
-) -> tuple[NDArray[np.intp], str]:
-    """Order of recordings in time, and one line that says where it comes from.
+def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[str]) -> str:
+    """Say where the order of recordings in time comes from, and refuse when there is none.
 
     Start times decide when every recording has one. When none has (or all share one, as clocks that start at
-    zero do) the order of the data set is taken, which for a folder is the order of its files by name.
+    zero do) the order of the data set stands in, which for a folder is the natural order of its files.
 
     Parameters
     ----------
@@ -182,10 +180,8 @@ def chronological_order(
 
     Returns
     -------
-    order : (n,) int array
-        Row numbers from earliest to latest.
-    note : str
-        ``"by start time"`` or ``"by file order ..."``.
+    str
+        ``"by start time"`` or ``"by file order ..."`` with the reason.
 
     Raises
     ------
@@ -194,14 +190,13 @@ def chronological_order(
 
     Examples
     --------
-    >>> order, note = chronological_order([30.0, 10.0, 20.0], ["a", "a", "b"], ["x", "y", "z"])
-    >>> order.tolist(), note
-    ([1, 2, 0], 'by start time')
+    >>> describe_order([30.0, 10.0, 20.0], ["a", "a", "b"], ["x", "y", "z"])
+    'by start time'
     """
     times = np.asarray(start_times, dtype=np.float64)
     known = np.isfinite(times)
     if not known.any():
-        return np.arange(times.size, dtype=np.intp), "by file order: the recordings carry no start time"
+        return "by file order: the recordings carry no start time"
     if not known.all():
         row = int(np.flatnonzero(~known)[0])
         raise ValueError(
@@ -209,8 +204,7 @@ def chronological_order(
             f"but {int(known.sum())} of {times.size} recordings have one"
         )
     if times.size > 1 and (times == times[0]).all():
-        note = "by file order: all recordings start at the same time, so their clocks say nothing"
-        return np.arange(times.size, dtype=np.intp), note
+        return "by file order: all recordings start at the same time, so their clocks say nothing"
     seen: dict[tuple[str, float], int] = {}
     for row, (label, time) in enumerate(zip(np.asarray(labels).tolist(), times.tolist(), strict=True)):
         twin = seen.setdefault((label, time), row)
@@ -219,7 +213,7 @@ def chronological_order(
                 f"no order for the chronological protocol: recordings {names[twin]!r} and {names[row]!r} "
                 f"of class {label!r} start at the same time"
             )
-    return np.argsort(times, kind="stable").astype(np.intp), "by start time"
+    return "by start time"
 
 
 def positive_int(name: str, value: Any) -> int:

@@ -70,7 +70,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
         if protocol == "chronological":
             header += [partition.description for partition in partitions]
         else:
-            header += [f"{len(partitions)} random partitions", "macro-F1"]
+            header += [f"{len(partitions)} random", "macro-F1"]
     both = {"paper", "chronological"} <= set(result.partitions)
     if both:
         header.append("gap")
@@ -87,7 +87,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
                 macro = f"{result.macro_f1(space.name, protocol):.3f}"
                 row += [f"{100 * values.mean():.2f}{spread} %", macro]
         if both:
-            row.append(f"{100 * (result.gap(space.name) or 0.0):.1f} points")
+            row.append(f"{100 * (result.gap(space.name) or 0.0):.1f}")
         rows.append(tuple(row))
     notes = [PAPER_NOTE] if any(space.paper_accuracy is not None for space in result.spaces) else []
     title = f"Accuracy {kind} ({counts})"
@@ -109,7 +109,7 @@ def gap_lines(result: EvaluationResult) -> tuple[str, ...]:
         if gap >= 0.01:
             lines.append(f"{figures}{100 * gap:.1f} points of it come from recordings of the same session")
         else:
-            lines.append(f"{figures}nothing is lost over time")
+            lines.append(f"{figures}less than a point is lost over time")
     if lines:
         sizes = {name: _train_per_class(result, name) for name in ("paper", "chronological")}
         if sizes["paper"] != sizes["chronological"]:
@@ -128,7 +128,7 @@ def seconds_table(result: EvaluationResult) -> Table:
         rows.append(
             (space.name, *(f"{value:.2f}" for value in spent), f"{sum(spent):.2f}", str(space.n_features))
         )
-    return Table("Seconds", ("space", *STAGES, "sum", "number of features"), tuple(rows))
+    return Table("Seconds", ("space", *STAGES, "sum", "dimension"), tuple(rows))
 
 
 def confusion_table(result: EvaluationResult, space: str, protocol: str) -> Table:

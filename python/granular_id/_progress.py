@@ -1,4 +1,4 @@
-"""Telling a waiting person how far an evaluation is."""
+"""Telling a waiting person how far the work is."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 
-__all__ = ["ProgressCallback", "Ticker", "ticking"]
+__all__ = ["ProgressCallback", "Ticker", "showing"]
 
 ProgressCallback = Callable[[int, int, str], None]
 """Called as ``progress(done, total, what)``: steps finished, steps in all, what the last one was."""
@@ -39,7 +39,7 @@ class Ticker:
 
 
 @contextmanager
-def ticking(progress: bool | ProgressCallback, total: int) -> Iterator[Ticker]:
+def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
     """Show progress for the length of a block.
 
     Parameters
@@ -47,24 +47,23 @@ def ticking(progress: bool | ProgressCallback, total: int) -> Iterator[Ticker]:
     progress : bool or callable
         True draws a bar on standard error when that is a terminal and rich is installed, and is silent
         otherwise; False is silent; a callable is called, see `ProgressCallback`.
-    total : int
-        Steps in all.
 
     Yields
     ------
-    Ticker
+    callable or None
+        To be called after each step; None when nobody wants to know.
     """
     if callable(progress):
-        yield Ticker(total, progress)
+        yield progress
     elif progress and sys.stderr.isatty():
-        with _bar(total) as callback:
-            yield Ticker(total, callback)
+        with _bar() as callback:
+            yield callback
     else:
-        yield Ticker(total, None)
+        yield None
 
 
 @contextmanager
-def _bar(total: int) -> Iterator[ProgressCallback | None]:
+def _bar() -> Iterator[ProgressCallback | None]:
     try:
         from rich.console import Console  # noqa: PLC0415 (an extra; the library works without it)
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
@@ -73,7 +72,7 @@ def _bar(total: int) -> Iterator[ProgressCallback | None]:
         return
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total)
+        task = bar.add_task("", total=None)
 
         def callback(done: int, total: int, what: str) -> None:
             bar.update(task, completed=done, total=total, description=what)

@@ -1,0 +1,67 @@
+"""What went into an evaluation, in types that JSON knows."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from sklearn.base import BaseEstimator
+
+from granular_id.recording import Dataset
+
+__all__ = ["describe_data", "describe_estimator", "is_synthetic", "warnings_in"]
+
+
+def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
+    """Return class name and all parameters of an estimator, nested estimators included.
+
+    Parameters
+    ----------
+    estimator : scikit-learn estimator
+
+    Returns
+    -------
+    dict
+        ``{"class": name, parameter: value, ...}``; values that JSON does not know become their ``repr``.
+    """
+    described: dict[str, Any] = {"class": type(estimator).__name__}
+    described.update({name: _plain(value) for name, value in estimator.get_params(deep=False).items()})
+    return described
+
+
+def describe_data(data: Dataset) -> dict[str, Any]:
+    """Return size, rate and summary of a data set with the history of the steps that made it."""
+    n_recordings, n_samples, n_axes = data.X.shape
+    return {
+        "n_recordings": n_recordings,
+        "n_samples": n_samples,
+        "n_axes": n_axes,
+        "rate_hz": data.rate_hz,
+        "summary": data.summary().to_dict(),
+        "history": [step.to_dict() for step in data.history],
+    }
+
+
+def is_synthetic(data: Dataset) -> bool:
+    """Whether any recording was simulated rather than measured."""
+    return any(bool(recording.meta.get("synthetic", False)) for recording in data)
+
+
+def warnings_in(data: Dataset) -> list[str]:
+    """Return what `Dataset.check` finds that may mislead a reader of the accuracies, one line each."""
+    return [str(finding) for finding in data.check() if finding.severity != "info"]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return repr(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if hasattr(value, "get_params") and not isinstance(value, type):
+        return describe_estimator(value)
+    return repr(value)

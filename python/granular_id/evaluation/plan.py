@@ -1,0 +1,173 @@
+"""From the arguments of `evaluate` to a checked plan: which spaces, which partitions, which seed."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral
+from typing import Any
+
+from sklearn.base import BaseEstimator
+
+from granular_id.evaluation.partitions import (
+    PROTOCOLS,
+    Partition,
+    chronological_partitions,
+    describe_order,
+    paper_partitions,
+)
+from granular_id.recording import Dataset
+from granular_id.spaces import FeatureSpace, feature_spaces
+
+__all__ = ["Space", "in_paper_order", "plan_partitions", "plan_protocols", "plan_seed", "plan_spaces"]
+
+
+@dataclass(frozen=True)
+class Space:
+    """A feature space to evaluate: a name and a transformer of (n, T, C) recordings to (n, D) features."""
+
+    name: str
+    transformer: BaseEstimator
+    paper_accuracy: float | None
+    learns: bool
+
+
+def plan_seed(random_state: int | None) -> int:
+    """Return the seed: the given one, or for None a fresh one that the result will record."""
+    if random_state is None:
+        return secrets.randbits(32)
+    if isinstance(random_state, bool) or not isinstance(random_state, Integral):
+        raise TypeError(
+            f"random_state must be a whole number or None, got {type(random_state).__name__} {random_state!r}"
+        )
+    if random_state < 0:
+        raise ValueError(f"random_state must not be negative, got {random_state}")
+    return int(random_state)
+
+
+def plan_spaces(
+    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace], rate_hz: float
+) -> list[Space]:
+    """Turn the `spaces` argument of `evaluate` into a list.
+
+    Parameters
+    ----------
+    spaces : str, sequence of str or mapping
+        ``"paper"``: every space of the paper that exists here, in the paper's order (best accuracy first).
+        Names: those, in the order given. A mapping of name to transformer or `FeatureSpace`: those.
+    rate_hz : float
+        Sampling rate of the recordings, which the named spaces need for their filter.
+
+    Returns
+    -------
+    list of Space
+        A transformer without a boolean attribute ``learns`` counts as learning, the safe side: it is then
+        fitted on the training rows of each partition.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Neither of the above; an unknown name; none at all; twice the same.
+    """
+    if isinstance(spaces, Mapping):
+        plan = [_own(name, transformer) for name, transformer in spaces.items()]
+    else:
+        known = feature_spaces(rate_hz=rate_hz)
+        plan = [_known(known[name]) for name in _names(spaces, known)]
+    if not plan:
+        raise ValueError("spaces must name at least one feature space, got none")
+    return plan
+
+
+def plan_protocols(protocol: str | Sequence[str]) -> list[str]:
+    """Turn the `protocol` argument of `evaluate` into a list of known names."""
+    names = [protocol] if isinstance(protocol, str) else list(protocol)
+    known = ", ".join(map(repr, PROTOCOLS))
+    for name in names:
+        if name not in PROTOCOLS:
+            raise ValueError(f"protocol must be one of {known}, got {name!r}")
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"protocol must name one or more of {known}, each once, got {names!r}")
+    return names
+
+
+def plan_partitions(
+    data: Dataset,
+    protocol: str,
+    *,
+    n_partitions: int = 20,
+    train_per_class: int = 50,
+    test_per_class: int = 12,
+    seed: int = 0,
+) -> tuple[list[Partition], str]:
+    """Draw the partitions of one protocol, with a line on how they were drawn.
+
+    Parameters
+    ----------
+    data : Dataset
+        The recordings; only labels, names and start times are read.
+    protocol : str
+        ``"paper"`` or ``"chronological"``; the other arguments matter to ``"paper"`` only.
+    n_partitions, train_per_class, test_per_class, seed : int
+        See `paper_partitions`.
+
+    Returns
+    -------
+    partitions : list of Partition
+    note : str
+        For the reader of the result.
+
+    Raises
+    ------
+    ValueError
+        The data cannot be split this way; the message says why.
+    """
+    if protocol == "paper":
+        drawn = paper_partitions(
+            data.y,
+            n_partitions=n_partitions,
+            train_per_class=train_per_class,
+            test_per_class=test_per_class,
+            seed=seed,
+        )
+        counts = f"{train_per_class} recordings of each class train, {test_per_class} are tested"
+        return drawn, f"random: {counts}, seed {seed}"
+    note = describe_order(data.start_times, data.y, data.names)
+    order, _ = data.chronological_order()
+    return chronological_partitions(data.y, order), f"chronological: {note}"
+
+
+def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
+    """Names of feature spaces, the one with the best accuracy in the paper first."""
+    return sorted(known, key=lambda name: -(known[name].paper_accuracy or 0.0))
+
+
+def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> list[str]:
+    if spaces == "paper":
+        return in_paper_order(known)
+    names = [spaces] if isinstance(spaces, str) else list(spaces)
+    for name in names:
+        if name not in known:
+            choices = ", ".join(map(repr, ("paper", *known)))
+            raise ValueError(f"spaces must be among {choices}, got {name!r}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"spaces must name each feature space once, got {names!r}")
+    return names
+
+
+def _known(space: FeatureSpace) -> Space:
+    return Space(space.name, space.transformer, space.paper_accuracy, space.learns)
+
+
+def _own(name: Any, transformer: Any) -> Space:
+    if not isinstance(name, str) or not name:
+        raise TypeError(f"spaces: a name must be non-empty text, got {name!r}")
+    if isinstance(transformer, FeatureSpace):
+        return Space(name, transformer.transformer, transformer.paper_accuracy, transformer.learns)
+    if not (hasattr(transformer, "fit") and hasattr(transformer, "transform")):
+        raise TypeError(
+            f"spaces[{name!r}] must have fit and transform like a scikit-learn transformer, "
+            f"got {type(transformer).__name__}"
+        )
+    return Space(name, transformer, None, bool(getattr(transformer, "learns", True)))
