@@ -1,0 +1,33 @@
+"""The command ``granular-id``.
+
+The command line needs typer and rich (extra ``app``); the library does not. Nothing in the package imports
+this module.
+"""
+
+from __future__ import annotations
+
+import sys
+
+__all__ = ["main"]
+
+_PARTS = ("typer", "rich")
+
+
+def main() -> None:
+    """Run ``granular-id`` with the arguments of the process and exit with its code.
+
+    0: done. 1: an extra is missing. 2: bad input or usage. 130: interrupted by Ctrl-C.
+    """
+    try:
+        try:
+            from granular_id.cli.app import app  # noqa: PLC0415 (an extra that may be missing)
+        except ModuleNotFoundError as error:
+            missing = (error.name or "").partition(".")[0]
+            if missing not in _PARTS:
+                raise
+            sys.exit(f"granular-id: the command line needs {missing}: pip install 'granular-id[app]'")
+        app()
+    except KeyboardInterrupt:
+        # Ctrl-C before a command has begun; inside one, `guarded` answers it with the same line.
+        sys.stderr.write("Interrupted.\n")
+        sys.exit(130)

@@ -1,0 +1,102 @@
+"""One red line instead of a traceback, in the words of the command line."""
+
+from __future__ import annotations
+
+import functools
+import os
+import re
+from collections.abc import Callable
+from typing import ParamSpec
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+__all__ = ["DEBUG", "guarded", "in_options"]
+
+DEBUG = "GRANULAR_ID_DEBUG"
+"""Environment variable: when set, an error ends in its traceback instead of one line."""
+
+BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
+
+OPTIONS = {
+    "rate_hz": "--rate-hz",
+    "max_gap_s": "--max-gap-s",
+    "on_gap": "--on-gap",
+    "on_short": "--on-short",
+    "on_error": "--on-error",
+    "on_time_error": "--on-time-error",
+    "n_samples": "--n-samples",
+    "duration_s": "--duration-s",
+    "n_partitions": "--partitions",
+    "train_per_class": "--train",
+    "test_per_class": "--test",
+    "cutoff_hz": "--cutoff-hz",
+    "n_bins": "--n-bins",
+    "bin_range": "--bin-range",
+    "random_state": "--seed",
+    "order": "--order",
+}
+
+P = ParamSpec("P")
+
+
+def guarded(command: Callable[P, None]) -> Callable[P, None]:
+    """Turn the exceptions of a command into one line on standard error and an exit code.
+
+    Bad input (ValueError, TypeError, OSError) exits with 2, a missing extra (an ImportError that says what to
+    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback.
+    """
+
+    @functools.wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            _say("Interrupted: no file was left half-written.", "yellow")
+            raise typer.Exit(INTERRUPTED) from None
+        except (ValueError, TypeError, OSError, ImportError) as error:
+            if os.environ.get(DEBUG) or isinstance(error, ModuleNotFoundError):
+                raise
+            _say(f"error: {in_options(str(error))}", "bold red")
+            raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
+
+    return run
+
+
+def in_options(message: str, rate_option: str = "--rate-hz") -> str:
+    """Say a message of the library in the options of the command line.
+
+    Parameters
+    ----------
+    message : str
+        For example ``"... pass on_short='skip'"``.
+    rate_option : str
+        What `rate_hz` is called: when reading files it is ``--recorded-hz``.
+
+    Returns
+    -------
+    str
+        For example ``"... pass --on-short skip"``, on one line.
+
+    Examples
+    --------
+    >>> in_options("train_per_class must be at least 1, got 0")
+    '--train must be at least 1, got 0'
+    >>> in_options("raise max_gap_s (None: no limit), or pass on_gap='skip'")
+    'raise --max-gap-s (inf: no limit), or pass --on-gap skip'
+    """
+    one_line = " ".join(message.split()).replace("(None: no limit)", "(inf: no limit)")
+    for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
+        # Not where the name is part of a path, a quotation or a longer name, nor a column of a file.
+        word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
+        one_line = re.sub(rf"{word}='([^']*)'", rf"{option} \1", one_line)
+        one_line = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", one_line)
+        one_line = re.sub(rf"{word}=", option, one_line)
+        if "_" in name:
+            one_line = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, one_line)
+    return one_line
+
+
+def _say(line: str, style: str) -> None:
+    Console(stderr=True).print(Text(line, style=style), soft_wrap=True)

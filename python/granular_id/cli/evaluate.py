@@ -1,0 +1,239 @@
+"""``granular-id evaluate``: how well the materials in a folder of recordings are told apart."""
+
+from __future__ import annotations
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import guarded, in_options
+from granular_id.cli.prepare import Preparation, prepare, step_text
+from granular_id.cli.session import Outputs, Run, evaluate_and_show
+
+__all__ = ["evaluate"]
+
+EXAMPLES = """
+Measure how well the materials in a folder of recordings are told apart.
+
+FOLDER holds one sub-folder of CSV files per material (`rice/01.csv`), files named after it (`rice_01.csv`),
+or an `index.csv`; header `time,fx,fy,fz,tx,ty,tz`, in seconds, N and N m. Nothing is resampled, cropped or
+left out unless an option asks for it; a refusal names the option.
+
+Examples:
+
+`granular-id evaluate recordings`
+
+`granular-id evaluate recordings --train 40 --test 10 --json result.json --csv predictions.csv`
+
+`granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
+
+`granular-id evaluate recordings --protocol chronological --spaces raw,raw+hfmh --figures figures`
+
+Random partitions (the paper's protocol) flatter a method that recognises the session instead of the material.
+Halves in time order run beside them where the data allow it, and the gap between the two is shown.
+"""
+
+
+class Protocol(str, Enum):
+    """Choices of ``--protocol``."""
+
+    paper = "paper"
+    chronological = "chronological"
+    both = "both"
+
+
+class Handling(str, Enum):
+    """Choices of ``--on-error``, ``--on-gap`` and ``--on-short``."""
+
+    refuse = "raise"
+    skip = "skip"
+
+
+class Repair(str, Enum):
+    """Choices of ``--on-time-error``."""
+
+    refuse = "raise"
+    repair = "repair"
+
+
+DATA, SPLIT, METHOD, OUTPUT = "Recordings", "Partitions", "Method", "Output"
+
+
+def _option(name: str, panel: str, text: str) -> Any:
+    return typer.Option(name, help=text, rich_help_panel=panel)
+
+
+@guarded
+def evaluate(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recordings.")],
+    *,
+    rate_hz: Annotated[
+        float | None, _option("--rate-hz", DATA, "Resample to this rate (linear interpolation).")
+    ] = None,
+    max_gap_s: Annotated[
+        float, _option("--max-gap-s", DATA, "Longest gap to fill when resampling; inf: any.")
+    ] = 0.25,
+    on_gap: Annotated[
+        Handling, _option("--on-gap", DATA, "A longer gap: refuse, or leave the recording out.")
+    ] = Handling.refuse,
+    duration_s: Annotated[
+        float | None, _option("--duration-s", DATA, "Keep this many seconds from the start.")
+    ] = None,
+    n_samples: Annotated[
+        str | None, _option("--n-samples", DATA, "Keep this many samples, or: shortest.")
+    ] = None,
+    on_short: Annotated[
+        Handling, _option("--on-short", DATA, "A shorter recording: refuse, or leave it out.")
+    ] = Handling.refuse,
+    on_error: Annotated[
+        Handling, _option("--on-error", DATA, "A file that cannot be read: refuse, or leave it out.")
+    ] = Handling.refuse,
+    on_time_error: Annotated[
+        Repair,
+        _option("--on-time-error", DATA, "Time running backwards or repeated: refuse, or sort and merge."),
+    ] = Repair.refuse,
+    recorded_hz: Annotated[
+        float | None, _option("--recorded-hz", DATA, "Rate of files that have no time column.")
+    ] = None,
+    exclude: Annotated[str, _option("--exclude", DATA, "Materials to leave out, separated by commas.")] = "",
+    protocol: Annotated[
+        Protocol, _option("--protocol", SPLIT, "both: chronological too where there is an order in time.")
+    ] = Protocol.both,
+    train: Annotated[
+        int, _option("--train", SPLIT, "Training recordings of each class (random partitions).")
+    ] = 50,
+    test: Annotated[int, _option("--test", SPLIT, "Test recordings of each class (random partitions).")] = 12,
+    partitions: Annotated[int, _option("--partitions", SPLIT, "Number of random partitions.")] = 20,
+    seed: Annotated[int, _option("--seed", SPLIT, "Same seed, same numbers.")] = 0,
+    spaces: Annotated[
+        str, _option("--spaces", METHOD, "Feature spaces separated by commas; paper: all.")
+    ] = "paper",
+    cutoff_hz: Annotated[float, _option("--cutoff-hz", METHOD, "High-pass cut-off of the histogram.")] = 23.0,
+    order: Annotated[int, _option("--order", METHOD, "High-pass order.")] = 8,
+    n_bins: Annotated[int, _option("--n-bins", METHOD, "Bins per axis.")] = 100,
+    bin_range: Annotated[
+        str, _option("--bin-range", METHOD, "LOW,HIGH in N and N m; auto: learned per axis.")
+    ] = "-1.5,1.5",
+    c: Annotated[float, _option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
+    threads: Annotated[
+        int | None, _option("--threads", METHOD, "The numbers do not depend on it. Default: all cores.")
+    ] = None,
+    json: Annotated[Path | None, _option("--json", OUTPUT, "Write figures, settings and partitions.")] = None,
+    csv: Annotated[Path | None, _option("--csv", OUTPUT, "Write every prediction.")] = None,
+    figures: Annotated[
+        Path | None, _option("--figures", OUTPUT, "Write mean_forces.png and confusion.png into this folder.")
+    ] = None,
+    confusion: Annotated[
+        str | None, _option("--confusion", OUTPUT, "Space of the confusion matrix. Default: the best.")
+    ] = None,
+    quiet: Annotated[bool, _option("--quiet", OUTPUT, "Print accuracies only.")] = False,
+) -> None:
+    """Print accuracies, confusions and seconds for a folder; see `EXAMPLES`."""
+    preparation = Preparation(
+        rate_hz=rate_hz,
+        max_gap_s=max_gap_s,
+        duration_s=duration_s,
+        n_samples=_length(n_samples),
+        exclude=_names(exclude),
+        on_gap=on_gap.value,
+        on_short=on_short.value,
+    )
+    ranges = _bin_range(bin_range)
+    if figures is not None:
+        figures.mkdir(parents=True, exist_ok=True)
+    outputs = Outputs(
+        json=json,
+        csv=csv,
+        mean_forces=None if figures is None else figures / "mean_forces.png",
+        confusion=None if figures is None else figures / "confusion.png",
+    )
+    outputs.check()
+
+    from granular_id._progress import showing  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.io import load  # noqa: PLC0415
+
+    console = Console(highlight=False)
+
+    def say(text: str) -> None:
+        if not quiet:
+            console.print(text, soft_wrap=True, markup=False)
+
+    with showing(not quiet) as callback:
+        try:
+            data = load(
+                folder,
+                rate_hz=recorded_hz,
+                on_error=on_error.value,
+                on_time_error=on_time_error.value,
+                progress=None if callback is None else lambda done, total: callback(done, total, "reading"),
+            )
+        except ValueError as error:
+            raise ValueError(in_options(str(error), rate_option="--recorded-hz")) from None
+    say(step_text(data.history[-1]))
+    data = prepare(data, preparation, say)
+
+    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
+    from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
+    from granular_id.spaces import feature_spaces  # noqa: PLC0415
+
+    known = feature_spaces(
+        rate_hz=data.rate_hz,
+        cutoff_hz=cutoff_hz,
+        order=order,
+        n_bins=n_bins,
+        bin_range=ranges,
+        threads=threads,
+    )
+    chosen = in_paper_order(known) if spaces == "paper" else _names(spaces)
+    for name in (*chosen, *([confusion] if confusion else [])):
+        if name not in known:
+            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+    if confusion and confusion not in chosen:
+        raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
+    run = Run(
+        spaces={name: known[name] for name in chosen},
+        protocols=("paper",) if protocol is Protocol.both else (protocol.value,),
+        tried="chronological" if protocol is Protocol.both else None,
+        confusion_of=confusion,
+        arguments={
+            "n_partitions": partitions,
+            "train_per_class": train,
+            "test_per_class": test,
+            "classifier": ECOCClassifier(C=c),
+            "n_jobs": threads if threads is not None else -1,
+            "random_state": seed,
+        },
+    )
+    evaluate_and_show(data, run, outputs, ["granular-id", *sys.argv[1:]], quiet=quiet)
+
+
+evaluate.__doc__ = EXAMPLES
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _length(text: str | None) -> int | Literal["shortest"] | None:
+    if text is None:
+        return None
+    if text == "shortest":
+        return "shortest"
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
+
+
+def _bin_range(text: str) -> Literal["auto"] | tuple[float, float]:
+    if text == "auto":
+        return "auto"
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got {text!r}") from None
+    return low, high

@@ -1,0 +1,143 @@
+"""From a folder to recordings of one rate and one length, by the steps that were asked for and no others."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset, StepReport
+
+__all__ = ["Preparation", "prepare", "step_text"]
+
+Choice = Literal["raise", "skip"]
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What was asked for on the command line; None leaves a step out.
+
+    Parameters
+    ----------
+    rate_hz : float or None
+        Resample to this rate, Hz.
+    max_gap_s : float
+        Longest gap that resampling may fill, s; infinity for no limit.
+    duration_s, n_samples : float or None, int, "shortest" or None
+        Common length to crop to; at most one of the two.
+    exclude : sequence of str
+        Labels to leave out.
+    on_gap, on_short : {"raise", "skip"}
+        What to do with a gap that is too long, a recording that is too short.
+    """
+
+    rate_hz: float | None
+    max_gap_s: float
+    duration_s: float | None
+    n_samples: int | Literal["shortest"] | None
+    exclude: Sequence[str] = ()
+    on_gap: Choice = "raise"
+    on_short: Choice = "raise"
+
+
+def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> Dataset:
+    """Leave out labels, resample and crop as asked; say what each step did.
+
+    Parameters
+    ----------
+    data : Dataset
+        As loaded.
+    wanted : Preparation
+    say : callable
+        Gets one text per step.
+
+    Returns
+    -------
+    Dataset
+        Of one rate and one length.
+
+    Raises
+    ------
+    ValueError
+        Recordings are irregular, differ in rate or differ in length and no option says what to do; the
+        message proposes the option.
+    """
+    if wanted.duration_s is not None and wanted.n_samples is not None:
+        raise ValueError("give one of duration_s and n_samples, not both")
+    if wanted.exclude:
+        unknown = sorted(set(wanted.exclude) - set(data.labels))
+        if unknown:
+            known = ", ".join(data.labels)
+            raise ValueError(f"--exclude names {unknown[0]!r}, which is no label here; there are {known}")
+        kept = [label for label in data.labels if label not in wanted.exclude]
+        if not kept:
+            raise ValueError("--exclude leaves no recording")
+        data = _told(data.select(labels=kept), say)
+    if wanted.rate_hz is None:
+        _refuse_unequal_rates(data)
+    elif any(recording.rate_hz != wanted.rate_hz for recording in data):
+        limit = None if math.isinf(wanted.max_gap_s) else wanted.max_gap_s
+        data = _told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
+    if wanted.duration_s is not None or wanted.n_samples is not None:
+        aligned = data.align(wanted.n_samples, duration_s=wanted.duration_s, on_short=wanted.on_short)
+        data = _told(aligned, say)
+    else:
+        _refuse_unequal_lengths(data)
+    return data
+
+
+def step_text(step: StepReport) -> str:
+    """Print a step with its totals and notes.
+
+    Reading names each recording that was repaired or left out; resampling and cropping change most of them
+    and name only those left out. All of them are in the JSON file.
+    """
+    rows = step.rows if step.step == "load" else [row for row in step.rows if "skipped" in row]
+    return str(replace(step, rows=rows))
+
+
+def _told(data: Dataset, say: Callable[[str], None]) -> Dataset:
+    say(step_text(data.history[-1]))
+    return data
+
+
+def _refuse_unequal_rates(data: Dataset) -> None:
+    irregular = [recording for recording in data if recording.rate_hz is None]
+    rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
+    if not irregular and len(rates) == 1:
+        return
+    if irregular:
+        import numpy as np  # noqa: PLC0415 (an error is no reason to start slowly)
+
+        step_s = float(np.median(np.concatenate([np.diff(recording.times()) for recording in irregular])))
+        raise ValueError(
+            f"{len(irregular)} of {len(data)} recordings are sampled irregularly, with a median step of "
+            f"{1000 * step_s:.3g} ms; nothing is resampled unasked: "
+            f"add --rate-hz {_round_below(1 / step_s):g}"
+        )
+    raise ValueError(
+        f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked: "
+        f"add --rate-hz {rates[0]:g}"
+    )
+
+
+def _refuse_unequal_lengths(data: Dataset) -> None:
+    lengths = sorted(recording.n_samples for recording in data)
+    if lengths[0] == lengths[-1]:
+        return
+    short = min(data, key=lambda recording: recording.n_samples)
+    middle = lengths[len(lengths) // 2]
+    raise ValueError(
+        f"recordings last {lengths[0]} to {lengths[-1]} samples ({lengths[0] / data.rate_hz:g} to "
+        f"{lengths[-1] / data.rate_hz:g} s), the shortest is {short.name!r}; nothing is cropped unasked: "
+        f"add --n-samples shortest to keep the first {lengths[0]} of all, or a larger number with "
+        f"--on-short skip to leave out the shorter ones (half have at least {middle})"
+    )
+
+
+def _round_below(rate_hz: float) -> float:
+    """Return the largest of 1, 2, 5, 10, 20, 50, ... that is not above a rate."""
+    power = 10.0 ** math.floor(math.log10(rate_hz))
+    return max(step * power for step in (1, 2, 5) if step * power <= rate_hz * (1 + 1e-9))

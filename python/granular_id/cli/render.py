@@ -1,0 +1,72 @@
+"""Results on a terminal: the same figures as the plain-text tables, with colour and wrapping."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from granular_id.evaluation.tables import (
+    Table,
+    accuracy_table,
+    confusion_table,
+    mistakes_table,
+    seconds_table,
+)
+
+if TYPE_CHECKING:
+    from granular_id.evaluation import EvaluationResult
+
+__all__ = ["print_result", "print_table"]
+
+
+def print_result(console: Console, result: EvaluationResult, space: str | None, *, brief: bool) -> None:
+    """Print accuracies with gaps and notes, and unless `brief` the confusion of a space and the seconds.
+
+    Parameters
+    ----------
+    console : Console
+    result : EvaluationResult
+    space : str or None
+        Whose confusion matrix; None: the space with the best mean accuracy of each protocol.
+    brief : bool
+        Accuracies only.
+    """
+    print_table(console, accuracy_table(result), strong=result.synthetic)
+    if brief:
+        return
+    for protocol in result.protocols:
+        chosen = space or result.best_space(protocol)
+        matrix = confusion_table(result, chosen, protocol)
+        fits = _width(matrix) <= console.width
+        print_table(console, matrix if fits else mistakes_table(result, chosen, protocol), tight=fits)
+    print_table(console, seconds_table(result))
+
+
+def print_table(console: Console, table: Table, *, strong: bool = False, tight: bool = False) -> None:
+    """Print one table with its title above and its notes below."""
+    console.print()
+    console.print(Text(table.title, style="bold yellow" if strong else "bold"))
+    if table.rows:
+        drawn = RichTable(
+            box=box.SIMPLE_HEAD,
+            show_edge=False,
+            pad_edge=False,
+            padding=(0, 0) if tight else (0, 0, 0, 1),
+            header_style="bold",
+        )
+        for i, name in enumerate(table.header):
+            drawn.add_column(Text(name), justify="right" if i else "left", no_wrap=tight)
+        for row in table.rows:
+            drawn.add_row(*(Text(cell) for cell in row))
+        console.print(drawn)
+    for note in table.notes:
+        console.print(Text(note), highlight=False)
+
+
+def _width(table: Table) -> int:
+    rows = (table.header, *table.rows)
+    return sum(max(len(row[i]) for row in rows) + 1 for i in range(len(table.header))) - 1
