@@ -259,7 +259,7 @@ def test_errors_survive_pickle_and_unprintable_names(tmp_path):
 BAD_INDEX = {
     "no file column": (b"label,session\nrice,a\n", 1, None, "no column 'file'"),
     "doubled column": (b"file,label,label\n", 1, "3", "column 'label' occurs twice"),
-    "nameless column": (b"file,,label\n", 1, "2", "the column has no name"),
+    "nameless column": (b"file,,label\n", 1, "2", "the column has no proper name"),
     "lists nothing": (b"file,label\n\n", 2, None, "lists no file"),
     "empty": (b"", None, None, "is empty"),
     "binary": (b"file,label\na\0,b\n", 2, None, "is binary"),
@@ -273,17 +273,19 @@ BAD_INDEX = {
         "file",
         "'good.csv' is already listed in line 2",
     ),
-    "up and out": (b"file\n../good.csv\n", 2, "file", "is not a path within the folder"),
-    "up in the middle": (b"file\na/../../good.csv\n", 2, "file", "is not a path within"),
-    "absolute": (b"file\n/etc/passwd\n", 2, "file", "is not a path within"),
-    "backslashes": (b"file\n..\\good.csv\n", 2, "file", "is not a path within"),
-    "drive": (b"file\nC:good.csv\n", 2, "file", "is not a path within"),
-    "control character": (b'file\n"go\x07od.csv"\n', 2, "file", "is not a path within"),
-    "no path": (b"file,label\n,rice\n", 2, "file", "is not a path within"),
-    "the folder itself": (b"file,label\n.,rice\n", 2, "file", "is not a path within"),
+    "up and out": (b"file\n../good.csv\n", 2, "file", "is not a CSV file within the folder"),
+    "up in the middle": (b"file\na/../../good.csv\n", 2, "file", "is not a CSV file within"),
+    "absolute": (b"file\n/etc/passwd\n", 2, "file", "is not a CSV file within"),
+    "backslashes": (b"file\n..\\good.csv\n", 2, "file", "is not a CSV file within"),
+    "drive": (b"file\nC:good.csv\n", 2, "file", "is not a CSV file within"),
+    "control character": (b'file\n"go\x07od.csv"\n', 2, "file", "is not a CSV file within"),
+    "no path": (b"file,label\n,rice\n", 2, "file", "is not a CSV file within"),
+    "the folder itself": (b"file,label\n.,rice\n", 2, "file", "is not a CSV file within"),
+    "no CSV file": (b"file,label\ngood.txt,rice\n", 2, "file", "is not a CSV file within"),
+    "unprintable column": (b"file,\x01\n", 1, "2", "the column has no proper name"),
     "itself": (b"file,label\nindex.csv,rice\n", 1, "1", "unknown column 'file'"),
-    "folder": (b"file,label\nfolder,rice\n", None, None, "is not a regular file"),
-    "name too long": (b"file\n" + b"a" * 5000 + b"\n", None, None, "cannot be read"),
+    "folder": (b"file,label\nfolder.csv,rice\n", None, None, "is not a regular file"),
+    "name too long": (b"file\n" + b"a" * 5000 + b".csv\n", None, None, "cannot be read"),
     "bad start time": (
         b"file,start_time\ngood.csv,yesterday\n",
         2,
@@ -311,7 +313,7 @@ BAD_INDEX = {
 @pytest.mark.parametrize("name", BAD_INDEX)
 def test_one_error_for_a_bad_index(tmp_path, name):
     data, line, column, problem = BAD_INDEX[name]
-    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder.csv").mkdir()
     (tmp_path / "good.csv").write_bytes(GOOD)
     (tmp_path / "index.csv").write_bytes(data)
     with pytest.raises(RecordingFileError) as caught:

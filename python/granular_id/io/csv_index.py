@@ -50,8 +50,12 @@ def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[Record
     data = read_bounded(path, root, max_bytes)
     columns, start = split_header(data, path)
     for i, column in enumerate(columns):
-        if not column or column in columns[:i]:
-            problem = f"column {column!r} occurs twice" if column else "the column has no name"
+        if not column or not column.isprintable() or column in columns[:i]:
+            problem = (
+                f"column {column!r} occurs twice"
+                if column in columns[:i]
+                else "the column has no proper name"
+            )
             raise RecordingFileError(path, problem, line=1, column=str(i + 1))
     if "file" not in columns:
         raise RecordingFileError(path, f"no column 'file'; wanted {', '.join(INDEX_COLUMNS)}", line=1)
@@ -140,17 +144,12 @@ def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
 
 def _inside(root: Path, text: str, line: int) -> Path:
     """Turn a cell into a path under the folder; anything that could lead elsewhere is refused."""
-    parts = PurePosixPath(text).parts
-    if (
-        not parts
-        or text.startswith("/")
-        or ".." in parts
-        or any(c in text for c in "\\:")
-        or not text.isprintable()
-    ):
-        problem = f"{text[:80]!r} is not a path within the folder (like rice/rice_01.csv)"
+    path = PurePosixPath(text)
+    strange = any(c in text for c in "\\:") or not text.isprintable()
+    if path.suffix.lower() != ".csv" or path.is_absolute() or ".." in path.parts or strange:
+        problem = f"{text[:80]!r} is not a CSV file within the folder (like rice/rice_01.csv)"
         raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="file")
-    return root.joinpath(*parts)
+    return root.joinpath(path)
 
 
 def _meta(root: Path, text: str, line: int) -> dict[str, Any]:
