@@ -53,6 +53,38 @@ pub enum Error {
         /// The value found.
         a0: f64,
     },
+    /// A section with a pole outside the unit circle: any input would grow without bound.
+    #[error(
+        "sos must be stable, got section {section} with a pole of radius {radius} (at most 1 is wanted)"
+    )]
+    Unstable {
+        /// Row of the section.
+        section: usize,
+        /// Distance of its outermost pole from the origin.
+        radius: f64,
+    },
+    /// A steady state asked of a section with a pole at `z = 1`.
+    #[error("sos must have a finite gain at frequency zero, got section {section} with a pole at z = 1: no steady state")]
+    NoSteadyState {
+        /// Row of the section.
+        section: usize,
+    },
+    /// A filter whose gain or poles float64 cannot hold.
+    #[error("order {order} is too high for so narrow or extreme a band: the gain, {gain:e}, leaves float64")]
+    Unrepresentable {
+        /// The order asked for.
+        order: usize,
+        /// The gain, zero or subnormal or not finite.
+        gain: f64,
+    },
+    /// Padding as long as the signal or longer.
+    #[error("x must be longer than padlen along the axis, got {len} samples for padlen = {padlen}")]
+    Padding {
+        /// Samples along the axis.
+        len: usize,
+        /// Samples of padding asked for at each end.
+        padlen: usize,
+    },
     /// A histogram without bins, or with more than `MAX_BINS`.
     #[error("n_bins must be in 1..={max}, got {n_bins}")]
     Bins {
@@ -111,7 +143,9 @@ pub enum Error {
         value: f64,
     },
     /// Finite input so large that the filter left the range of float64.
-    #[error("wrench is too large to filter: recording {recording} reaches {largest:e} and overflows float64")]
+    #[error(
+        "wrench is too large to filter: recording {recording} reaches {largest:e} and overflows float64"
+    )]
     Overflow {
         /// The recording.
         recording: usize,

@@ -1,11 +1,23 @@
 //! Names the granular material under a robot's tool from a 6-axis force-torque signal.
 
+// Tests compare results that are exact.
+#![cfg_attr(test, allow(clippy::float_cmp))]
+
+pub mod butterworth;
+mod cascade;
+mod complex;
 pub mod error;
+mod pairing;
 pub mod sos;
+pub mod sosfilt;
+pub mod state;
 pub mod wrench;
 
 #[cfg(feature = "python")]
 mod python;
 
+pub use butterworth::{butterworth, Band};
 pub use error::{Error, Result};
 pub use sos::Sos;
+pub use sosfilt::{sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Padding};
+pub use state::SosState;

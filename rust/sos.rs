@@ -1,6 +1,9 @@
-//! Second-order sections: immutable coefficients, and what a stream remembers.
+//! Second-order sections: checked, immutable coefficients.
 
 use crate::error::{Error, Result};
+
+/// How far a coefficient may lie beyond the edge of stability and still count as rounding of an integrator.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// One biquad `(b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,7 +16,72 @@ pub struct Section {
     pub a2: f64,
 }
 
-/// A cascade of second-order sections. Never changes; state lives in [`SosState`].
+impl Section {
+    /// The row `[b0, b1, b2, a0, a1, a2]`, with `a0 = 1`.
+    #[must_use]
+    pub const fn row(&self) -> [f64; 6] {
+        [self.b0, self.b1, self.b2, 1.0, self.a1, self.a2]
+    }
+
+    /// Distance from the origin to the pole farthest from it.
+    #[must_use]
+    pub fn pole_radius(&self) -> f64 {
+        let (half, root) = (0.5 * self.a1.abs(), self.a2.abs().sqrt());
+        if self.a2 <= 0.0 {
+            half + libm::hypot(half, root)
+        } else if root > half {
+            root
+        } else {
+            // sqrt(a1^2 / 4 - a2) without squares, which may overflow.
+            half + (half - root).sqrt() * (half + root).sqrt()
+        }
+    }
+
+    /// A pole outside the unit circle by more than the rounding of its coefficients.
+    ///
+    /// A section whose numerator equals its denominator passes every sample through unchanged, whatever its poles.
+    #[allow(clippy::float_cmp)] // equal to the last bit, or the poles do not cancel
+    fn is_unstable(&self) -> bool {
+        let cancels = self.b0 == 1.0 && self.b1 == self.a1 && self.b2 == self.a2;
+        let beyond = (self.a2 - 1.0).max(self.a1.abs() - (1.0 + self.a2));
+        beyond > ROUNDING && !cancels
+    }
+
+    /// State in which a constant input of 1 gives a constant output; `None` with a pole at `z = 1`.
+    ///
+    /// The linear system is solved by elimination with row exchange, in the order in which a general solver does it.
+    fn steady_state(&self) -> Option<[f64; 2]> {
+        let (c0, c1) = (self.b1 - self.a1 * self.b0, self.b2 - self.a2 * self.b0);
+        // [1 + a1, -1; a2, 1] z = [c0; c1]
+        let first = 1.0 + self.a1;
+        let z = if self.a2.abs() > first.abs() {
+            let factor = first * (1.0 / self.a2);
+            let z1 = (c0 - factor * c1) / (-1.0 - factor);
+            [(c1 - z1) / self.a2, z1]
+        } else {
+            let factor = self.a2 * (1.0 / first);
+            let z1 = (c1 - factor * c0) / (1.0 + factor);
+            [(c0 + z1) / first, z1]
+        };
+        z.iter().all(|v| v.is_finite()).then_some(z)
+    }
+
+    /// Gain at frequency zero.
+    fn dc_gain(&self) -> f64 {
+        (self.b0 + self.b1 + self.b2) / (1.0 + self.a1 + self.a2)
+    }
+}
+
+/// A cascade of second-order sections. Never changes; what a stream remembers lives in
+/// [`SosState`](crate::SosState).
+///
+/// ```
+/// use granular_id::Sos;
+///
+/// let smooth = Sos::new(&[[0.5, 0.0, 0.0, 1.0, -0.5, 0.0]])?;
+/// assert_eq!(smooth.max_pole_radius(), 0.5);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sos {
     sections: Vec<Section>,
@@ -21,22 +89,33 @@ pub struct Sos {
 
 impl Sos {
     /// Checks rows `[b0, b1, b2, a0, a1, a2]` as `scipy.signal` writes them.
+    ///
+    /// # Errors
+    /// - [`Error::NoSections`]: no row at all.
+    /// - [`Error::NonFiniteCoefficient`], [`Error::LeadingCoefficient`]: a coefficient is not finite, an `a0` is not 1.
+    /// - [`Error::Unstable`]: a pole lies outside the unit circle, so that any input would grow without bound. A pole on
+    ///   the circle (an integrator, to within rounding) is allowed, and so is a pole that a section's own zeros cancel
+    ///   exactly.
     pub fn new(rows: &[[f64; 6]]) -> Result<Self> {
         if rows.is_empty() {
             return Err(Error::NoSections);
         }
         let mut sections = Vec::with_capacity(rows.len());
-        for (section, row) in rows.iter().enumerate() {
+        for (index, row) in rows.iter().enumerate() {
             if let Some(column) = row.iter().position(|v| !v.is_finite()) {
                 let value = row[column];
-                return Err(Error::NonFiniteCoefficient { section, column, value });
+                return Err(Error::NonFiniteCoefficient { section: index, column, value });
             }
             let [b0, b1, b2, a0, a1, a2] = *row;
             #[allow(clippy::float_cmp)] // the convention is an exact one
             if a0 != 1.0 {
-                return Err(Error::LeadingCoefficient { section, a0 });
+                return Err(Error::LeadingCoefficient { section: index, a0 });
             }
-            sections.push(Section { b0, b1, b2, a1, a2 });
+            let section = Section { b0, b1, b2, a1, a2 };
+            if section.is_unstable() {
+                return Err(Error::Unstable { section: index, radius: section.pole_radius() });
+            }
+            sections.push(section);
         }
         Ok(Self { sections })
     }
@@ -45,5 +124,121 @@ impl Sos {
     #[must_use]
     pub fn sections(&self) -> &[Section] {
         &self.sections
+    }
+
+    /// Distance from the origin to the pole farthest from it; below 1 the filter forgets its past.
+    #[must_use]
+    pub fn max_pole_radius(&self) -> f64 {
+        self.sections.iter().map(Section::pole_radius).fold(0.0, f64::max)
+    }
+
+    /// The state `[z0, z1]` of each section under a constant input of 1 that has lasted forever.
+    ///
+    /// Starting from this state, scaled by the first sample, an offset in the signal makes no transient
+    /// (`scipy.signal.sosfilt_zi`).
+    ///
+    /// # Errors
+    /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`: its output grows for as long as the input lasts.
+    pub fn steady_state(&self) -> Result<Vec<[f64; 2]>> {
+        let mut scale = 1.0;
+        let mut states = Vec::with_capacity(self.sections.len());
+        for (index, section) in self.sections.iter().enumerate() {
+            let no_state = Error::NoSteadyState { section: index };
+            let [z0, z1] = section.steady_state().ok_or_else(|| no_state.clone())?;
+            states.push([scale * z0, scale * z1]);
+            scale *= section.dc_gain();
+            if !scale.is_finite() {
+                return Err(no_state);
+            }
+        }
+        Ok(states)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Sos;
+    use crate::error::Error;
+
+    const SMOOTH: [f64; 6] = [0.5, 0.0, 0.0, 1.0, -0.5, 0.0];
+
+    #[test]
+    fn malformed_rows_are_refused_by_name() {
+        assert_eq!(Sos::new(&[]), Err(Error::NoSections));
+        let mut row = SMOOTH;
+        row[4] = f64::INFINITY;
+        let error = Error::NonFiniteCoefficient { section: 1, column: 4, value: f64::INFINITY };
+        assert_eq!(Sos::new(&[SMOOTH, row]), Err(error));
+        row = SMOOTH;
+        row[3] = 2.0;
+        assert_eq!(Sos::new(&[SMOOTH, row]), Err(Error::LeadingCoefficient { section: 1, a0: 2.0 }));
+    }
+
+    #[test]
+    fn pole_radius_of_real_double_and_complex_poles() {
+        for (a1, a2, radius) in [
+            (0.0, 0.0, 0.0),
+            (-0.5, 0.0, 0.5),
+            (0.5, 0.0, 0.5),
+            (-1.0, 0.25, 0.5),
+            (0.0, 0.25, 0.5),
+            (0.0, -0.25, 0.5),
+            (-1.0, 0.0, 1.0),
+            (-2.0, 1.0, 1.0),
+            (-1.5, 0.5, 1.0),
+            (1e-200, -0.25, 0.5),
+        ] {
+            let sos = Sos::new(&[[1.0, 0.0, 0.0, 1.0, a1, a2]]).unwrap();
+            assert!((sos.max_pole_radius() - radius).abs() < 1e-15, "{a1} {a2}");
+        }
+    }
+
+    #[test]
+    fn poles_outside_the_unit_circle_are_refused_with_section_and_radius() {
+        for (a1, a2, expected) in [(-1.5, 0.0, 1.5), (0.0, 1.21, 1.1), (3.0, 2.0, 2.0), (0.0, -4.0, 2.0)] {
+            match Sos::new(&[SMOOTH, [1.0, 0.0, 0.0, 1.0, a1, a2]]) {
+                Err(Error::Unstable { section: 1, radius }) => assert!((radius - expected).abs() < 1e-14),
+                other => panic!("{a1} {a2}: {other:?}"),
+            }
+        }
+        for huge in [f64::MAX, -f64::MAX] {
+            assert!(matches!(Sos::new(&[[1.0, 0.0, 0.0, 1.0, huge, 0.0]]), Err(Error::Unstable { .. })));
+            assert!(matches!(Sos::new(&[[1.0, 0.0, 0.0, 1.0, huge, huge]]), Err(Error::Unstable { .. })));
+        }
+    }
+
+    #[test]
+    fn integrators_and_exact_cancellation_are_allowed() {
+        let rounding = 1.0 + f64::EPSILON;
+        for row in [
+            [1.0, 0.0, 0.0, 1.0, -1.0, 0.0],
+            [1.0, 0.0, 0.0, 1.0, -2.0, 1.0],
+            [1.0, 0.0, 0.0, 1.0, 0.0, rounding],
+            [1.0, 2.0, 3.0, 1.0, 2.0, 3.0],
+        ] {
+            assert!(Sos::new(&[row]).is_ok(), "{row:?}");
+        }
+    }
+
+    #[test]
+    fn steady_state_holds_a_constant() {
+        let rows = [[0.2, 0.3, 0.1, 1.0, -0.4, 0.2], [0.7, -0.1, 0.4, 1.0, 0.1, 0.8]];
+        let sos = Sos::new(&rows).unwrap();
+        let states = sos.steady_state().unwrap();
+        let mut x = 1.0;
+        for (s, [z0, z1]) in sos.sections().iter().zip(states) {
+            let y = s.b0 * x + z0;
+            assert!((s.b1 * x - s.a1 * y + z1 - z0).abs() < 1e-14);
+            assert!((s.b2 * x - s.a2 * y - z1).abs() < 1e-14);
+            x = y;
+        }
+    }
+
+    #[test]
+    fn a_pole_at_one_has_no_steady_state() {
+        let sos = Sos::new(&[SMOOTH, [1.0, 0.0, 0.0, 1.0, -1.0, 0.0]]).unwrap();
+        assert_eq!(sos.steady_state(), Err(Error::NoSteadyState { section: 1 }));
+        let differentiated = Sos::new(&[[1.0, -1.0, 0.0, 1.0, -1.0, 0.0]]).unwrap();
+        assert_eq!(differentiated.steady_state(), Err(Error::NoSteadyState { section: 0 }));
     }
 }

@@ -1,0 +1,280 @@
+//! Butterworth filters as second-order sections.
+//!
+//! Classic design: poles of the analog low-pass on the unit circle, moved to the band asked for at pre-warped
+//! frequencies, brought to the z-plane by the bilinear transform, and paired as `scipy.signal.zpk2sos` does. The result
+//! equals `scipy.signal.butter(order, edges, band, fs=rate_hz, output="sos")` section by section. Transcendental
+//! functions come from the `libm` crate, so that every machine has the same coefficients.
+//!
+//! Two pairs of poles of a band that lies symmetrically about a quarter of the sampling rate are equally far from the
+//! unit circle. There rounding decides which section comes first, here and in scipy, and the two may differ.
+
+use std::f64::consts::PI;
+
+use crate::complex::Complex;
+use crate::error::{Error, Result};
+use crate::pairing;
+use crate::sos::Sos;
+
+/// The highest order that can be designed.
+pub const MAX_ORDER: usize = 32;
+
+/// What a filter lets pass; edges in hertz, at which the magnitude is down by 3 dB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Band {
+    /// Everything below the cut-off.
+    Lowpass(f64),
+    /// Everything above the cut-off.
+    Highpass(f64),
+    /// Everything between a low and a high edge.
+    Bandpass(f64, f64),
+    /// Everything but what lies between a low and a high edge.
+    Bandstop(f64, f64),
+}
+
+/// An analog filter.
+struct Analog {
+    /// Finite zeros, as many as the order or twice as many; none for a low-pass.
+    zeros: Vec<Complex>,
+    /// As many as the order, or twice as many.
+    poles: Vec<Complex>,
+    /// The gain is this number to the power of the order.
+    gain_root: f64,
+}
+
+/// Designs a digital Butterworth filter.
+///
+/// # Arguments
+/// - `order`: order of the low-pass prototype, 1 to [`MAX_ORDER`]; a band-pass or band-stop has twice as many poles.
+/// - `band`: what passes, with edges in hertz inside the open interval (0, `rate_hz` / 2).
+/// - `rate_hz`: sampling rate in hertz.
+///
+/// # Errors
+/// [`Error::Order`], [`Error::Rate`], [`Error::Cutoff`] and [`Error::Band`] name the argument that is out of range.
+/// [`Error::Unrepresentable`] and [`Error::Unstable`]: the numbers are allowed one by one, yet the band is so narrow or
+/// so close to an end of the spectrum that float64 cannot hold the filter.
+///
+/// # Example
+/// ```
+/// use granular_id::{butterworth, Band};
+///
+/// let sos = butterworth(8, Band::Highpass(23.0), 500.0)?;
+/// assert_eq!(sos.sections().len(), 4);
+/// assert!(sos.max_pole_radius() < 1.0);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+pub fn butterworth(order: usize, band: Band, rate_hz: f64) -> Result<Sos> {
+    if !(1..=MAX_ORDER).contains(&order) {
+        return Err(Error::Order { order });
+    }
+    if !(rate_hz.is_finite() && rate_hz > 0.0) {
+        return Err(Error::Rate { rate_hz });
+    }
+    check_edges(band, rate_hz)?;
+    let warp = |f: f64| 4.0 * libm::tan(PI * (f / (rate_hz / 2.0)) / 2.0);
+    let analog = match band {
+        Band::Lowpass(cutoff) => lowpass(&prototype(order), warp(cutoff)),
+        Band::Highpass(cutoff) => highpass(&prototype(order), warp(cutoff)),
+        Band::Bandpass(low, high) => bandpass(&prototype(order), warp(low), warp(high)),
+        Band::Bandstop(low, high) => bandstop(&prototype(order), warp(low), warp(high)),
+    };
+    let (zeros, poles, gain) = bilinear(&analog, order);
+    let finite = zeros.iter().chain(&poles).all(|root| root.is_finite());
+    if !(finite && gain.is_normal()) {
+        return Err(Error::Unrepresentable { order, gain });
+    }
+    Sos::new(&pairing::to_rows(&zeros, &poles, gain))
+}
+
+fn check_edges(band: Band, rate_hz: f64) -> Result<()> {
+    let inside = |cutoff_hz: f64| {
+        if cutoff_hz > 0.0 && cutoff_hz < rate_hz / 2.0 {
+            Ok(())
+        } else {
+            Err(Error::Cutoff { cutoff_hz, rate_hz })
+        }
+    };
+    match band {
+        Band::Lowpass(cutoff) | Band::Highpass(cutoff) => inside(cutoff),
+        Band::Bandpass(low_hz, high_hz) | Band::Bandstop(low_hz, high_hz) => {
+            inside(low_hz)?;
+            inside(high_hz)?;
+            if low_hz < high_hz {
+                Ok(())
+            } else {
+                Err(Error::Band { low_hz, high_hz })
+            }
+        }
+    }
+}
+
+/// Poles of the analog low-pass with cut-off 1 rad/s: evenly spaced on the left half of the unit circle.
+fn prototype(order: usize) -> Vec<Complex> {
+    let n = order as f64;
+    (0..order)
+        .map(|i| {
+            let angle = PI * (2.0 * i as f64 + 1.0 - n) / (2.0 * n);
+            // The middle pole of an odd order has angle 0 and is real exactly.
+            Complex::new(-libm::cos(angle), -libm::sin(angle))
+        })
+        .collect()
+}
+
+fn lowpass(prototype: &[Complex], cutoff: f64) -> Analog {
+    let poles = prototype.iter().map(|p| p.scale(cutoff)).collect();
+    Analog { zeros: Vec::new(), poles, gain_root: cutoff }
+}
+
+fn highpass(prototype: &[Complex], cutoff: f64) -> Analog {
+    let poles = prototype.iter().map(|&p| Complex::real(cutoff) / p).collect();
+    // The prototype's poles multiply to magnitude 1, so inverting them leaves the gain alone.
+    Analog { zeros: vec![Complex::ZERO; prototype.len()], poles, gain_root: 1.0 }
+}
+
+fn bandpass(prototype: &[Complex], low: f64, high: f64) -> Analog {
+    let (width, centre) = (high - low, (low * high).sqrt());
+    let scaled: Vec<_> = prototype.iter().map(|p| p.scale(width).scale(0.5)).collect();
+    Analog { zeros: vec![Complex::ZERO; prototype.len()], poles: shifted(&scaled, centre), gain_root: width }
+}
+
+fn bandstop(prototype: &[Complex], low: f64, high: f64) -> Analog {
+    let (width, centre) = (high - low, (low * high).sqrt());
+    let inverted: Vec<_> = prototype.iter().map(|&p| Complex::real(width / 2.0) / p).collect();
+    let (n, notch) = (prototype.len(), Complex::new(0.0, centre));
+    let zeros = [vec![notch; n], vec![notch.conj(); n]].concat();
+    Analog { zeros, poles: shifted(&inverted, centre), gain_root: 1.0 }
+}
+
+/// Moves each pole from around zero to around plus and minus `centre`.
+fn shifted(poles: &[Complex], centre: f64) -> Vec<Complex> {
+    let offset = |p: Complex| (p * p - Complex::real(centre * centre)).sqrt();
+    let up = poles.iter().map(|&p| p + offset(p));
+    let down = poles.iter().map(|&p| p - offset(p));
+    up.chain(down).collect()
+}
+
+/// Zeros, poles and gain in the z-plane, at 2 samples per second; zeros at infinity go to the Nyquist frequency.
+fn bilinear(analog: &Analog, order: usize) -> (Vec<Complex>, Vec<Complex>, f64) {
+    let four = Complex::real(4.0);
+    let map = |&root: &Complex| (four + root) / (four - root);
+    let mut zeros: Vec<_> = analog.zeros.iter().map(map).collect();
+    zeros.resize(analog.poles.len(), Complex::real(-1.0));
+    let poles = analog.poles.iter().map(map).collect();
+    // One factor per order at a time: products over all roots would overflow long before their ratio does.
+    let mut gain = Complex::ONE;
+    for i in 0..order {
+        gain = gain.scale(analog.gain_root);
+        for j in [i, i + order] {
+            if let Some(&zero) = analog.zeros.get(j) {
+                gain = gain * (four - zero);
+            }
+            if let Some(&pole) = analog.poles.get(j) {
+                gain = gain / (four - pole);
+            }
+        }
+    }
+    (zeros, poles, gain.re)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{butterworth, Band, MAX_ORDER};
+    use crate::error::Error;
+    use crate::sos::Sos;
+
+    const RATE_HZ: f64 = 500.0;
+    const BANDS: [Band; 4] =
+        [Band::Lowpass(23.0), Band::Highpass(23.0), Band::Bandpass(20.0, 60.0), Band::Bandstop(20.0, 60.0)];
+
+    /// Magnitude of the frequency response.
+    fn magnitude(sos: &Sos, frequency_hz: f64) -> f64 {
+        use crate::complex::Complex;
+        let omega = std::f64::consts::TAU * frequency_hz / RATE_HZ;
+        let delay = Complex::new(omega.cos(), -omega.sin());
+        sos.sections().iter().fold(1.0, |product, s| {
+            let poly = |c0: f64, c1: f64, c2: f64| {
+                (Complex::real(c0) + delay.scale(c1) + (delay * delay).scale(c2)).abs()
+            };
+            product * poly(s.b0, s.b1, s.b2) / poly(1.0, s.a1, s.a2)
+        })
+    }
+
+    #[test]
+    fn every_band_is_3_db_down_at_its_edges_and_flat_inside() {
+        let half_power = 0.5_f64.sqrt();
+        for order in 1..=12 {
+            for band in BANDS {
+                let sos = butterworth(order, band, RATE_HZ).unwrap();
+                let (edges, inside): (Vec<f64>, f64) = match band {
+                    Band::Lowpass(f) => (vec![f], 1e-3),
+                    Band::Highpass(f) => (vec![f], 249.999),
+                    Band::Bandpass(low, high) => (vec![low, high], 35.4),
+                    Band::Bandstop(low, high) => (vec![low, high], 249.999),
+                };
+                for edge in edges {
+                    assert!((magnitude(&sos, edge) - half_power).abs() < 1e-9, "{order} {band:?} at {edge}");
+                }
+                assert!((magnitude(&sos, inside) - 1.0).abs() < 1e-3, "{order} {band:?} at {inside}");
+            }
+        }
+    }
+
+    #[test]
+    fn number_of_sections_follows_from_order_and_band() {
+        for order in 1..=MAX_ORDER {
+            for band in BANDS {
+                let sections = butterworth(order, band, RATE_HZ).unwrap().sections().len();
+                let poles =
+                    if matches!(band, Band::Lowpass(_) | Band::Highpass(_)) { order } else { 2 * order };
+                assert_eq!(sections, poles.div_ceil(2), "{order} {band:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_high_pass_has_all_zeros_at_dc_exactly() {
+        let sos = butterworth(8, Band::Highpass(23.0), RATE_HZ).unwrap();
+        for section in &sos.sections()[1..] {
+            assert_eq!([section.b0, section.b1, section.b2], [1.0, -2.0, 1.0]);
+        }
+    }
+
+    #[test]
+    fn poles_stay_inside_the_unit_circle() {
+        for order in 1..=MAX_ORDER {
+            for band in BANDS {
+                let radius = butterworth(order, band, RATE_HZ).unwrap().max_pole_radius();
+                assert!(radius < 1.0, "{order} {band:?}: {radius}");
+            }
+        }
+    }
+
+    #[test]
+    fn bad_arguments_are_named_with_their_numbers() {
+        let design = butterworth;
+        assert_eq!(design(0, Band::Lowpass(1.0), 10.0), Err(Error::Order { order: 0 }));
+        assert_eq!(design(33, Band::Lowpass(1.0), 10.0), Err(Error::Order { order: 33 }));
+        for rate_hz in [0.0, -1.0, f64::INFINITY] {
+            assert_eq!(design(2, Band::Lowpass(1.0), rate_hz), Err(Error::Rate { rate_hz }));
+        }
+        assert!(matches!(design(2, Band::Lowpass(1.0), f64::NAN), Err(Error::Rate { .. })));
+        for cutoff_hz in [0.0, -1.0, 5.0, 6.0, f64::INFINITY] {
+            let error = Error::Cutoff { cutoff_hz, rate_hz: 10.0 };
+            assert_eq!(design(2, Band::Highpass(cutoff_hz), 10.0), Err(error.clone()));
+            assert_eq!(design(2, Band::Bandpass(cutoff_hz, 4.0), 10.0), Err(error.clone()));
+            assert_eq!(design(2, Band::Bandstop(1.0, cutoff_hz), 10.0), Err(error));
+        }
+        assert!(matches!(design(2, Band::Lowpass(f64::NAN), 10.0), Err(Error::Cutoff { .. })));
+        for (low_hz, high_hz) in [(3.0, 2.0), (2.0, 2.0)] {
+            assert_eq!(
+                design(2, Band::Bandpass(low_hz, high_hz), 10.0),
+                Err(Error::Band { low_hz, high_hz })
+            );
+        }
+    }
+
+    #[test]
+    fn a_filter_that_float64_cannot_hold_is_refused() {
+        let error = butterworth(32, Band::Lowpass(1e-12), 2.0).unwrap_err();
+        assert!(matches!(error, Error::Unrepresentable { order: 32, .. }), "{error}");
+    }
+}

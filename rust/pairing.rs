@@ -1,0 +1,158 @@
+//! Zeros, poles and a gain as second-order sections.
+//!
+//! The pairing is the one that `scipy.signal.zpk2sos` calls "nearest": take the pole closest to the unit circle, give it
+//! the zero closest to it, and put that section last, so that the sharpest resonance comes when the signal is tamest.
+
+use crate::complex::Complex;
+
+/// Below this fraction of its magnitude an imaginary part is rounding.
+const REAL_TOLERANCE: f64 = 100.0 * f64::EPSILON;
+
+/// Which zeros may be paired with a pole.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Any,
+    Real,
+    Complex,
+}
+
+/// Rows `[b0, b1, b2, a0, a1, a2]`; the gain goes into the first.
+///
+/// There must be as many zeros as poles, and complex ones must come with their conjugates.
+pub(crate) fn to_rows(zeros: &[Complex], poles: &[Complex], gain: f64) -> Vec<[f64; 6]> {
+    let n_sections = poles.len().div_ceil(2);
+    let (mut zeros, mut poles) = (zeros.to_vec(), poles.to_vec());
+    if poles.len() % 2 == 1 {
+        // A first-order section is a second-order one with a root at the origin on both sides.
+        zeros.push(Complex::ZERO);
+        poles.push(Complex::ZERO);
+    }
+    let (mut zeros, mut poles) = (one_of_each_pair(&zeros), one_of_each_pair(&poles));
+
+    let mut rows = Vec::with_capacity(n_sections);
+    while !poles.is_empty() {
+        rows.push(next_row(&mut zeros, &mut poles));
+    }
+    rows.reverse();
+    if let Some(first) = rows.first_mut() {
+        for b in &mut first[..3] {
+            *b *= gain;
+        }
+    }
+    rows
+}
+
+/// Takes the worst pole with its partner and the zeros that suit it.
+fn next_row(zeros: &mut Vec<Complex>, poles: &mut Vec<Complex>) -> [f64; 6] {
+    let p1 = take_worst(poles, Kind::Any);
+    let real_poles = count_real(poles);
+    if p1.is_real() && real_poles == 0 {
+        let z1 = take_nearest(zeros, p1, Kind::Real);
+        return row([z1, Complex::ZERO], [p1, Complex::ZERO]);
+    }
+    if !p1.is_real() && poles.len() + 1 == zeros.len() && real_poles == 1 && count_real(zeros) == 1 {
+        // The last real zero belongs to the last real pole.
+        let z1 = take_nearest(zeros, p1, Kind::Complex);
+        return row([z1, z1.conj()], [p1, p1.conj()]);
+    }
+    let p2 = if p1.is_real() { take_worst(poles, Kind::Real) } else { p1.conj() };
+    let z1 = take_nearest(zeros, p1, Kind::Any);
+    let z2 = if z1.is_real() { take_nearest(zeros, p1, Kind::Real) } else { z1.conj() };
+    row([z1, z2], [p1, p2])
+}
+
+/// Upper halves of the conjugate pairs, ordered by real part and then by imaginary part; after them the real roots.
+fn one_of_each_pair(roots: &[Complex]) -> Vec<Complex> {
+    let is_real = |z: &Complex| z.im.abs() <= REAL_TOLERANCE * z.abs();
+    let mut reals: Vec<_> = roots.iter().filter(|z| is_real(z)).map(|z| Complex::real(z.re)).collect();
+    reals.sort_by(|a, b| a.re.total_cmp(&b.re));
+    let mut upper: Vec<_> = roots.iter().copied().filter(|z| !is_real(z) && z.im > 0.0).collect();
+    upper.sort_by(|a, b| a.re.total_cmp(&b.re).then(a.im.total_cmp(&b.im)));
+    // Roots above each other differ in their real parts by rounding only: there the imaginary part decides.
+    let mut start = 0;
+    for end in 1..=upper.len() {
+        let same = |i: usize| upper[i].re - upper[i - 1].re <= REAL_TOLERANCE * upper[i - 1].abs();
+        if end == upper.len() || !same(end) {
+            upper[start..end].sort_by(|a, b| a.im.total_cmp(&b.im));
+            start = end;
+        }
+    }
+    upper.append(&mut reals);
+    upper
+}
+
+/// Removes the pole closest to the unit circle.
+fn take_worst(poles: &mut Vec<Complex>, kind: Kind) -> Complex {
+    take_smallest(poles, kind, |p| (1.0 - p.abs()).abs())
+}
+
+/// Removes the zero closest to `pole`.
+fn take_nearest(zeros: &mut Vec<Complex>, pole: Complex, kind: Kind) -> Complex {
+    take_smallest(zeros, kind, |z| (z - pole).abs())
+}
+
+/// Removes the first root of a kind with the smallest key; the origin when there is none.
+fn take_smallest(roots: &mut Vec<Complex>, kind: Kind, key: impl Fn(Complex) -> f64) -> Complex {
+    let suits = |z: Complex| kind == Kind::Any || (kind == Kind::Real) == z.is_real();
+    let best = (0..roots.len())
+        .filter(|&i| suits(roots[i]))
+        .min_by(|&i, &j| key(roots[i]).total_cmp(&key(roots[j])));
+    best.map_or(Complex::ZERO, |i| roots.remove(i))
+}
+
+fn count_real(roots: &[Complex]) -> usize {
+    roots.iter().filter(|z| z.is_real()).count()
+}
+
+fn row(zeros: [Complex; 2], poles: [Complex; 2]) -> [f64; 6] {
+    let [b1, b2] = monic(zeros);
+    let [a1, a2] = monic(poles);
+    [1.0, b1, b2, 1.0, a1, a2]
+}
+
+/// The last two coefficients of `(z - r0) (z - r1)`.
+fn monic([r0, r1]: [Complex; 2]) -> [f64; 2] {
+    [-r0.re - r1.re, (r0 * r1).re]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::to_rows;
+    use crate::complex::Complex;
+
+    fn pair(re: f64, im: f64) -> [Complex; 2] {
+        [Complex::new(re, im), Complex::new(re, -im)]
+    }
+
+    #[test]
+    fn worst_pole_comes_last_with_its_nearest_zero() {
+        let poles = [pair(0.0, 0.9), pair(0.0, 0.5)].concat();
+        let zeros = [pair(0.0, 1.0), pair(0.6, 0.8)].concat();
+        let rows = to_rows(&zeros, &poles, 3.0);
+        assert_eq!(rows.len(), 2);
+        assert_eq!(rows[1], [1.0, 0.0, 1.0, 1.0, 0.0, 0.81]);
+        assert_eq!(rows[0][3..], [1.0, 0.0, 0.25]);
+        assert!((rows[0][1] + 3.6).abs() < 1e-15);
+    }
+
+    #[test]
+    fn an_odd_order_is_filled_up_with_roots_at_the_origin() {
+        // The zero at the origin is nearer to the sharp pair than those at -1, so it goes to the last section.
+        let poles = [pair(0.0, 0.9).to_vec(), vec![Complex::real(0.25)]].concat();
+        let zeros = vec![Complex::real(-1.0); 3];
+        let rows = to_rows(&zeros, &poles, 1.0);
+        assert_eq!(rows[0], [1.0, 2.0, 1.0, 1.0, -0.25, 0.0]);
+        assert_eq!(rows[1], [1.0, 1.0, 0.0, 1.0, 0.0, 0.81]);
+    }
+
+    #[test]
+    fn the_last_real_zero_is_kept_for_the_last_real_pole() {
+        // The real zero is nearest to the complex pole, yet must not be taken by it.
+        let poles = [pair(0.9, 0.1).to_vec(), vec![Complex::real(0.1)]].concat();
+        let zeros = [vec![Complex::real(1.0)], pair(-0.6, 0.8).to_vec()].concat();
+        let rows = to_rows(&zeros, &poles, 1.0);
+        assert_eq!(rows.len(), 2);
+        assert!(rows.iter().flatten().all(|v| v.is_finite()));
+        assert!((rows[0][4] + 0.1).abs() < 1e-15 || (rows[1][4] + 0.1).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,161 @@
+//! Filter design and filtering: unpack, call, map the error.
+
+use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+use super::arrays::{axis_index, owned_real, tuple};
+use crate::sosfilt::default_padlen;
+use crate::{AlongAxis, Band, Padding, Result, Sos};
+
+/// Values from which on the GIL is released: below, handing it over costs more than the filter.
+const LARGE: usize = 1 << 12;
+
+/// A float64 array of any rank.
+type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
+
+/// Butterworth design; a single edge for low-pass and high-pass, two for the others.
+#[pyfunction]
+pub(super) fn butter<'py>(
+    py: Python<'py>,
+    order: usize,
+    band: &str,
+    low_hz: f64,
+    high_hz: f64,
+    rate_hz: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let band = match band {
+        "lowpass" => Band::Lowpass(low_hz),
+        "highpass" => Band::Highpass(low_hz),
+        "bandpass" => Band::Bandpass(low_hz, high_hz),
+        "bandstop" => Band::Bandstop(low_hz, high_hz),
+        other => {
+            return Err(PyValueError::new_err(format!("band must be the name of a band, got {other:?}")))
+        }
+    };
+    let sos = crate::butterworth(order, band, rate_hz)?;
+    let rows: Vec<f64> = sos.sections().iter().flat_map(crate::sos::Section::row).collect();
+    PyArray::from_vec(py, rows).reshape([sos.sections().len(), 6])
+}
+
+/// Filters along an axis; with `zi`, returns the final states too.
+#[pyfunction]
+#[pyo3(signature = (sos, x, axis, zi))]
+pub(super) fn sosfilt<'py>(
+    py: Python<'py>,
+    sos: &Bound<'py, PyAny>,
+    x: &Bound<'py, PyAny>,
+    axis: &Bound<'py, PyAny>,
+    zi: Option<&Bound<'py, PyAny>>,
+) -> PyResult<(Array<'py>, Option<Array<'py>>)> {
+    let sos = sections(sos)?;
+    let (y, axis, along) = signal(x, axis)?;
+    let Some(zi) = zi else {
+        filter(py, &y, |y| crate::sosfilt(&sos, y, along))?;
+        return Ok((y, None));
+    };
+    let zf = owned_real(zi, "zi")?;
+    let mut wanted = y.shape().to_vec();
+    wanted[axis] = 2;
+    wanted.insert(0, sos.sections().len());
+    if zf.shape() != wanted {
+        return Err(PyValueError::new_err(format!(
+            "Invalid zi shape: zi must have shape {} for x of shape {} along axis {axis} with {} sections, got {}",
+            tuple(&wanted),
+            tuple(y.shape()),
+            sos.sections().len(),
+            tuple(zf.shape()),
+        )));
+    }
+    let mut borrowed = zf.try_readwrite()?;
+    let z = borrowed.as_slice_mut()?;
+    filter(py, &y, |y| crate::sosfilt_from(&sos, y, along, z))?;
+    drop(borrowed);
+    Ok((y, Some(zf)))
+}
+
+/// Steady state of a constant input of one, per section.
+#[pyfunction]
+pub(super) fn sosfilt_zi<'py>(sos: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let py = sos.py();
+    let states = sections(sos)?.steady_state()?;
+    PyArray::from_slice(py, states.as_flattened()).reshape([states.len(), 2])
+}
+
+/// Filters along an axis, forward and backward.
+#[pyfunction]
+#[pyo3(signature = (sos, x, axis, padtype, padlen))]
+pub(super) fn sosfiltfilt<'py>(
+    py: Python<'py>,
+    sos: &Bound<'py, PyAny>,
+    x: &Bound<'py, PyAny>,
+    axis: &Bound<'py, PyAny>,
+    padtype: &Bound<'py, PyAny>,
+    padlen: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Array<'py>> {
+    let sos = sections(sos)?;
+    let (y, _, along) = signal(x, axis)?;
+    let padding = padding(padtype)?;
+    let padlen = padlen.map_or_else(|| Ok(default_padlen(&sos)), padding_length)?;
+    filter(py, &y, |y| crate::sosfiltfilt(&sos, y, along, padding, padlen))?;
+    Ok(y)
+}
+
+/// Rows of coefficients, checked; a single section may come as one row.
+fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
+    let array = owned_real(value, "sos")?;
+    if !matches!(array.shape(), [6] | [_, 6]) {
+        let shape = tuple(array.shape());
+        return Err(PyValueError::new_err(format!("sos must have shape (n_sections, 6), got {shape}")));
+    }
+    let array = array.try_readonly()?;
+    Ok(Sos::new(array.as_slice()?.as_chunks().0)?)
+}
+
+/// A copy of the signal to filter in place, its axis, and the view from there.
+fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Array<'py>, usize, AlongAxis)> {
+    let x = owned_real(x, "x")?;
+    if x.ndim() == 0 {
+        return Err(PyValueError::new_err("x must be at least 1-D, got a single number"));
+    }
+    let axis = axis_index(axis, x.shape())?;
+    let along = AlongAxis::new(x.shape(), axis)
+        .ok_or_else(|| PyValueError::new_err(format!("axis {axis} is outside of x")))?;
+    Ok((x, axis, along))
+}
+
+/// Runs a filter on an array of our own, without the GIL when that pays.
+fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<()> + Send) -> PyResult<()> {
+    let mut borrowed = y.try_readwrite()?;
+    let y = borrowed.as_slice_mut()?;
+    Ok(if y.len() < LARGE { run(y) } else { py.detach(|| run(y)) }?)
+}
+
+fn padding(padtype: &Bound<'_, PyAny>) -> PyResult<Padding> {
+    if padtype.is_none() {
+        return Ok(Padding::None);
+    }
+    match padtype.extract::<&str>() {
+        Ok("odd") => Ok(Padding::Odd),
+        Ok("even") => Ok(Padding::Even),
+        Ok("constant") => Ok(Padding::Constant),
+        _ => {
+            let got = padtype.repr()?;
+            Err(PyValueError::new_err(format!(
+                "padtype must be 'odd', 'even', 'constant' or None, got {got}"
+            )))
+        }
+    }
+}
+
+fn padding_length(padlen: &Bound<'_, PyAny>) -> PyResult<usize> {
+    padlen.extract().map_err(|error: PyErr| {
+        if error.is_instance_of::<PyTypeError>(padlen.py()) {
+            PyTypeError::new_err(format!("padlen must be an integer or None, got {}", padlen.get_type()))
+        } else {
+            PyValueError::new_err(format!(
+                "padlen must be at least 0 and less than the samples along the axis, got {padlen}"
+            ))
+        }
+    })
+}

@@ -1,0 +1,176 @@
+"""The filter against scipy's: any order, band, signal, axis and state must give the same bits.
+
+``GRANULAR_ID_CASES=100000 pytest tests/python/test_signal_properties.py -k campaign -s`` runs the long
+campaign and prints how many numbers were compared.
+"""
+
+import os
+import platform
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import signal as scipy_signal
+
+from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+
+BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
+ON_X86 = platform.machine() in {"x86_64", "AMD64"}
+
+
+def differing_bits(got, wanted):
+    """How many float64 values differ; NaN equals NaN."""
+    assert got.shape == wanted.shape
+    if not ON_X86:  # scipy may be compiled with fused operations
+        np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
+        return 0
+    got, wanted = np.ascontiguousarray(got), np.ascontiguousarray(wanted)
+    same = (got.view(np.uint64) == wanted.view(np.uint64)) | (np.isnan(got) & np.isnan(wanted))
+    return int(np.count_nonzero(~same))
+
+
+@st.composite
+def designs(draw):
+    order = draw(st.integers(1, 32))
+    band = draw(st.sampled_from(BANDS))
+    edges = sorted(draw(st.lists(st.floats(0.02, 0.98), min_size=2, max_size=2, unique=True)))
+    if band in BANDS[:2]:
+        return order, edges[0], band
+    return order, [edges[0], max(edges[1], edges[0] + 0.01)], band
+
+
+@st.composite
+def signals(draw):
+    shape = draw(hnp.array_shapes(min_dims=1, max_dims=4, max_side=9))
+    numbers = st.floats(allow_nan=False, allow_infinity=False, width=64) | st.floats(-10, 10) | st.just(-0.0)
+    x = draw(hnp.arrays(np.float64, shape, elements=numbers, fill=st.floats(-3, 3)))
+    return x, draw(st.integers(-x.ndim, x.ndim - 1))
+
+
+@given(designs(), signals(), st.integers(0, 2**32 - 1))
+@settings(max_examples=150, deadline=None)
+def test_sosfilt_has_the_bits_of_scipy(design, signal, seed):
+    order, edges, band = design
+    sos = scipy_signal.butter(order, edges, band, output="sos")
+    x, axis = signal
+    zi_shape = [len(sos), *x.shape]
+    zi_shape[axis % x.ndim + 1] = 2
+    zi = np.random.default_rng(seed).standard_normal(zi_shape)
+    with np.errstate(all="ignore"):
+        assert differing_bits(sosfilt(sos, x, axis), scipy_signal.sosfilt(sos, x, axis)) == 0
+        y, zf = sosfilt(sos, x, axis, zi=zi)
+        wanted_y, wanted_zf = scipy_signal.sosfilt(sos, x, axis, zi=zi)
+    assert differing_bits(y, wanted_y) == 0
+    assert differing_bits(zf, wanted_zf) == 0
+
+
+@given(designs())
+@settings(max_examples=150, deadline=None)
+def test_butter_equals_scipy(design):
+    order, edges, band = design
+    wanted = scipy_signal.butter(order, edges, band, output="sos")
+    got = butter(order, edges, band)
+    assert got.shape == wanted.shape
+    if np.ndim(edges) and abs(sum(edges) - 1) < 1e-9:
+        return  # pairs of poles equally far from the unit circle: rounding decides which section comes first
+    for half in (slice(0, 3), slice(3, 6)):
+        scale = np.abs(wanted[:, half]).max(axis=1, keepdims=True)
+        assert np.all(np.abs(got - wanted)[:, half] <= 1e-11 * scale)
+
+
+@given(designs(), signals(), st.sampled_from(["odd", "even", "constant", None]), st.integers(0, 8))
+@settings(max_examples=100, deadline=None)
+def test_sosfiltfilt_equals_scipy(design, signal, padtype, padlen):
+    order, edges, band = design
+    sos = scipy_signal.butter(order, edges, band, output="sos")
+    x, axis = signal
+    x = np.clip(x, -1e9, 1e9)
+    if x.shape[axis] <= padlen and padtype is not None:
+        with pytest.raises(ValueError, match="x must be longer than padlen"):
+            sosfiltfilt(sos, x, axis, padtype, padlen)
+        return
+    got = sosfiltfilt(sos, x, axis, padtype, padlen)
+    wanted = scipy_signal.sosfiltfilt(sos, x, axis, padtype, padlen)
+    np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9 * max(1.0, np.abs(wanted).max()))
+
+
+@given(st.integers(1, 16), st.floats(0.02, 0.98))
+@settings(max_examples=100, deadline=None)
+def test_sosfilt_zi_equals_scipy(order, edge):
+    sos = scipy_signal.butter(order, edge, output="sos")
+    np.testing.assert_allclose(sosfilt_zi(sos), scipy_signal.sosfilt_zi(sos), rtol=1e-9, atol=0)
+
+
+@given(designs(), st.integers(1, 200), st.lists(st.integers(0, 200), max_size=6), st.integers(1, 9))
+@settings(max_examples=100, deadline=None)
+def test_pieces_have_the_bits_of_the_whole(design, n_samples, cuts, n_channels):
+    order, edges, band = design
+    sos = butter(order, edges, band)
+    x = np.random.default_rng(n_samples).standard_normal((n_samples, n_channels))
+    state = np.zeros((len(sos), 2, n_channels))
+    pieces = []
+    for piece in np.split(x, sorted(min(cut, n_samples) for cut in cuts)):
+        y, state = sosfilt(sos, piece, 0, zi=state)
+        pieces.append(y)
+    whole, wanted_state = sosfilt(sos, x, 0, zi=np.zeros_like(state))
+    assert np.concatenate(pieces).tobytes() == whole.tobytes()
+    assert state.tobytes() == wanted_state.tobytes()
+
+
+def a_signal(rng, shape):
+    """Signals of many characters: noise, walks, silence, steps, subnormal and huge numbers, gaps."""
+    x = rng.standard_normal(shape)
+    kind = rng.integers(9)
+    if kind == 1:
+        x = np.cumsum(x, axis=0)
+    elif kind == 2:
+        x[rng.random(shape) < 0.9] = 0.0
+    elif kind == 3:
+        x = np.zeros(shape) + rng.standard_normal()
+    elif kind == 4:
+        x *= 10.0 ** rng.integers(-323, -300)
+    elif kind == 5:
+        x *= 10.0 ** rng.integers(200, 307)
+    elif kind == 6:
+        x[rng.random(shape) < 0.02] = rng.choice([np.nan, np.inf, -np.inf])
+    elif kind == 7:
+        x = rng.integers(-9, 9, shape).astype(np.float64)
+    elif kind == 8:
+        x = -np.zeros(shape)
+    return x
+
+
+def a_case(rng):
+    """Sections, a signal of rank 1 to 3, an axis, and a state or None."""
+    band = BANDS[rng.integers(4)]
+    low, high = np.sort(rng.uniform(0.02, 0.98, 2))
+    edges = low if band in BANDS[:2] else [low, max(high, low + 0.01)]
+    sos = scipy_signal.butter(rng.integers(1, 33), edges, band, output="sos")
+    shape = [rng.integers(1, 200), *rng.integers(1, 12, rng.integers(0, 3))]
+    axis = int(rng.integers(-len(shape), len(shape)))
+    shape[0], shape[axis] = shape[axis], shape[0]
+    zi = None
+    if rng.random() < 0.5:
+        zi_shape = [len(sos), *shape]
+        zi_shape[axis % len(shape) + 1] = 2
+        zi = rng.standard_normal(zi_shape)
+    return sos, a_signal(rng, shape), axis, zi
+
+
+def test_campaign():
+    n_cases = int(os.environ.get("GRANULAR_ID_CASES", "500"))
+    rng = np.random.default_rng(20240326)
+    compared = differing = 0
+    with np.errstate(all="ignore"):
+        for _ in range(n_cases):
+            sos, x, axis, zi = a_case(rng)
+            got, wanted = sosfilt(sos, x, axis, zi), scipy_signal.sosfilt(sos, x, axis, zi)
+            pairs = [(got, wanted)] if zi is None else zip(got, wanted, strict=True)
+            for ours, theirs in pairs:
+                compared += ours.size
+                differing += differing_bits(ours, theirs)
+    print(f"sosfilt against scipy: {n_cases} cases, {compared} values, {differing} differing")
+    assert compared > n_cases
+    assert differing == 0
