@@ -101,6 +101,16 @@ pub enum Error {
         /// The upper end.
         high: f64,
     },
+    /// A range too narrow to hold that many different edges.
+    #[error("cannot create {n_bins} finite-sized bins in bin_range ({low}, {high})")]
+    BinWidth {
+        /// The number asked for.
+        n_bins: usize,
+        /// The lower end.
+        low: f64,
+        /// The upper end.
+        high: f64,
+    },
     /// Per-axis ranges whose number differs from the number of axes.
     #[error("bin_range must hold one range, or one per axis: got {ranges} ranges for {axes} axes")]
     RangeCount {
@@ -158,6 +168,16 @@ pub enum Error {
         /// The number asked for.
         threads: usize,
     },
+}
+
+impl Error {
+    /// The same error in a batch that begins `recordings` earlier.
+    pub(crate) fn later(mut self, recordings: usize) -> Self {
+        if let Self::NonFinite { recording, .. } | Self::Overflow { recording, .. } = &mut self {
+            *recording += recordings;
+        }
+        self
+    }
 }
 
 /// Result of an operation on a caller's input.

@@ -1,11 +1,25 @@
-from typing import SupportsIndex, TypeAlias
+from typing import Any, Literal, SupportsIndex, TypeAlias, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+from typing_extensions import Self
 
-__all__ = ["__version__", "butter", "sosfilt", "sosfilt_zi", "sosfiltfilt"]
+__all__ = [
+    "AXES",
+    "UNITS",
+    "FeatureSpec",
+    "__version__",
+    "butter",
+    "extract_features",
+    "histogram",
+    "sosfilt",
+    "sosfilt_zi",
+    "sosfiltfilt",
+]
 
 __version__: str
+AXES: tuple[str, ...]
+UNITS: tuple[str, ...]
 
 _Floats: TypeAlias = NDArray[np.float64]
 
@@ -17,3 +31,56 @@ def sosfilt_zi(sos: ArrayLike) -> _Floats: ...
 def sosfiltfilt(
     sos: ArrayLike, x: ArrayLike, axis: SupportsIndex, padtype: str | None, padlen: SupportsIndex | None
 ) -> _Floats: ...
+
+@final
+class FeatureSpec:
+    def __new__(
+        cls,
+        *,
+        rate_hz: float = 500.0,
+        cutoff_hz: float = 23.0,
+        order: SupportsIndex = 8,
+        n_bins: SupportsIndex = 100,
+        bin_range: ArrayLike = (-1.5, 1.5),
+        raw: bool = True,
+        hfmh: bool = True,
+        outside: Literal["drop", "clip"] = "drop",
+        density: bool = False,
+        initial: Literal["zero", "steady"] = "zero",
+    ) -> Self: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def cutoff_hz(self) -> float: ...
+    @property
+    def order(self) -> int: ...
+    @property
+    def n_bins(self) -> int: ...
+    @property
+    def bin_range(self) -> tuple[float, float] | tuple[tuple[float, float], ...]: ...
+    @property
+    def raw(self) -> bool: ...
+    @property
+    def hfmh(self) -> bool: ...
+    @property
+    def outside(self) -> Literal["drop", "clip"]: ...
+    @property
+    def density(self) -> bool: ...
+    @property
+    def initial(self) -> Literal["zero", "steady"]: ...
+    def n_features(self, n_samples: SupportsIndex, n_axes: SupportsIndex) -> int: ...
+    def feature_names(self, n_samples: SupportsIndex, n_axes: SupportsIndex) -> list[str]: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[()], dict[str, Any]]: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+
+def extract_features(
+    wrench: ArrayLike,
+    spec: FeatureSpec,
+    threads: SupportsIndex | None,
+    out: NDArray[Any] | None,
+    dtype: DTypeLike,
+) -> NDArray[Any]: ...
+def histogram(
+    values: ArrayLike, n_bins: SupportsIndex, low: float, high: float
+) -> tuple[list[float], list[float]]: ...

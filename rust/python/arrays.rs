@@ -11,6 +11,27 @@ pub(super) fn owned_real<'py>(
     name: &str,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let py = value.py();
+    let keywords = PyDict::new(py);
+    keywords.set_item("dtype", numpy::dtype::<f64>(py))?;
+    keywords.set_item("order", "C")?;
+    let array = real(value, name)?;
+    Ok(get_array_module(py)?.call_method("array", (array,), Some(&keywords))?.cast_into()?)
+}
+
+/// Real numbers as a C-ordered, aligned float64 array: the caller's own where it is one, else a copy.
+pub(super) fn contiguous_real<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let array = real(value, name)?;
+    let float64 = numpy::dtype::<f64>(value.py());
+    let numpy = value.py().import("numpy")?;
+    Ok(numpy.call_method1("require", (array, float64, ["C", "A"]))?.cast_into()?)
+}
+
+/// An array of real numbers of any layout and width.
+fn real<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    let py = value.py();
     let numpy = get_array_module(py)?;
     let array = if value.is_exact_instance_of::<PyUntypedArray>() {
         value.clone()
@@ -27,10 +48,7 @@ pub(super) fn owned_real<'py>(
     if !matches!(dtype.kind(), b'f' | b'i' | b'u' | b'b') {
         return Err(PyTypeError::new_err(format!("{name} must hold real numbers, got dtype {dtype}")));
     }
-    let keywords = PyDict::new(py);
-    keywords.set_item("dtype", numpy::dtype::<f64>(py))?;
-    keywords.set_item("order", "C")?;
-    Ok(numpy.call_method("array", (array,), Some(&keywords))?.cast_into()?)
+    Ok(array)
 }
 
 /// `numpy.asarray`, with the name of the argument in its complaints.

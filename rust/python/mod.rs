@@ -1,20 +1,29 @@
 //! The extension module `granular_id._core`: registration only.
 
-use pyo3::prelude::*;
-
 mod arrays;
 mod convert;
+mod features;
 mod signal;
+mod spec;
+
+use pyo3::prelude::*;
 
 #[pymodule]
 mod _core {
     use pyo3::prelude::*;
+    use pyo3::types::PyTuple;
 
     #[pymodule_export]
+    use super::features::{extract_features, histogram};
+    #[pymodule_export]
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
+    #[pymodule_export]
+    use super::spec::PyFeatureSpec;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        module.add("__version__", env!("CARGO_PKG_VERSION"))
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
+        module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)
     }
 }

@@ -74,10 +74,23 @@ def test_butter_equals_scipy(design):
     got = butter(order, edges, band)
     assert got.shape == wanted.shape
     if np.ndim(edges) and abs(sum(edges) - 1) < 1e-9:
-        return  # pairs of poles equally far from the unit circle: rounding decides which section comes first
+        return  # pairs of poles equally far from the unit circle: see the next test
     for half in (slice(0, 3), slice(3, 6)):
         scale = np.abs(wanted[:, half]).max(axis=1, keepdims=True)
         assert np.all(np.abs(got - wanted)[:, half] <= 1e-11 * scale)
+
+
+@pytest.mark.parametrize("band", BANDS[2:])
+@pytest.mark.parametrize("order", [1, 2, 3, 8, 17, 32])
+def test_bands_symmetric_about_a_quarter_of_the_rate_are_scipys_up_to_the_order_of_sections(order, band):
+    edges = [0.3, 0.7]
+    got, wanted = butter(order, edges, band), scipy_signal.butter(order, edges, band, output="sos")
+    frequencies = np.linspace(0.05, 3.1, 500)
+    got_response = scipy_signal.sosfreqz(got, frequencies)[1]
+    wanted_response = scipy_signal.sosfreqz(wanted, frequencies)[1]
+    np.testing.assert_allclose(got_response, wanted_response, rtol=1e-9, atol=1e-12)
+    for row in wanted[:, 3:]:
+        assert np.abs(got[:, 3:] - row).sum(axis=1).min() < 1e-12  # every pair of poles is there
 
 
 @given(designs(), signals(), st.sampled_from(["odd", "even", "constant", None]), st.integers(0, 8))

@@ -4,10 +4,11 @@
 align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what was done.
 """
 
+from granular_id._core import AXES
 from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.flags import SampleFlag
-from granular_id.recording.one import AXES, Recording
+from granular_id.recording.one import Recording
 from granular_id.recording.report import StepReport
 from granular_id.recording.summary import Summary
 

@@ -7,8 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from granular_id._core import AXES
 from granular_id.recording._values import checked_index, checked_number
-from granular_id.recording.one import AXES, Recording
+from granular_id.recording.one import Recording
 from granular_id.recording.report import StepReport
 
 

@@ -10,8 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from granular_id._core import AXES
 from granular_id.recording.flags import SampleFlag
-from granular_id.recording.one import AXES, Recording
+from granular_id.recording.one import Recording
 from granular_id.recording.timing import largest_gap_s, median_step_s
 
 _GAP_STEPS = 5.0

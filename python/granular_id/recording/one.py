@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import AXES
 from granular_id.recording._values import (
     FloatArray,
     as_floats,
@@ -21,9 +22,6 @@ from granular_id.recording._values import (
     thaw,
 )
 from granular_id.recording.flags import KNOWN_FLAGS
-
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-"""Order of the six axes in every array: forces in N, then torques in N m."""
 
 _WRENCH = "a real array of shape (T, 6), T >= 1, axes fx fy fz (N) tx ty tz (N m)"
 _TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"

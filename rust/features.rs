@@ -1,0 +1,199 @@
+//! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
+//! ([`Extractor`]).
+
+use crate::butterworth::{butterworth, Band};
+use crate::error::{Error, Result};
+use crate::histogram::{Outside, UniformBins};
+use crate::sos::Sos;
+use crate::wrench::axis_name;
+
+/// State of the high-pass before the first sample.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Initial {
+    /// At rest, as in the paper: an offset of the sensor starts a transient that leaks into the histogram.
+    #[default]
+    Zero,
+    /// As if the first sample had lasted for ever: an offset leaves no trace.
+    Steady,
+}
+
+/// What to compute from a recording. The default is the paper's feature vector.
+///
+/// Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force
+/// Measurements" (arXiv 2403.17606).
+#[derive(Clone, Debug, PartialEq)]
+pub struct FeatureSpec {
+    /// Sampling rate of the recordings, in hertz.
+    pub rate_hz: f64,
+    /// Cut-off of the Butterworth high-pass before the histogram, in hertz.
+    pub cutoff_hz: f64,
+    /// Order of the high-pass.
+    pub order: usize,
+    /// Bins of each histogram.
+    pub n_bins: usize,
+    /// Ranges of the histograms, in newton and newton metre: one for all axes, or one per axis.
+    pub bin_ranges: Vec<(f64, f64)>,
+    /// What happens to values outside the range.
+    pub outside: Outside,
+    /// Densities that integrate to one instead of counts.
+    pub density: bool,
+    /// State of the high-pass before the first sample.
+    pub initial: Initial,
+    /// Include the raw samples.
+    pub raw: bool,
+    /// Include the high-frequency magnitude histograms.
+    pub hfmh: bool,
+}
+
+impl Default for FeatureSpec {
+    fn default() -> Self {
+        Self {
+            rate_hz: 500.0,
+            cutoff_hz: 23.0,
+            order: 8,
+            n_bins: 100,
+            bin_ranges: vec![(-1.5, 1.5)],
+            outside: Outside::Drop,
+            density: false,
+            initial: Initial::Zero,
+            raw: true,
+            hfmh: true,
+        }
+    }
+}
+
+/// Size of a batch of recordings: `values[(recording * n_samples + sample) * n_axes + axis]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchShape {
+    /// Recordings.
+    pub n_recordings: usize,
+    /// Samples per recording.
+    pub n_samples: usize,
+    /// Axes per sample.
+    pub n_axes: usize,
+}
+
+impl BatchShape {
+    /// Values of one recording.
+    #[must_use]
+    pub fn recording_len(&self) -> usize {
+        self.n_samples * self.n_axes
+    }
+}
+
+/// Extracts features; a checked [`FeatureSpec`] with its filter and bins. Immutable, shared between threads.
+///
+/// ```
+/// use granular_id::features::{BatchShape, Extractor, FeatureSpec};
+///
+/// let extractor = Extractor::new(FeatureSpec::default())?;
+/// let shape = BatchShape { n_recordings: 2, n_samples: 1600, n_axes: 6 };
+/// let features = extractor.extract(&vec![0.0; 2 * 9600], shape, 1)?;
+/// assert_eq!(features.len(), 2 * 10_200);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Extractor {
+    spec: FeatureSpec,
+    sos: Sos,
+    /// State of each section per unit of the first sample; empty for `Initial::Zero`.
+    start: Vec<[f64; 2]>,
+    bins: Vec<UniformBins>,
+}
+
+impl Extractor {
+    /// Checks the specification and designs its filter and bins.
+    pub fn new(spec: FeatureSpec) -> Result<Self> {
+        if !(spec.raw || spec.hfmh) {
+            return Err(Error::NoFeatures);
+        }
+        let sos = butterworth(spec.order, Band::Highpass(spec.cutoff_hz), spec.rate_hz)?;
+        let start = match spec.initial {
+            Initial::Zero => Vec::new(),
+            Initial::Steady => sos.steady_state()?,
+        };
+        let bins: Vec<_> = spec
+            .bin_ranges
+            .iter()
+            .map(|(low, high)| UniformBins::new(spec.n_bins, *low, *high))
+            .collect::<Result<_>>()?;
+        if bins.is_empty() {
+            return Err(Error::RangeCount { ranges: 0, axes: 1 });
+        }
+        Ok(Self { spec, sos, start, bins })
+    }
+
+    /// The specification.
+    #[must_use]
+    pub fn spec(&self) -> &FeatureSpec {
+        &self.spec
+    }
+
+    /// The high-pass.
+    #[must_use]
+    pub fn sos(&self) -> &Sos {
+        &self.sos
+    }
+
+    /// The state of each section before the first sample, per unit of that sample; empty when at rest.
+    pub(crate) fn start(&self) -> &[[f64; 2]] {
+        &self.start
+    }
+
+    /// The bins of one axis.
+    #[must_use]
+    pub fn bins(&self, axis: usize) -> &UniformBins {
+        &self.bins[if self.bins.len() == 1 { 0 } else { axis }]
+    }
+
+    /// Features of one recording: the raw block, then the histogram block.
+    #[must_use]
+    pub fn n_features(&self, n_samples: usize, n_axes: usize) -> usize {
+        let raw = if self.spec.raw { n_samples * n_axes } else { 0 };
+        let hfmh = if self.spec.hfmh { n_axes * self.spec.n_bins } else { 0 };
+        raw + hfmh
+    }
+
+    /// Names of the features, in order: `fx_0000 ... tz_1599, hfmh_fx_00 ... hfmh_tz_99`.
+    #[must_use]
+    pub fn feature_names(&self, n_samples: usize, n_axes: usize) -> Vec<String> {
+        let digits = |n: usize, least: usize| n.saturating_sub(1).to_string().len().max(least);
+        let (sample_digits, bin_digits) = (digits(n_samples, 4), digits(self.spec.n_bins, 2));
+        let mut names = Vec::with_capacity(self.n_features(n_samples, n_axes));
+        if self.spec.raw {
+            for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
+                names.extend((0..n_samples).map(|sample| format!("{axis}_{sample:0sample_digits$}")));
+            }
+        }
+        if self.spec.hfmh {
+            for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
+                names.extend((0..self.spec.n_bins).map(|bin| format!("hfmh_{axis}_{bin:0bin_digits$}")));
+            }
+        }
+        names
+    }
+
+    /// Refuses a batch that is empty, of another length than `wrench`, or of a number of axes without ranges.
+    pub(crate) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<()> {
+        let BatchShape { n_recordings, n_samples, n_axes } = shape;
+        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
+        }
+        if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
+            return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
+        }
+        let expected = n_recordings * shape.recording_len();
+        if wrench.len() != expected {
+            return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
+        }
+        Ok(())
+    }
+
+    /// Features of a batch, one row per recording.
+    pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
+        self.check(wrench, shape)?;
+        let mut out = vec![0.0; shape.n_recordings * self.n_features(shape.n_samples, shape.n_axes)];
+        self.extract_into(wrench, shape, threads, &mut out)?;
+        Ok(out)
+    }
+}

@@ -1,0 +1,57 @@
+//! The 8-lane kernel: many channels at once, in blocks that stay in the first-level cache.
+//!
+//! A *lane* is one channel of one recording. Lanes never mix, and every lane goes through the same operations
+//! in the same order as [`SosState`](crate::SosState), so the width of the machine's vectors cannot change
+//! a bit. The bodies are loops over `[f64; 8]`; thin wrappers compile them for the baseline (SSE2 or NEON), for
+//! AVX2 and for AVX-512F, and [`Path`] picks one at run time.
+
+mod cascade;
+mod count;
+mod path;
+mod transpose;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+pub(crate) use cascade::Cascade;
+pub(crate) use count::{LaneBins, Tally};
+pub use path::Path;
+pub(crate) use path::{Isa, Job};
+pub(crate) use transpose::{pack, unpack, Raw};
+
+/// Channels per vector.
+pub(crate) const LANES: usize = 8;
+
+/// Vectors per row. Three vectors are 24 lanes, four 6-axis recordings: enough independent work to hide the
+/// latency of the filter's recurrence.
+pub(crate) const MAX_WIDTH: usize = 3;
+
+/// Rows per block: eight float64 are one cache line of an output that is written axis by axis.
+pub(crate) const BLOCK: usize = 8;
+
+/// Eight channels at one instant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Vector(pub(crate) [f64; LANES]);
+
+/// One instant of `W * LANES` channels.
+pub(crate) type Row<const W: usize> = [Vector; W];
+
+impl Vector {
+    pub(crate) const ZERO: Self = Self([0.0; LANES]);
+}
+
+/// The lanes of a row side by side.
+#[allow(unsafe_code)]
+#[inline(always)]
+pub(crate) fn flat<const W: usize>(row: &Row<W>) -> &[f64] {
+    // SAFETY: `Vector` is `repr(C)` and holds exactly eight f64 without padding (its size is its alignment).
+    unsafe { std::slice::from_raw_parts(row.as_ptr().cast(), W * LANES) }
+}
+
+/// The lanes of a row side by side, to be written.
+#[allow(unsafe_code)]
+#[inline(always)]
+pub(crate) fn flat_mut<const W: usize>(row: &mut Row<W>) -> &mut [f64] {
+    // SAFETY: as in `flat`; the exclusive borrow is passed on.
+    unsafe { std::slice::from_raw_parts_mut(row.as_mut_ptr().cast(), W * LANES) }
+}

@@ -1,0 +1,123 @@
+//! Which vector instructions to use, decided once at run time.
+
+use std::sync::OnceLock;
+
+use super::count::{Cells, LaneBins};
+use super::{transpose, Row, BLOCK};
+
+/// A compiled variant of the kernels. All give the same bits; they differ in speed only.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Path {
+    /// What every machine of the target has: SSE2 on `x86_64`, NEON on `aarch64`.
+    Baseline,
+    /// AVX2: two vectors of four float64 for eight lanes.
+    Avx2,
+    /// AVX-512F: one vector of eight float64.
+    Avx512,
+}
+
+impl Path {
+    /// The paths that this machine can run, slowest first.
+    ///
+    /// ```
+    /// assert_eq!(granular_id::Path::available()[0], granular_id::Path::Baseline);
+    /// ```
+    #[must_use]
+    pub fn available() -> Vec<Self> {
+        [Self::Baseline, Self::Avx2, Self::Avx512].into_iter().filter(|path| path.is_available()).collect()
+    }
+
+    /// The path used when none is asked for: the fastest available, or the one named by the environment
+    /// variable `GRANULAR_ID_SIMD` (`baseline`, `avx2`, `avx512`) when this machine has it.
+    ///
+    /// The environment is read once per process.
+    #[must_use]
+    pub fn detect() -> Self {
+        static CHOICE: OnceLock<Path> = OnceLock::new();
+        *CHOICE.get_or_init(|| {
+            let available = Self::available();
+            let asked = std::env::var("GRANULAR_ID_SIMD").unwrap_or_default();
+            let forced = available.iter().find(|path| path.name() == asked);
+            forced.or(available.last()).copied().unwrap_or(Self::Baseline)
+        })
+    }
+
+    /// The name that `GRANULAR_ID_SIMD` knows.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Baseline => "baseline",
+            Self::Avx2 => "avx2",
+            Self::Avx512 => "avx512",
+        }
+    }
+
+    fn is_available(self) -> bool {
+        match self {
+            Self::Baseline => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => std::is_x86_feature_detected!("avx2"),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("avx512f"),
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// Runs `job` compiled for this path, or for the baseline where the machine lacks it.
+    #[allow(unsafe_code)]
+    pub(crate) fn run<J: Job>(self, job: J) -> J::Output {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `is_available` has just found the features that the wrapper is compiled for.
+            Self::Avx2 if self.is_available() => unsafe { super::x86::avx2(job) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: as above.
+            Self::Avx512 if self.is_available() => unsafe { super::x86::avx512(job) },
+            _ => job.run::<Portable>(),
+        }
+    }
+}
+
+/// Work that is compiled once per path. `run` must be `#[inline(always)]`, so that it takes on the features of
+/// the wrapper that calls it.
+pub(crate) trait Job {
+    /// What the work gives.
+    type Output;
+    /// Does the work with the primitives of one instruction set.
+    fn run<I: Isa>(self) -> Self::Output;
+}
+
+/// The primitives that a compiler does not find in a plain loop, with plain loops as the default.
+pub(crate) trait Isa {
+    /// Cells of one row; true when a value is too near to an edge for the quick arithmetic to decide.
+    #[inline(always)]
+    fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+        super::count::cells(bins, row, cells)
+    }
+
+    /// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`.
+    #[inline(always)]
+    fn transpose6<const W: usize>(
+        samples: &[f64; 6 * BLOCK],
+        rows: &mut [Row<W>; BLOCK],
+        lane: usize,
+        raw: Option<transpose::Raw<'_>>,
+    ) {
+        transpose::transpose6(samples, rows, lane, raw);
+    }
+
+    /// Asks for the cache line at `values[index]`, to be read soon. Any index is fine.
+    #[inline(always)]
+    fn will_read(_values: &[f64], _index: usize) {}
+
+    /// Asks for the cache line at `values[index]`, to be written soon. Any index is fine.
+    #[inline(always)]
+    fn will_write(_values: &[f64], _index: usize) {}
+}
+
+/// Plain loops, compiled for whatever the wrapper allows.
+pub(crate) struct Portable;
+
+impl Isa for Portable {}

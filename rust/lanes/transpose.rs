@@ -1,0 +1,58 @@
+//! From samples (all axes of one instant together) to lanes, and to raw features (all instants of one axis
+//! together).
+
+use super::{flat, flat_mut, Row, BLOCK};
+
+/// Where the raw features of one recording go: `values[axis * n_samples + sample]`.
+pub(crate) struct Raw<'a> {
+    /// Raw features of one recording, axis-major.
+    pub(crate) values: &'a mut [f64],
+    /// Samples per axis.
+    pub(crate) n_samples: usize,
+    /// The first sample of this block.
+    pub(crate) start: usize,
+}
+
+/// Plain-loop twin of the vector code in `x86.rs`.
+#[inline(always)]
+pub(super) fn transpose6<const W: usize>(
+    samples: &[f64; 6 * BLOCK],
+    rows: &mut [Row<W>; BLOCK],
+    lane: usize,
+    raw: Option<Raw<'_>>,
+) {
+    for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(6)) {
+        flat_mut(row)[lane..lane + 6].copy_from_slice(sample);
+    }
+    if let Some(Raw { values, n_samples, start }) = raw {
+        for axis in 0..6 {
+            let target = &mut values[axis * n_samples + start..][..BLOCK];
+            for (value, sample) in target.iter_mut().zip(samples.chunks_exact(6)) {
+                *value = sample[axis];
+            }
+        }
+    }
+}
+
+/// Samples of any number of axes into consecutive lanes, starting with axis `axis`.
+#[inline(always)]
+pub(crate) fn pack<const W: usize>(
+    samples: &[f64],
+    n_axes: usize,
+    axis: usize,
+    rows: &mut [Row<W>],
+    lanes: std::ops::Range<usize>,
+) {
+    for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(n_axes)) {
+        let n = lanes.len();
+        flat_mut(row)[lanes.clone()].copy_from_slice(&sample[axis..axis + n]);
+    }
+}
+
+/// One lane of some rows, in time order.
+#[inline(always)]
+pub(crate) fn unpack<const W: usize>(rows: &[Row<W>], lane: usize, target: &mut [f64]) {
+    for (value, row) in target.iter_mut().zip(rows) {
+        *value = flat(row)[lane];
+    }
+}

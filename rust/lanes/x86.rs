@@ -1,0 +1,121 @@
+//! The wrappers for AVX2 and AVX-512F, and the two primitives that plain loops do not reach.
+#![allow(unsafe_code)]
+
+use std::arch::x86_64::{
+    __m256i, _mm256_add_pd, _mm256_and_si256, _mm256_castpd128_pd256, _mm256_castpd_si256,
+    _mm256_cmpeq_epi32, _mm256_insertf128_pd, _mm256_loadu_pd, _mm256_max_pd, _mm256_min_epu32,
+    _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd, _mm256_permute2f128_pd, _mm256_set1_epi32,
+    _mm256_set1_epi64x, _mm256_set1_pd, _mm256_storeu_pd, _mm256_storeu_si256, _mm256_unpackhi_pd,
+    _mm256_unpacklo_pd, _mm_loadu_pd, _mm_prefetch, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd,
+    _MM_HINT_ET0, _MM_HINT_T0,
+};
+
+use super::count::{Cells, LaneBins};
+use super::path::{Isa, Job};
+use super::transpose::Raw;
+use super::{Row, BLOCK, LANES};
+
+/// Compiles a job for AVX2.
+#[target_feature(enable = "avx2")]
+pub(super) fn avx2<J: Job>(job: J) -> J::Output {
+    job.run::<X86>()
+}
+
+/// Compiles a job for AVX-512F; the primitives below stay at 256 bits.
+#[target_feature(enable = "avx2,avx512f")]
+pub(super) fn avx512<J: Job>(job: J) -> J::Output {
+    job.run::<X86>()
+}
+
+/// AVX2 primitives. Only ever used inside the wrappers above, which [`Path`](super::Path) calls after it has
+/// asked the processor: that is the safety argument of every block here.
+pub(super) struct X86;
+
+impl Isa for X86 {
+    #[inline(always)]
+    fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of four elements of an array of eight.
+        unsafe {
+            let bottom = _mm256_set1_pd(0.5);
+            let top = _mm256_set1_pd(bins.top);
+            let mut nearest = _mm256_set1_epi32(-1);
+            for w in 0..W {
+                for half in (0..LANES).step_by(4) {
+                    let load = |row: &Row<W>| _mm256_loadu_pd(row[w].0.as_ptr().add(half));
+                    let cell = _mm256_add_pd(_mm256_mul_pd(load(row), load(&bins.scale)), load(&bins.offset));
+                    // The second operand is the answer for NaN, as in the plain loop.
+                    let cell = _mm256_min_pd(_mm256_max_pd(cell, bottom), top);
+                    let bits = _mm256_castpd_si256(_mm256_add_pd(cell, load(&bins.base)));
+                    // High words are far above any limit, so one minimum over all words is the least fraction.
+                    nearest = _mm256_min_epu32(nearest, bits);
+                    #[allow(clippy::cast_ptr_alignment)] // an unaligned store
+                    let four = cells.0[w].as_mut_ptr().add(half).cast::<__m256i>();
+                    _mm256_storeu_si256(four, bits);
+                }
+            }
+            // limit >= 4, so limit - 1 does not wrap; the mask drops the high words.
+            let last = _mm256_set1_epi32((bins.limit - 1).cast_signed());
+            let near = _mm256_cmpeq_epi32(_mm256_min_epu32(nearest, last), nearest);
+            let near = _mm256_and_si256(near, _mm256_set1_epi64x(0xffff_ffff));
+            _mm256_movemask_epi8(near) != 0
+        }
+    }
+
+    #[inline(always)]
+    fn transpose6<const W: usize>(
+        samples: &[f64; 6 * BLOCK],
+        rows: &mut [Row<W>; BLOCK],
+        lane: usize,
+        raw: Option<Raw<'_>>,
+    ) {
+        assert!(lane + 6 <= W * LANES, "six lanes must fit");
+        let target = raw.map(|raw| {
+            let values = &mut raw.values[raw.start..];
+            assert!(values.len() >= 5 * raw.n_samples + BLOCK, "six axes must fit");
+            (values.as_mut_ptr(), raw.n_samples)
+        });
+        // SAFETY: AVX2 is there (see `X86`). Reads: sample s < 8 has six values at 6 * s. Writes: the asserts
+        // above leave room for six lanes in each row and for eight values of each of six axes.
+        unsafe {
+            for half in (0..BLOCK).step_by(4) {
+                let source = samples.as_ptr().add(6 * half);
+                let head = |s: usize| _mm256_loadu_pd(source.add(6 * s));
+                let tail = |s: usize| _mm_loadu_pd(source.add(6 * s + 4));
+                let (h0, h1, h2, h3) = (head(0), head(1), head(2), head(3));
+                let (t0, t1, t2, t3) = (tail(0), tail(1), tail(2), tail(3));
+                for (s, (h, t)) in [(h0, t0), (h1, t1), (h2, t2), (h3, t3)].into_iter().enumerate() {
+                    let row = rows[half + s].as_mut_ptr().cast::<f64>().add(lane);
+                    _mm256_storeu_pd(row, h);
+                    _mm_storeu_pd(row.add(4), t);
+                }
+                let Some((values, n_samples)) = target else { continue };
+                let (a, b) = (_mm256_unpacklo_pd(h0, h1), _mm256_unpackhi_pd(h0, h1));
+                let (c, d) = (_mm256_unpacklo_pd(h2, h3), _mm256_unpackhi_pd(h2, h3));
+                let join = |low, high| _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high);
+                let axes = [
+                    _mm256_permute2f128_pd::<0x20>(a, c),
+                    _mm256_permute2f128_pd::<0x20>(b, d),
+                    _mm256_permute2f128_pd::<0x31>(a, c),
+                    _mm256_permute2f128_pd::<0x31>(b, d),
+                    join(_mm_unpacklo_pd(t0, t1), _mm_unpacklo_pd(t2, t3)),
+                    join(_mm_unpackhi_pd(t0, t1), _mm_unpackhi_pd(t2, t3)),
+                ];
+                for (axis, four) in axes.into_iter().enumerate() {
+                    _mm256_storeu_pd(values.add(axis * n_samples + half), four);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn will_read(values: &[f64], index: usize) {
+        // SAFETY: a prefetch reads nothing and never faults, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(index).cast()) };
+    }
+
+    #[inline(always)]
+    fn will_write(values: &[f64], index: usize) {
+        // SAFETY: as above.
+        unsafe { _mm_prefetch::<_MM_HINT_ET0>(values.as_ptr().wrapping_add(index).cast()) };
+    }
+}

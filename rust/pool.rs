@@ -1,0 +1,49 @@
+//! Threads of our own, made when first needed, one set per process.
+//!
+//! The global pool of rayon belongs to the application; and a process that was forked has none of its parent's
+//! threads, so waiting for them would hang. The pool is therefore remembered together with the process id, and
+//! a child makes its own.
+
+use std::sync::{Arc, Mutex};
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// The pool of one process.
+struct Owned {
+    process: u32,
+    threads: usize,
+    pool: Arc<ThreadPool>,
+}
+
+static CURRENT: Mutex<Option<Owned>> = Mutex::new(None);
+
+/// Runs `work` in a pool of `threads`, or on the calling thread where no pool can be had.
+pub(crate) fn install<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
+    match pool(threads) {
+        Some(pool) => pool.install(work),
+        None => work(),
+    }
+}
+
+fn pool(threads: usize) -> Option<Arc<ThreadPool>> {
+    // Never waits: a fork may have copied the lock while another thread of the parent held it.
+    let Ok(mut current) = CURRENT.try_lock() else { return build(threads) };
+    let process = std::process::id();
+    if let Some(owned) = current.as_ref() {
+        if owned.process == process && owned.threads == threads {
+            return Some(Arc::clone(&owned.pool));
+        }
+    }
+    let pool = build(threads)?;
+    let replaced = current.replace(Owned { process, threads, pool: Arc::clone(&pool) });
+    if let Some(owned) = replaced.filter(|owned| owned.process != process) {
+        // The parent's threads do not exist here: dropping the pool would wait for them.
+        std::mem::forget(owned);
+    }
+    Some(pool)
+}
+
+fn build(threads: usize) -> Option<Arc<ThreadPool>> {
+    let name = |index| format!("granular-id-{index}");
+    ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build().ok().map(Arc::new)
+}
