@@ -1,0 +1,45 @@
+"""Synthetic recordings from a physical model of the push: for demonstrations, tests and a simulated sensor.
+
+Always labelled synthetic, and no evidence about accuracy on real recordings.
+
+The force on the tool is a mean drag (`mean_drag_n`) times a course along the push (`drag_profile`), with slow
+heterogeneity and shear-band waves (`heterogeneity`, `shear_band_wave`), stick-slip (`stick_slip`) and the
+noise of breaking contacts (`contact_breaks`); it reaches all six axes through the lever arm of the tool
+(`simulate_push`), rings through the arm (`tool_resonance`) and is read by a noisy sensor (`Sensor`).
+`synthesize` draws whole sets of recordings with everything that varies between them (`Nuisance`).
+"""
+
+from granular_id.synthetic.contacts import contact_break_rate_hz, contact_breaks
+from granular_id.synthetic.drag import contact_count, drag_profile, froude_number, mean_drag_n
+from granular_id.synthetic.generate import synthesize
+from granular_id.synthetic.materials import PAPER_MATERIALS, Material
+from granular_id.synthetic.nuisance import Conditions, Nuisance
+from granular_id.synthetic.push import PARTS, simulate_push
+from granular_id.synthetic.rig import Rig
+from granular_id.synthetic.sensor import Sensor, tool_resonance
+from granular_id.synthetic.slip import relative_fluctuation, slip_length_m, stick_slip
+from granular_id.synthetic.texture import heterogeneity, shear_band_wave
+
+__all__ = [
+    "PAPER_MATERIALS",
+    "PARTS",
+    "Conditions",
+    "Material",
+    "Nuisance",
+    "Rig",
+    "Sensor",
+    "contact_break_rate_hz",
+    "contact_breaks",
+    "contact_count",
+    "drag_profile",
+    "froude_number",
+    "heterogeneity",
+    "mean_drag_n",
+    "relative_fluctuation",
+    "shear_band_wave",
+    "simulate_push",
+    "slip_length_m",
+    "stick_slip",
+    "synthesize",
+    "tool_resonance",
+]

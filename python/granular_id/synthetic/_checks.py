@@ -1,0 +1,54 @@
+"""The few parameter checks that every part of the model shares."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+
+
+def real(name: str, value: object) -> float:
+    """Return ``value`` as float; raise unless it is a finite real number."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be a real number, got {value!r}")
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite, got {number}")
+    return number
+
+
+def positive(name: str, value: object) -> float:
+    """Return ``value`` as float; raise unless it is finite and above zero."""
+    number = real(name, value)
+    if number <= 0:
+        raise ValueError(f"{name} must be positive, got {number:g}")
+    return number
+
+
+def non_negative(name: str, value: object) -> float:
+    """Return ``value`` as float; raise unless it is finite and at least zero."""
+    number = real(name, value)
+    if number < 0:
+        raise ValueError(f"{name} must not be negative, got {number:g}")
+    return number
+
+
+# Beyond this no force-torque sensor samples, and a mistyped rate would only fill the memory.
+MAX_RATE_HZ = 50_000.0
+
+
+def rate(name: str, value: object) -> float:
+    """Return ``value`` as float; raise unless it is a sampling rate in (0, 50 kHz]."""
+    number = positive(name, value)
+    if number > MAX_RATE_HZ:
+        raise ValueError(f"{name} must be at most {MAX_RATE_HZ:g}, got {number:g}")
+    return number
+
+
+def count(name: str, value: object, *, minimum: int) -> int:
+    """Return ``value`` as int; raise unless it is a whole number of at least ``minimum``."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be a whole number, got {value!r}")
+    number = int(value)
+    if number < minimum:
+        raise ValueError(f"{name} must be at least {minimum}, got {number}")
+    return number

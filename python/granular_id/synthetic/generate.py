@@ -1,0 +1,196 @@
+"""Whole sets of synthetic recordings: materials, sessions, and what varies between pushes."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.synthetic import _checks
+from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
+from granular_id.synthetic.nuisance import CUT_SD, Conditions, Nuisance
+from granular_id.synthetic.push import random_stream, simulate_push
+from granular_id.synthetic.rig import Rig
+from granular_id.synthetic.sensor import Sensor
+
+__all__ = ["synthesize"]
+
+# Rest before the motion, s: drawn evenly between these ("a fraction of a second").
+LEAD_S = (0.10, 0.25)
+# Some 700 pushes take days: the set is recorded in four of them unless told otherwise.
+DEFAULT_SESSIONS = 4
+FIRST_SESSION_S = 1_704_099_600.0  # 2024-01-01 09:00 UTC, an arbitrary Monday
+SESSION_EVERY_S = 86_400.0
+# Every material is pushed once per round. A push with its reset takes about a minute.
+PUSH_EVERY_S = 55.0
+# First element of the key of each random stream.
+_RECORDING, _FILL, _SESSION = 1, 2, 3
+_CONDITIONS, _PUSH = 0, 1
+
+
+def synthesize(
+    materials: str | Material | Iterable[str | Material] = PAPER_MATERIALS,
+    n_per_class: int = 62,
+    sessions: int | None = None,
+    *,
+    rate_hz: float = 500.0,
+    duration_s: float = 3.2,
+    seed: int = 0,
+    rig: Rig | None = None,
+    nuisance: Nuisance | None = None,
+    sensor: Sensor | None = None,
+) -> Dataset:
+    """Make a data set of synthetic recordings from a physical model of the push.
+
+    For demonstrations, tests and the simulated sensor. It is **not** evidence about accuracy on real
+    recordings: every recording carries ``meta["synthetic"] = True``.
+
+    Parameters
+    ----------
+    materials : iterable of str or Material, default `PAPER_MATERIALS`
+        Names of the paper's materials, or descriptions of your own.
+    n_per_class : int, default 62
+        Recordings per material; the paper's 50 for training and 12 for testing.
+    sessions : int, optional
+        Days of recording. Mounting, calibration and zero point are drawn per session, the fill of a
+        container per session and material. Recording k belongs to session k modulo `sessions`. Default: 4,
+        or `n_per_class` if that is fewer.
+    rate_hz : float, default 500
+        Sampling rate.
+    duration_s : float, default 3.2
+        Length of each recording; it starts 0.10 to 0.25 s before the motion (`Recording.trigger_index`).
+    seed : int, default 0
+        Same seed, same bits (on one platform and numpy version). Recording k of a material does not depend
+        on how many recordings or which other materials are made.
+    rig : Rig, optional
+        Tool, depth, speed, container; default: the paper's.
+    nuisance : Nuisance, optional
+        What varies between pushes; ``Nuisance().scaled(0)`` switches it off.
+    sensor : Sensor, optional
+        Default: ATI Mini45.
+
+    Returns
+    -------
+    Dataset
+        ``len(materials) * n_per_class`` recordings, material by material. ``meta`` holds the drawn
+        parameters: depth, density, friction angle, gain, zero point, tilt and so on, units in the names.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For unknown materials (the known ones are listed), counts below 1, more sessions than recordings
+        per class, values out of range, or a push that would run into the container's wall.
+
+    Examples
+    --------
+    >>> from granular_id.synthetic import synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, seed=1)
+    >>> data.X.shape, sorted(set(data.y.tolist()))
+    ((8, 1600, 6), ['fine sugar', 'rice'])
+    >>> data[0].meta["synthetic"]
+    True
+    """
+    chosen = resolve_materials(materials)
+    n_per_class = _checks.count("n_per_class", n_per_class, minimum=1)
+    if sessions is None:
+        sessions = min(DEFAULT_SESSIONS, n_per_class)
+    if _checks.count("sessions", sessions, minimum=1) > n_per_class:
+        raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
+    seed = _checks.count("seed", seed, minimum=0)
+    rig, nuisance, sensor = rig or Rig(), nuisance or Nuisance(), sensor or Sensor()
+    rate_hz = _checks.rate("rate_hz", rate_hz)
+    duration_s = _checks.positive("duration_s", duration_s)
+    _check_extremes(rig, nuisance, rate_hz, duration_s)
+
+    block = np.empty((len(chosen) * n_per_class, round(duration_s * rate_hz), 6))
+    drawn: list[dict[str, Any]] = []
+    for slot, material in enumerate(chosen):
+        for k in range(n_per_class):
+            conditions, lead_s, stream = _draw(material, k, sessions, seed, nuisance)
+            block[len(drawn)] = simulate_push(
+                material,
+                rig=rig,
+                rate_hz=rate_hz,
+                duration_s=duration_s,
+                lead_s=lead_s,
+                sensor=sensor,
+                conditions=conditions,
+                seed=stream,
+            )
+            pushes_before = len(chosen) * (k // sessions) + slot
+            day_s = FIRST_SESSION_S + SESSION_EVERY_S * (k % sessions)
+            drawn.append(
+                {
+                    "label": material.name,
+                    "name": f"{material.name.replace(' ', '_')}_{k:02d}",
+                    "session": f"session {k % sessions + 1}",
+                    "start_time": day_s + PUSH_EVERY_S * pushes_before,
+                    "trigger_index": math.ceil(lead_s * rate_hz),
+                    "meta": _meta(material, rig, conditions, lead_s, seed),
+                }
+            )
+    full_scale = np.asarray(sensor.full_scale)
+    saturated: np.ndarray[Any, np.dtype[np.bool_]] = np.any(np.abs(block) >= full_scale, axis=2)
+    block.flags.writeable = False  # recordings share it: no second copy of the samples
+    return Dataset(
+        [
+            Recording(wrench, rate_hz=rate_hz, flags=_flags(over), **row)
+            for wrench, over, row in zip(block, saturated, drawn, strict=True)
+        ]
+    )
+
+
+def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: float) -> None:
+    """Refuse what the most extreme draw could not do, before any time is spent."""
+    n_samples = round(duration_s * rate_hz)
+    if math.ceil(LEAD_S[1] * rate_hz) >= n_samples:
+        raise ValueError(
+            f"duration_s must exceed the {LEAD_S[1]:g} s of rest before the motion by at least one sample, "
+            f"got {duration_s:g} at rate_hz = {rate_hz:g}"
+        )
+    travel_m = float(rig.travel_m(np.array([duration_s - LEAD_S[0]]))[0])
+    nearest_m = rig.wall_distance_m - CUT_SD * sum(nuisance.wall_m)
+    if travel_m >= nearest_m:
+        raise ValueError(
+            f"duration_s = {duration_s:g} moves the tool up to {travel_m:.3f} m, and the wall may stand at "
+            f"{nearest_m:.3f} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m"
+        )
+    if rig.depth_m <= CUT_SD * sum(nuisance.depth_m):
+        raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")
+
+
+def _draw(
+    material: Material, k: int, sessions: int, seed: int, nuisance: Nuisance
+) -> tuple[Conditions, float, np.random.SeedSequence]:
+    # The name, not the position in the list: the same recordings whichever materials stand beside.
+    key = int.from_bytes(hashlib.blake2b(material.name.encode(), digest_size=4).digest(), "big")
+    recording = random_stream(seed, _RECORDING, key, k)
+    own = np.random.default_rng(random_stream(recording, _CONDITIONS))
+    fill = np.random.default_rng(random_stream(seed, _FILL, key, k % sessions))
+    session = np.random.default_rng(random_stream(seed, _SESSION, k % sessions))
+    conditions = nuisance.draw(own, fill, session)
+    return conditions, float(own.uniform(*LEAD_S)), random_stream(recording, _PUSH)
+
+
+def _meta(material: Material, rig: Rig, conditions: Conditions, lead_s: float, seed: int) -> dict[str, Any]:
+    packed, set_up = conditions.material(material), conditions.rig(rig)
+    return {
+        "synthetic": True,
+        "seed": seed,
+        "frame": "x along the push, z along the tool (down), y completes; origin at the sensor",
+        "sign": "load of the tool on the material: fx positive while pushing",
+        "lead_s": lead_s,
+        "rig": {field.name: getattr(set_up, field.name) for field in fields(set_up)},
+        "material": asdict(packed),
+        "conditions": asdict(conditions),
+        "gain": math.exp(conditions.gain_log),
+    }
+
+
+def _flags(saturated: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
+    return saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED) if saturated.any() else None

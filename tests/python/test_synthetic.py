@@ -1,0 +1,305 @@
+"""Synthetic data sets: shape, seeds, sessions, what varies, what is refused, how the forces look."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import json
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from granular_id.recording import SampleFlag
+from granular_id.synthetic import (
+    PAPER_MATERIALS,
+    Conditions,
+    Material,
+    Nuisance,
+    Rig,
+    Sensor,
+    mean_drag_n,
+    simulate_push,
+    synthesize,
+)
+
+BY_NAME = {material.name: material for material in PAPER_MATERIALS}
+LENTILS = Material("lentils", 0.0045, 1.8, bulk_density_kg_m3=800, friction_angle_deg=28)
+
+
+@pytest.fixture(scope="module")
+def paper_like():
+    return synthesize(n_per_class=12, seed=1)
+
+
+@pytest.fixture(scope="module")
+def mean_fx(paper_like):
+    return {label: paper_like.X[paper_like.y == label, :, 0].mean(axis=0) for label in paper_like.labels}
+
+
+# -- the set ----------------------------------------------------------------------------------
+
+
+def test_the_paper_set_has_its_eleven_materials_and_says_it_is_synthetic(paper_like):
+    assert len(PAPER_MATERIALS) == 11
+    assert paper_like.X.shape == (132, 1600, 6)
+    assert paper_like.rate_hz == 500
+    assert list(dict.fromkeys(paper_like.y.tolist())) == [m.name for m in PAPER_MATERIALS]
+    assert all(recording.meta["synthetic"] is True for recording in paper_like)
+    assert len(set(paper_like.names)) == 132
+
+
+def test_the_trigger_is_the_onset_of_the_motion(paper_like):
+    triggers = np.array([recording.trigger_index for recording in paper_like])
+    leads = np.array([recording.meta["lead_s"] for recording in paper_like])
+    assert ((leads >= 0.10) & (leads <= 0.25)).all()
+    assert np.array_equal(triggers, np.ceil(leads * 500))
+    assert triggers.std() > 10
+    for recording in paper_like:
+        assert recording.trigger_index is not None
+        before = recording.wrench[: recording.trigger_index + 1, 0]
+        after = recording.wrench[recording.trigger_index + 50 : recording.trigger_index + 100, 0]
+        assert after.mean() - before.mean() > 0.3
+
+
+def test_sessions_are_days_in_which_every_material_is_pushed_in_turn(paper_like):
+    sessions, times = paper_like.sessions, paper_like.start_times
+    assert sorted(set(sessions)) == ["session 1", "session 2", "session 3", "session 4"]
+    assert len(set(times.tolist())) == len(times)
+    for session in set(sessions):
+        inside = times[sessions == session]
+        assert np.ptp(inside) < 86_400
+        assert set(paper_like.y[sessions == session]) == set(paper_like.labels)
+        assert np.diff(np.sort(inside)).min() > 3.2
+    assert [recording.session for recording in synthesize("rice", n_per_class=2)] == [
+        "session 1",
+        "session 2",
+    ]
+
+
+def test_meta_holds_the_drawn_parameters_as_plain_json(paper_like):
+    def plain(value):
+        if isinstance(value, Mapping):
+            return {key: plain(item) for key, item in value.items()}
+        return [plain(item) for item in value] if isinstance(value, tuple) else value
+
+    for recording in list(paper_like)[:3]:
+        meta = json.loads(json.dumps(plain(recording.meta)))
+        assert meta["rig"]["depth_m"] <= 0.080
+        assert meta["seed"] == 1
+        nominal = BY_NAME[recording.label]
+        packed = 1 + meta["conditions"]["packing_percent"] / 100
+        assert meta["material"]["bulk_density_kg_m3"] == pytest.approx(nominal.bulk_density_kg_m3 * packed)
+        assert meta["gain"] == pytest.approx(math.exp(meta["conditions"]["gain_log"]))
+    depths = [recording.meta["rig"]["depth_m"] for recording in paper_like]
+    assert 0.001 < np.std(depths) < 0.004
+
+
+# -- seeds ------------------------------------------------------------------------------------
+
+
+def test_same_seed_same_bits_other_seed_other_bits():
+    one, same, other = (synthesize(["rice", LENTILS], n_per_class=2, seed=seed) for seed in (3, 3, 4))
+    assert one == same
+    assert one.X.tobytes() == same.X.tobytes()
+    for mine, theirs in zip(one.X, other.X, strict=True):
+        assert not np.array_equal(mine, theirs)
+
+
+def test_a_recording_does_not_depend_on_what_else_is_made():
+    few = synthesize(["fine sugar", "rice"], n_per_class=3, sessions=2, seed=7)
+    many = synthesize(["rice", "macaroni", "fine sugar"], n_per_class=5, sessions=2, seed=7)
+    for label in ("rice", "fine sugar"):
+        mine, theirs = few.X[few.y == label], many.X[many.y == label]
+        assert np.array_equal(mine, theirs[:3])
+        assert list(few.sessions[few.y == label]) == list(many.sessions[many.y == label][:3])
+
+
+def test_recordings_of_one_set_all_differ(paper_like):
+    assert len({recording.wrench.tobytes() for recording in paper_like}) == len(paper_like)
+
+
+# -- what varies ------------------------------------------------------------------------------
+
+
+def test_without_nuisance_only_grains_and_noise_differ():
+    data = synthesize("wheat flour", n_per_class=3, nuisance=Nuisance().scaled(0), seed=2)
+    conditions = [dict(recording.meta["conditions"]) for recording in data]
+    assert conditions[0] == conditions[1] == conditions[2]
+    assert data[0].meta["material"] == data[1].meta["material"]
+    assert data[0].meta["rig"]["depth_m"] == 0.076
+    rest = data.X[:, :50]
+    assert np.abs(rest.mean(axis=1)).max() < 0.05
+
+
+def test_calibration_belongs_to_the_session_and_packing_also_to_recording_and_fill():
+    data = synthesize(["rice", "macaroni"], n_per_class=6, sessions=2, seed=0)
+    for session in ("session 1", "session 2"):
+        inside = [r.meta["conditions"] for r in data if r.session == session]
+        assert len({c["gain_log"] for c in inside}) == 1
+        assert len({c["packing_percent"] for c in inside}) == len(inside)
+    assert len({r.meta["gain"] for r in data}) == 2
+
+
+def test_levels_scale_the_same_draws():
+    def draw(nuisance):
+        return nuisance.draw(*(np.random.default_rng(i) for i in range(3)))
+
+    nominal, once, twice = (draw(Nuisance().scaled(factor)) for factor in (0, 1, 2))
+    assert nominal == Conditions(tare=(0.0,) * 6, drift_per_s=(0.0,) * 6)
+    assert twice.packing_percent == pytest.approx(2 * once.packing_percent)
+    assert twice.lift_ratio - 0.55 == pytest.approx(2 * (once.lift_ratio - 0.55))
+    np.testing.assert_allclose(twice.tare, 2 * np.array(once.tare))
+
+
+def test_denser_packing_drags_more_and_overshoots_more():
+    rice = BY_NAME["rice"]
+    loose, dense = (Conditions(packing_percent=p).material(rice) for p in (-2.0, 2.0))
+    assert mean_drag_n(dense) > 1.15 * mean_drag_n(loose)
+    assert dense.overshoot > 1.3 * loose.overshoot
+
+
+def test_mounting_and_sensor_errors_act_as_stated():
+    def push(**state):
+        return simulate_push(BY_NAME["dry peas"], conditions=Conditions(**state))
+
+    plain = push()
+    np.testing.assert_allclose(push(gain_log=0.1), plain * math.exp(0.1), rtol=1e-12)
+    tare = (0.1, -0.2, 0.3, 0.01, -0.02, 0.03)
+    np.testing.assert_allclose(push(tare=tare) - plain, np.tile(tare, (1600, 1)), atol=1e-12)
+    drifted = push(drift_per_s=(0.5,) * 6) - plain
+    np.testing.assert_allclose(drifted, 0.5 * np.arange(1600)[:, None] / 500 * np.ones(6), atol=1e-12)
+    tilted = push(roll_rad=0.02, pitch_rad=-0.03, yaw_rad=0.05)
+    for part in (slice(0, 3), slice(3, 6)):
+        np.testing.assert_allclose(
+            np.linalg.norm(tilted[:, part], axis=1), np.linalg.norm(plain[:, part], axis=1), rtol=1e-12
+        )
+    yawed = push(yaw_rad=math.pi / 2)
+    np.testing.assert_allclose(yawed[:, 1], plain[:, 0], atol=1e-12)
+    off_axis = push(off_axis_y_m=0.001) - plain
+    np.testing.assert_allclose(off_axis[:, 3], 0.001 * plain[:, 2], atol=1e-3)
+    assert push(depth_offset_m=0.5)[400:, 0].mean() == push(depth_offset_m=0.004)[400:, 0].mean()
+
+
+# -- the sensor -------------------------------------------------------------------------------
+
+
+def test_rest_is_sensor_noise(paper_like):
+    rest = np.concatenate(
+        [r.wrench[: r.trigger_index] - r.wrench[: r.trigger_index].mean(0) for r in paper_like]
+    )
+    stated = (0.020, 0.019, 0.050, 0.53e-3, 0.53e-3, 0.50e-3)
+    np.testing.assert_allclose(rest.std(axis=0), stated, rtol=0.03)
+
+
+def test_readings_are_whole_steps_of_the_converter(paper_like):
+    steps = paper_like.X / Sensor().resolution()
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    assert Sensor().resolution()[0] == 145 / 2**15
+
+
+def test_a_sensor_at_its_end_saturates_and_the_samples_are_flagged():
+    small = Sensor(full_scale=(2.0, 145.0, 290.0, 5.0, 5.0, 5.0))
+    recording = synthesize("fine sugar", n_per_class=1, sensor=small)[0]
+    assert recording.wrench[:, 0].max() == 2.0
+    assert recording.flags is not None
+    assert np.array_equal(recording.flags == SampleFlag.SATURATED, recording.wrench[:, 0] == 2.0)
+    assert (recording.flags > 0).sum() > 1000
+    assert synthesize("fine sugar", n_per_class=1)[0].flags is None
+
+
+# -- how the forces look ----------------------------------------------------------------------
+
+
+def test_rice_peaks_early_and_then_falls_near_zero(mean_fx):
+    rice = mean_fx["rice"]
+    assert 100 < rice.argmax() < 350
+    assert rice.max() > 6
+    assert np.abs(rice[900:1150]).max() < 0.1 * rice.max()
+
+
+@pytest.mark.parametrize("label", ["clay granules", "cat litter"])
+def test_clay_granules_and_litter_go_negative(mean_fx, label):
+    assert mean_fx[label].max() > 2
+    assert mean_fx[label][1000:].mean() < -0.15
+
+
+def test_mean_levels_of_materials_stand_in_the_right_order(mean_fx):
+    level = {label: mean[200:].mean() for label, mean in mean_fx.items()}
+    assert level["fine sugar"] / level["sunflower seeds"] > 1.8
+    assert 0.8 < level["oat flakes"] / level["breadcrumbs"] < 1.25
+
+
+def test_sugar_waves_and_flour_is_smooth(paper_like):
+    def band(label, low_hz, high_hz):
+        sos = signal.butter(3, (low_hz, high_hz), "band", fs=500, output="sos")
+        fx = paper_like.X[paper_like.y == label, :, 0]
+        return np.median(signal.sosfiltfilt(sos, fx, axis=1)[:, 400:].std(axis=1) / fx[:, 400:].mean(axis=1))
+
+    assert band("fine sugar", 1.2, 4) > 0.05
+    assert band("fine sugar", 1.2, 4) > 3 * band("wheat flour", 1.2, 4)
+    assert band("wheat flour", 5, 100) < 0.01
+    assert band("macaroni", 5, 100) > 0.05
+
+
+def test_high_pass_stays_within_the_histogram(paper_like):
+    sos = signal.butter(8, 23, "high", fs=500, output="sos")
+    rest = np.abs(signal.sosfilt(sos, paper_like.X, axis=1))
+    for label in paper_like.labels:
+        forces, torques = rest[paper_like.y == label][..., :3], rest[paper_like.y == label][..., 3:]
+        assert np.quantile(forces, 0.999) < 1.6
+        assert torques.max() < 0.5
+    assert np.quantile(rest[paper_like.y == "macaroni"][..., 0], 0.999) > 0.8
+
+
+# -- own materials and odd settings -----------------------------------------------------------
+
+
+def test_own_material_rig_and_rate():
+    deep = Rig(tool_diameter_m=0.01, depth_m=0.05, speed_m_s=0.01, wall_distance_m=0.5)
+    data = synthesize(["rice", LENTILS], n_per_class=2, rate_hz=100, duration_s=2.5, rig=deep)
+    assert data.X.shape == (4, 250, 6)
+    assert data.labels == ("lentils", "rice")
+
+
+@settings(max_examples=60)
+@given(
+    material=st.builds(
+        Material,
+        name=st.just("any"),
+        grain_diameter_m=st.floats(1e-6, 0.1),
+        aspect_ratio=st.floats(1, 10),
+        bulk_density_kg_m3=st.floats(1, 5000),
+        friction_angle_deg=st.floats(0, 60),
+        cohesion_pa=st.floats(0, 1000),
+        overshoot=st.floats(0, 3),
+        overshoot_at_diameters=st.floats(0.05, 3),
+        back_flow=st.floats(0, 3),
+        shear_band_wave=st.floats(0, 0.5),
+        fluctuation=st.floats(0, 3),
+        sharpness=st.floats(0.01, 3),
+        mobilisation_diameters=st.floats(0.01, 3),
+    ),
+    speed=st.floats(0.001, 0.1),
+    rate_hz=st.floats(20, 2000),
+    seed=st.integers(0, 2**64),
+)
+def test_every_valid_material_gives_finite_forces_that_start_at_rest(material, speed, rate_hz, seed):
+    push = simulate_push(
+        material, rig=Rig(speed_m_s=speed), rate_hz=rate_hz, duration_s=0.6, lead_s=0.1, seed=seed
+    )
+    assert push.shape == (round(0.6 * rate_hz), 6)
+    assert np.isfinite(push).all()
+    assert not push[: int(0.1 * rate_hz)].any()
+    assert push[-1].any()
+
+
+@pytest.mark.parametrize("module", ["materials", "drag", "push", "sensor", "nuisance", "generate"])
+def test_examples_in_docstrings_run(module):
+    result = doctest.testmod(importlib.import_module(f"granular_id.synthetic.{module}"))
+    assert result.attempted > 0
+    assert result.failed == 0
