@@ -32,6 +32,7 @@ _MAX_STEPS_GUESS = 100_000
 # stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
 _HARD_BOUND = 1e10
 _KKT_TOLERANCE = 1e-8
+_MAX_ROUNDS = 20
 
 
 class NotSeparableError(ValueError):
@@ -205,42 +206,68 @@ def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
 def _active_set_solution(
     gram: FloatArray, targets: FloatArray, upper: FloatArray, dual: FloatArray
 ) -> tuple[FloatArray, float] | None:
-    """Solve for the free multipliers and the intercept, given which rows are free and which at their bound.
+    """Exact multipliers (with sign) and intercept, given a guess of which rows are free, bound and idle.
 
-    None when the system is singular or its solution breaks an optimality condition: the guess was wrong.
+    Rows that turn out to be guessed wrong change sides, a few times at most. None when the conditions of
+    optimality still do not hold then.
     """
     bound = np.abs(dual) >= upper
     free = (dual != 0) & ~bound
+    for _ in range(_MAX_ROUNDS):
+        exact, intercept = _stationary_point(gram, targets, np.where(bound, targets * upper, 0.0), free)
+        multipliers = exact * targets
+        # Functional margins: 1 for free rows, at least 1 for idle rows, at most 1 for rows at their bound.
+        excess = targets * (gram @ exact + intercept) - 1.0
+        if not np.abs(excess[free]).max(initial=0.0) <= _KKT_TOLERANCE:  # NaN too: nothing to learn from it
+            return None
+        to_idle, to_bound = free & (multipliers < 0), free & (multipliers > upper)
+        if not (to_idle | to_bound).any():
+            # Written so that rows of a NaN intercept (no row tells where it lies) are freed too.
+            to_free = ~free & ~(np.where(bound, excess, -excess) <= _KKT_TOLERANCE)
+            if not to_free.any():
+                balanced = abs(exact.sum()) <= _KKT_TOLERANCE * np.abs(exact).sum()
+                return (exact, intercept) if balanced else None
+            free |= to_free
+            bound &= ~to_free
+        free &= ~(to_idle | to_bound)
+        bound |= to_bound
+    return None
+
+
+def _stationary_point(
+    gram: FloatArray, targets: FloatArray, at_bound: FloatArray, free: npt.NDArray[np.bool_]
+) -> tuple[FloatArray, float]:
+    """Multipliers (with sign) and intercept that put the free rows on the margin."""
     n_free = int(free.sum())
     if n_free == 0:
-        return None
-    at_bound = np.where(bound, dual, 0.0)
+        return at_bound, _middle_intercept(targets, at_bound, gram @ at_bound)
     system = np.ones((n_free + 1, n_free + 1))
     system[:n_free, :n_free] = gram[np.ix_(free, free)]
     system[n_free, n_free] = 0.0
     wanted = np.append(targets[free] - gram[free] @ at_bound, -at_bound.sum())
-    # Repeated rows make the system singular, not unsolvable: the shortest solution shares their weight.
-    for solve in (np.linalg.solve, _shortest_solution):
-        try:
-            solution = solve(system, wanted)
-        except np.linalg.LinAlgError:
-            continue
-        exact = at_bound.copy()
-        exact[free] = solution[:n_free]
-        intercept = float(solution[n_free])
-        multipliers = exact * targets
-        if (multipliers < 0).any() or (multipliers > upper).any():
-            continue
-        # Functional margins: 1 for free rows, at least 1 for rows without, at most 1 for rows at the bound.
-        excess = targets * (gram @ exact + intercept) - 1.0
-        violation = np.where(free, np.abs(excess), np.where(bound, excess, -excess))
-        if violation.max() <= _KKT_TOLERANCE:  # False for NaN too
-            return exact, intercept
-    return None
+    try:
+        solution = np.linalg.solve(system, wanted)
+        solved = bool(np.abs(system @ solution - wanted).max() <= _KKT_TOLERANCE)
+    except np.linalg.LinAlgError:
+        solved = False
+    if not solved:
+        # Repeated rows make the system singular, not unsolvable: the shortest solution shares their weight.
+        solution = np.linalg.lstsq(system, wanted)[0]
+    exact = at_bound.copy()
+    exact[free] = solution[:n_free]
+    return exact, float(solution[n_free])
 
 
-def _shortest_solution(system: FloatArray, wanted: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.lstsq(system, wanted)[0], dtype=np.float64)
+def _middle_intercept(targets: FloatArray, at_bound: FloatArray, scores: FloatArray) -> float:
+    """Middle of the optimal intercepts when no row is free, as libsvm takes it; NaN when no row tells."""
+    wanted = targets - scores
+    is_bound = at_bound != 0
+    # A row at its bound must not be beyond its margin, an idle row not inside it.
+    from_below = wanted[(targets > 0) != is_bound]
+    from_above = wanted[(targets > 0) == is_bound]
+    if len(from_below) == 0 or len(from_above) == 0:
+        return float("nan")
+    return float(from_below.max() + from_above.min()) / 2.0
 
 
 def _check_separated(margins: FloatArray, at_bound: int, converged: bool) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.multiclass import check_classification_targets
-from sklearn.utils.validation import _check_sample_weight, check_is_fitted, column_or_1d, validate_data
+from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
 from granular_id.coding import DECODINGS, LOSSES, decode, onevsone
 from granular_id.learners import DualLearners, LinearLearner, fit_dual
@@ -252,7 +252,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         is_true = labels[:, None] == self.classes_
         unknown = ~is_true.any(axis=1)
         if unknown.any():
-            raise ValueError(f"y holds {labels[unknown][0]!r}, which is not among the classes of fit")
+            raise ValueError(
+                f"y holds {labels[unknown].tolist()[0]!r}, which is not among the classes of fit"
+            )
         others = np.where(is_true, -np.inf, values).max(axis=1)
         margins: FloatArray = values[is_true] - others
         return margins
@@ -295,10 +297,10 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         check_classification_targets(labels)
         counted = labels if weights is None else labels[weights > 0]
         if len(counted) == 0:
-            raise ValueError("sample_weight is 0 for every row")
+            raise ValueError("sample_weight must not be zero for every row")
         self.classes_ = np.unique(counted)
         if len(self.classes_) < 2:
-            raise ValueError(f"y holds one class only ({self.classes_[0]!r}): nothing to tell apart")
+            raise ValueError(f"y holds one class only ({self.classes_.tolist()[0]!r}): nothing to tell apart")
         self.coding_matrix_ = onevsone(len(self.classes_))
         # Rows of weight 0 may carry a label that no counted row has: any index serves, they are left out.
         codes = np.searchsorted(self.classes_, labels)
@@ -323,7 +325,13 @@ def _as_decision(values: FloatArray) -> FloatArray:
 
 
 def _checked_weights(sample_weight: npt.ArrayLike, rows: FloatArray) -> FloatArray:
-    weights: FloatArray = _check_sample_weight(sample_weight, rows, dtype=np.float64)
-    if (weights < 0).any():
+    weights = np.asarray(sample_weight, dtype=np.float64)
+    if weights.shape != (len(rows),):
+        raise ValueError(
+            f"sample_weight must have shape ({len(rows)},), one per row, got shape {weights.shape}"
+        )
+    if not np.isfinite(weights).all():
+        raise ValueError("sample_weight must be finite: it contains NaN or inf")
+    if weights.min() < 0:
         raise ValueError(f"sample_weight must not be negative, got {weights.min()}")
     return weights

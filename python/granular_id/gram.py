@@ -15,7 +15,7 @@ __all__ = ["linear_gram"]
 FloatArray = npt.NDArray[np.float64]
 
 # Columns are centred and multiplied in blocks of this size, so that no copy of X is ever made.
-_BLOCK_BYTES = 3_000_000
+_BLOCK_BYTES = 2_000_000
 
 
 def linear_gram(
@@ -37,7 +37,7 @@ def linear_gram(
         Subtracted from each row first. A linear learner with an intercept gives the same scores for
         any origin, so this changes rounding only; take the mean of all rows when columns carry large offsets.
     scale : array-like, shape (D,), optional
-        Each centred column is divided by this.
+        Each centred column is divided by this; infinity leaves a column out.
 
     Returns
     -------
@@ -74,6 +74,7 @@ def linear_gram(
             other = block if right is left else _moved(right, columns, origin, unit)
             np.matmul(block, other.T, out=product)
             gram += product
+            del block, other  # before the next ones are made: two of each would double the memory
     if not np.isfinite(gram).all():
         raise ValueError(
             "X and Y must be finite (no NaN, no inf), with scalar products in the range of float64"

@@ -95,11 +95,21 @@ def fit_features(
 
 
 def _mean_and_deviation(rows: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean and population standard deviation of each column; 1 for the deviation of a constant."""
+    """Weighted mean and population standard deviation of each column; infinite for a constant column.
+
+    Divided by infinity, a feature that says nothing becomes exactly 0, and so does its weight.
+    """
     mean = np.average(rows, axis=0, weights=weights)
-    centred = rows - mean
-    np.square(centred, out=centred)
-    deviation = np.sqrt(np.average(centred, axis=0, weights=weights))
     # Rounding leaves a constant column a deviation that is not quite 0.
-    constant = (rows.min(axis=0) == rows.max(axis=0)) | (deviation == 0)
-    return mean, np.where(constant, 1.0, deviation)
+    constant = rows.min(axis=0) == rows.max(axis=0)
+    relative = rows - mean
+    # In units of the largest, so that squares neither overflow nor vanish.
+    largest = np.maximum(relative.max(axis=0), -relative.min(axis=0))
+    constant |= largest == 0
+    largest[constant] = np.inf
+    relative /= largest
+    np.square(relative, out=relative)
+    deviation = largest * np.sqrt(
+        np.average(relative, axis=0, weights=weights), where=~constant, out=np.ones_like(mean)
+    )
+    return mean, deviation

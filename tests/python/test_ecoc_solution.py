@@ -1,0 +1,187 @@
+"""The learners are optimal, and depend on nothing but the rows: proved by the conditions of optimality."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.svm import SVC
+
+from granular_id import dual_svm
+from granular_id.dual_svm import NotSeparableError, solve_binary
+from granular_id.ecoc import ECOCClassifier
+from granular_id.gram import linear_gram
+
+
+def problem(seed, n_rows, n_features, distance=0.5):
+    rng = np.random.default_rng(seed)
+    targets = np.where(np.arange(n_rows) % 2 == 0, 1.0, -1.0)
+    X = rng.standard_normal((n_rows, n_features)) + distance * targets[:, None]
+    return X, targets
+
+
+def worst_violation(gram, targets, upper, solution):
+    """How far a solution is from optimal: in multipliers relative to the largest, in functional margins."""
+    alpha = solution.dual_coef * targets
+    tiny = 1e-9 * max(alpha.max(), 1e-300)
+    margin = targets * (gram @ solution.dual_coef + solution.intercept)
+    feasible = max(-alpha.min(), (alpha - upper).max(), abs(solution.dual_coef.sum())) / alpha.max()
+    below, above = alpha < upper - tiny, alpha > tiny
+    slack = max(np.max(1 - margin, where=below, initial=0.0), np.max(margin - 1, where=above, initial=0.0))
+    return max(feasible, slack)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 10_000),
+    n_rows=st.integers(2, 40),
+    n_features=st.integers(1, 60),
+    distance=st.sampled_from([0.0, 0.2, 1.0]),
+    C=st.sampled_from([1e-3, 1.0, 30.0]),
+    scale=st.sampled_from([1e-6, 1.0, 1e8]),
+    offset=st.sampled_from([0.0, 100.0]),
+    weighted=st.booleans(),
+)
+def test_conditions_of_optimality(seed, n_rows, n_features, distance, C, scale, offset, weighted):
+    X, targets = problem(seed, n_rows, n_features, distance)
+    weights = np.random.default_rng(seed).uniform(0.1, 3.0, n_rows) if weighted else np.ones(n_rows)
+    X = (X + offset) * scale
+    gram = linear_gram(X)
+    # The cost is in units of the rows: the same problem at each scale.
+    upper = C * weights / scale**2
+    assert worst_violation(gram, targets, upper, solve_binary(gram, targets, upper)) < 2e-5
+
+
+@pytest.mark.parametrize("n_features", [3, 400])
+def test_exact_where_libsvm_is_not(n_features):
+    X, targets = problem(3, 60, n_features)
+    gram = linear_gram(X)
+    ours = solve_binary(gram, targets, np.ones(60))
+    loose = SVC(kernel="precomputed").fit(gram, targets)
+    assert worst_violation(gram, targets, np.ones(60), ours) < 1e-11
+    np.testing.assert_allclose(
+        gram @ ours.dual_coef + ours.intercept, loose.decision_function(gram), atol=5e-3
+    )
+
+
+def kinds_of_rows():
+    rng = np.random.default_rng(11)
+    y = np.repeat(np.arange(4), 25)
+    noise = rng.standard_normal((100, 900))
+    walk = np.cumsum(rng.standard_normal((100, 900)), axis=1) / 20
+    shift = np.cumsum(rng.standard_normal((4, 900)), axis=1)[y] / 40
+    return {"noise": (noise, y), "walk": (walk, y), "separate walk": (walk + shift, y)}
+
+
+@pytest.mark.parametrize("kind", kinds_of_rows())
+def test_origin_order_and_offset_do_not_matter(kind):
+    X, y = kinds_of_rows()[kind]
+    expected = ECOCClassifier().fit(X, y).binary_scores(X)
+    close = {"rtol": 1e-6, "atol": 1e-8}
+    order = np.random.default_rng(0).permutation(len(y))
+    np.testing.assert_allclose(ECOCClassifier().fit(X[order], y[order]).binary_scores(X), expected, **close)
+    for center in (None, X[0], X.mean(axis=0)):
+        gram = linear_gram(X, center=center)
+        np.testing.assert_allclose(
+            ECOCClassifier().fit_gram(gram, y).binary_scores_gram(gram), expected, **close
+        )
+    for deviations in (10.0, 1e3, 1e5):
+        moved = X + deviations * X.std()
+        np.testing.assert_allclose(
+            ECOCClassifier().fit(moved, y).binary_scores(moved), expected, rtol=1e-5, atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("standardize", [False, True])
+@pytest.mark.parametrize("n_features", [2, 5, 300])
+def test_weights_equal_repeated_rows(standardize, n_features):
+    rng = np.random.default_rng(n_features)
+    y = np.arange(60) % 3
+    X = rng.standard_normal((60, n_features)) + np.eye(3)[y] @ rng.standard_normal((3, n_features))
+    times = rng.integers(0, 4, 60)
+    weighted = ECOCClassifier(standardize=standardize).fit(X, y, sample_weight=times)
+    repeated = ECOCClassifier(standardize=standardize).fit(np.repeat(X, times, axis=0), np.repeat(y, times))
+    np.testing.assert_allclose(weighted.binary_scores(X), repeated.binary_scores(X), rtol=1e-7, atol=1e-7)
+    assert (weighted.dual_coef_[:, times == 0] == 0).all()
+
+
+def test_a_class_whose_weights_are_all_zero_is_absent():
+    X, y = kinds_of_rows()["noise"]
+    clf = ECOCClassifier().fit(X, y, sample_weight=(y != 1).astype(float))
+    without = ECOCClassifier().fit(X[y != 1], y[y != 1])
+    np.testing.assert_array_equal(clf.classes_, [0, 2, 3])
+    np.testing.assert_allclose(clf.binary_scores(X), without.binary_scores(X), rtol=1e-7, atol=1e-9)
+
+
+def test_share_of_multipliers_at_the_bound():
+    X, y = kinds_of_rows()["noise"]
+    clf = ECOCClassifier(C=1e-6).fit(X, y)
+    assert clf.alpha_at_bound_ == 1.0
+    assert ECOCClassifier().fit(X, y).alpha_at_bound_ == 0.0
+
+
+class TestHardMargin:
+    def test_no_row_inside_the_margin(self):
+        X, y = kinds_of_rows()["walk"]
+        soft = ECOCClassifier(C=1e-3).fit(X, y)
+        hard = ECOCClassifier(C=1e-3, hard_margin=True).fit(X, y)
+        assert soft.alpha_at_bound_ > 0
+        assert hard.alpha_at_bound_ == 0
+        agreement = hard.binary_scores(X) * hard.coding_matrix_[y]
+        seen = hard.coding_matrix_[y] != 0
+        assert agreement[seen].min() > 1 - 1e-8
+        for learner in range(6):
+            assert agreement[seen[:, learner], learner].min() < 1 + 1e-8
+
+    def test_equals_a_soft_margin_that_is_hard_already(self):
+        X, y = kinds_of_rows()["noise"]
+        soft, hard = ECOCClassifier().fit(X, y), ECOCClassifier(hard_margin=True).fit(X, y)
+        np.testing.assert_allclose(hard.coef_, soft.coef_, rtol=1e-9, atol=1e-12)
+
+    def test_gap_known_by_construction(self):
+        X = np.array([[0.0, 0.0], [0.0, 1.0], [3.0, 0.0], [4.0, 7.0]])
+        clf = ECOCClassifier(hard_margin=True).fit(X * 1e-4, [0, 0, 1, 1])
+        np.testing.assert_allclose(clf.coef_, [[-2 / 3 * 1e4, 0.0]], rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(clf.intercept_, [1.0], rtol=1e-9)
+
+    def test_overlapping_classes_are_named(self, monkeypatch):
+        monkeypatch.setattr(dual_svm, "_MAX_STEPS_HARD", 20_000)
+        rng = np.random.default_rng(0)
+        X = rng.standard_normal((60, 2))
+        X[:20, 0] += 20.0
+        y = np.repeat(["rice", "sand", "soil"], 20)
+        with pytest.raises(
+            NotSeparableError, match=r"classes 'sand' and 'soil' cannot be separated: .*wrong side"
+        ):
+            ECOCClassifier(hard_margin=True).fit(X, y)
+        with pytest.raises(ValueError, match="'0' and '1' cannot be separated"):
+            ECOCClassifier(hard_margin=True).fit(np.ones((4, 3)), [0, 0, 1, 1])
+
+    def test_weights_do_not_matter_but_zeros(self):
+        X, y = kinds_of_rows()["noise"]
+        weights = np.random.default_rng(0).uniform(0.5, 2.0, len(y))
+        plain = ECOCClassifier(hard_margin=True).fit(X, y)
+        weighted = ECOCClassifier(hard_margin=True).fit(X, y, weights)
+        np.testing.assert_allclose(weighted.coef_, plain.coef_, rtol=1e-9, atol=1e-12)
+
+
+def test_equal_rows_of_both_classes_do_not_hang_nor_fail():
+    clf = ECOCClassifier().fit(np.ones((6, 2)), [0, 0, 0, 0, 1, 1])
+    np.testing.assert_array_equal(clf.predict(np.ones((2, 2))), [0, 0])
+
+
+def test_giving_up_is_a_warning_that_names_the_classes(monkeypatch):
+    monkeypatch.setattr(dual_svm, "_MAX_STEPS", 2)
+    monkeypatch.setattr(dual_svm, "_MAX_STEPS_GUESS", 2)
+    X, targets = problem(0, 60, 3, distance=0.1)
+    with pytest.warns(ConvergenceWarning, match="'rice' against 'sand' did not converge"):
+        ECOCClassifier().fit(X, np.where(targets > 0, "rice", "sand"))
+
+
+def test_a_useless_guess_changes_nothing():
+    X, targets = problem(1, 40, 80)
+    gram = linear_gram(X)
+    alone = solve_binary(gram, targets, np.ones(40))
+    for guess in (np.zeros(40), np.ones(40), np.random.default_rng(0).uniform(size=40)):
+        guided = solve_binary(gram, targets, np.ones(40), guess=guess)
+        np.testing.assert_allclose(guided.dual_coef, alone.dual_coef, rtol=1e-9, atol=1e-12)

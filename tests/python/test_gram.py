@@ -1,0 +1,115 @@
+"""Scalar products, and learners trained on them."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from granular_id import gram as gram_module
+from granular_id.coding import onevsone
+from granular_id.gram import linear_gram
+from granular_id.learners import fit_dual, fit_learners
+
+
+def rows(n=30, n_columns=700, seed=0):
+    return np.random.default_rng(seed).normal(size=(n, n_columns))
+
+
+@pytest.mark.parametrize("block_bytes", [1, 30_000, 10**9])
+def test_products_in_blocks_of_any_size(monkeypatch, block_bytes):
+    monkeypatch.setattr(gram_module, "_BLOCK_BYTES", block_bytes)
+    X, Y = rows(), rows(17, seed=1)
+    center, scale = X.mean(axis=0), X.std(axis=0)
+    for given_center, given_scale in ((None, None), (center, None), (None, scale), (center, scale)):
+        moved_x = (X - (0 if given_center is None else center)) / (1 if given_scale is None else scale)
+        moved_y = (Y - (0 if given_center is None else center)) / (1 if given_scale is None else scale)
+        options = {"center": given_center, "scale": given_scale}
+        np.testing.assert_allclose(linear_gram(X, **options), moved_x @ moved_x.T, rtol=1e-12, atol=1e-11)
+        np.testing.assert_allclose(linear_gram(X, Y, **options), moved_x @ moved_y.T, rtol=1e-12, atol=1e-11)
+
+
+def test_symmetric_to_the_last_bit():
+    gram = linear_gram(rows(61, 3000))
+    np.testing.assert_array_equal(gram, gram.T)
+
+
+def test_makes_no_copy_of_the_rows():
+    X = rows(100, 40_000)
+    tracemalloc.start()
+    try:
+        linear_gram(X, center=X[0])
+        assert tracemalloc.get_traced_memory()[1] < 0.25 * X.nbytes
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        (([1.0, 2.0],), {}, r"X must have shape \(n >= 1, D >= 1\), got shape \(2,\)"),
+        ((np.zeros((0, 3)),), {}, r"got shape \(0, 3\)"),
+        ((np.zeros((2, 3)), np.zeros((2, 4))), {}, "Y must have 3 columns as X has, got 4"),
+        ((np.zeros((2, 3)),), {"center": np.zeros(2)}, r"center must have shape \(3,\), got shape \(2,\)"),
+        ((np.zeros((2, 3)),), {"scale": [1.0, 0.0, 1.0]}, "scale must be positive"),
+        ((np.array([[1.0, np.nan]]),), {}, "no NaN, no inf"),
+        ((np.array([[1e200, 1e200]]),), {}, "range of float64"),
+    ],
+)
+def test_bad_input(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        linear_gram(*arguments, **options)
+
+
+def test_learners_of_any_coding_matrix():
+    X = rows(60, 5)
+    index = np.arange(60) % 4
+    matrix = np.array([[1, 1], [1, -1], [-1, 0], [-1, -1]], dtype=np.int8)
+    learned = fit_dual(linear_gram(X), index, matrix)
+    assert learned.dual_coef.shape == (2, 60)
+    np.testing.assert_array_equal(learned.support, learned.dual_coef != 0)
+    assert (learned.dual_coef[1, index == 2] == 0).all()
+    for learner in range(2):
+        seen = matrix[index, learner] != 0
+        binary = fit_dual(linear_gram(X[seen]), (matrix[index[seen], learner] < 0).astype(int), onevsone(2))
+        np.testing.assert_allclose(
+            learned.scores(linear_gram(X))[:, learner],
+            binary.scores(linear_gram(X, X[seen]))[:, 0],
+            atol=1e-9,
+        )
+
+
+def test_shared_and_separate_products_train_the_same_learners():
+    X = rows(48, 300)
+    index = np.arange(48) % 3
+    gram = linear_gram(X)
+    shared = fit_dual(gram, index, onevsone(3))
+    separate = fit_learners(lambda r: linear_gram(X[r]), 48, index, onevsone(3))
+    np.testing.assert_allclose(shared.dual_coef, separate.dual_coef, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(shared.intercept, separate.intercept, rtol=1e-8, atol=1e-10)
+    assert shared.alpha_at_bound == separate.alpha_at_bound
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"codes": [0, 1]}, r"codes must be 6 integers, got shape \(2,\)"),
+        ({"codes": np.array([0.0, 1, 0, 1, 0, 1])}, "of float64"),
+        ({"codes": [0, 1, 2, 1, 0, 1]}, r"codes must lie in 0\.\.1"),
+        ({"codes": [0, 1, -1, 1, 0, 1]}, r"codes must lie in 0\.\.1"),
+        ({"codes": [0, 0, 0, 0, 0, 0]}, "class '1' has no training rows"),
+        ({"codes": [0, 0, 0, 0, 0, 0], "class_names": ["rice", "sand"]}, "class 'sand' has no training rows"),
+        (
+            {"sample_weight": [1, 0, 1, 0, 1, 0]},
+            "class '1' has no training rows, or none with a weight above 0",
+        ),
+        ({"sample_weight": [1, 1, 1, 1, 1, -1]}, "sample_weight must be 6 finite numbers >= 0"),
+        ({"sample_weight": [1, 1]}, "sample_weight must be 6 finite numbers >= 0"),
+        ({"gram": np.ones((6, 5))}, r"gram must be square, .* got shape \(6, 5\)"),
+        ({"gram": np.full((6, 6), np.inf)}, "gram must be finite"),
+        ({"gram": np.arange(36.0).reshape(6, 6)}, "gram must be symmetric"),
+    ],
+)
+def test_bad_input_to_fit_dual(change, message):
+    arguments = {"gram": linear_gram(rows(6, 9)), "codes": [0, 1, 0, 1, 0, 1], "coding_matrix": onevsone(2)}
+    with pytest.raises(ValueError, match=message):
+        fit_dual(**(arguments | change))

@@ -1,0 +1,242 @@
+"""Feature spaces as transformers, against scipy and numpy written out."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.signal
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.pipeline import make_pipeline
+
+from granular_id.ecoc import ECOCClassifier
+from granular_id.features import extract_features, feature_names
+from granular_id.spaces import HFMH, FeatureSpace, RawHFMH, RawSignal, feature_spaces
+
+
+def recordings(n=5, n_samples=300, n_axes=6, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
+
+
+def high_passed(X, *, rate_hz=500.0, cutoff_hz=23.0, order=8, initial="zero"):
+    sos = scipy.signal.butter(order, cutoff_hz, "high", fs=rate_hz, output="sos")
+    out = np.empty_like(X)
+    for i, k in np.ndindex(X.shape[0], X.shape[2]):
+        state = scipy.signal.sosfilt_zi(sos) * (X[i, 0, k] if initial == "steady" else 0.0)
+        out[i, :, k], _ = scipy.signal.sosfilt(sos, X[i, :, k], zi=state)
+    return out
+
+
+def counts(filtered, ranges, n_bins=100):
+    rows = [
+        [np.histogram(signal[:, k], n_bins, tuple(ranges[k]))[0] for k in range(signal.shape[1])]
+        for signal in filtered
+    ]
+    return np.asarray(rows, dtype=float).reshape(len(filtered), -1)
+
+
+PAPER_RANGE = np.tile([-1.5, 1.5], (6, 1))
+
+
+def test_raw_is_axis_after_axis():
+    X = recordings()
+    expected = np.concatenate([X[:, :, k] for k in range(6)], axis=1)
+    np.testing.assert_array_equal(RawSignal().fit_transform(X), expected)
+
+
+def test_hfmh_is_the_histogram_of_the_high_passed_axes():
+    X = recordings()
+    np.testing.assert_array_equal(HFMH().fit_transform(X), counts(high_passed(X), PAPER_RANGE))
+
+
+def test_raw_hfmh_is_both():
+    X = recordings()
+    both = np.concatenate([RawSignal().fit_transform(X), HFMH().fit_transform(X)], axis=1)
+    np.testing.assert_array_equal(RawHFMH().fit_transform(X), both)
+
+
+def test_parameters_reach_the_extraction():
+    X = recordings(n_axes=3)
+    parameters = {
+        "rate_hz": 100.0,
+        "cutoff_hz": 9.2,
+        "order": 4,
+        "n_bins": 7,
+        "bin_range": [[-0.5, 0.5], [-0.2, 0.1], [-0.01, 0.01]],
+        "outside": "clip",
+        "density": True,
+        "initial": "steady",
+    }
+    expected = extract_features(X, **parameters)
+    transformer = RawHFMH(**parameters, threads=1)
+    np.testing.assert_array_equal(transformer.fit_transform(X), expected)
+    np.testing.assert_array_equal(transformer.bin_range_, parameters["bin_range"])
+    assert not transformer.learns
+
+
+@pytest.mark.parametrize("initial", ["zero", "steady"])
+@pytest.mark.parametrize("kind", [HFMH, RawHFMH])
+def test_automatic_range_is_learned_from_the_rows_of_fit(kind, initial):
+    X, other = recordings(), recordings(seed=1) * 50
+    # An odd number of bins: with a steady start the first values are 0 up to rounding, no place for an edge.
+    transformer = kind(bin_range="auto", initial=initial, n_bins=25).fit(X)
+    magnitude = np.abs(high_passed(X, initial=initial))
+    reach = np.quantile(magnitude.reshape(-1, 6), 0.995, axis=0)
+    np.testing.assert_allclose(transformer.bin_range_, np.column_stack([-reach, reach]), rtol=1e-9)
+    assert transformer.learns
+    before = transformer.bin_range_.copy()
+    features = transformer.transform(other)[:, -150:]
+    np.testing.assert_array_equal(transformer.bin_range_, before)
+    np.testing.assert_array_equal(features, counts(high_passed(other, initial=initial), before, n_bins=25))
+
+
+def test_automatic_range_of_a_silent_axis_is_that_of_the_paper():
+    X = recordings(n_axes=2)
+    X[:, :, 1] = 0.0
+    transformer = HFMH(bin_range="auto").fit(X)
+    np.testing.assert_array_equal(transformer.bin_range_[1], [-1.5, 1.5])
+    assert transformer.transform(X)[:, 100:].sum() == 5 * 300
+
+
+def test_two_dimensions_are_signals_of_one_axis():
+    X = recordings(n_axes=1)
+    for transformer in (RawSignal(), HFMH(), HFMH(bin_range="auto"), RawHFMH()):
+        np.testing.assert_array_equal(
+            clone(transformer).fit_transform(X[:, :, 0]), clone(transformer).fit_transform(X)
+        )
+
+
+def test_names():
+    X = recordings(n=2)
+    raw, hfmh, both = (kind().fit(X).get_feature_names_out() for kind in (RawSignal, HFMH, RawHFMH))
+    assert raw[[0, 299, 300, -1]].tolist() == ["fx_0000", "fx_0299", "fy_0000", "tz_0299"]
+    assert hfmh[[0, 99, 100, -1]].tolist() == ["hfmh_fx_00", "hfmh_fx_99", "hfmh_fy_00", "hfmh_tz_99"]
+    np.testing.assert_array_equal(both, np.concatenate([raw, hfmh]))
+    assert both.tolist() == feature_names(n_samples=300)
+
+
+@pytest.mark.parametrize("n_axes", [1, 2, 6, 7])
+def test_as_many_names_as_values(n_axes):
+    X = recordings(n=2, n_samples=40, n_axes=n_axes)
+    for transformer in (RawSignal(), HFMH(n_bins=8), RawHFMH(n_bins=8)):
+        names = transformer.fit(X).get_feature_names_out()
+        assert transformer.transform(X).shape == (2, len(names))
+        assert len(set(names)) == len(names)
+
+
+def test_input_names():
+    frame = pd.DataFrame(recordings(n_samples=4, n_axes=1)[:, :, 0], columns=list("abcd"))
+    transformer = RawSignal().fit(frame)
+    np.testing.assert_array_equal(transformer.feature_names_in_, list("abcd"))
+    assert len(transformer.get_feature_names_out(list("abcd"))) == 4
+    with pytest.raises(ValueError, match="not equal to feature_names_in_"):
+        transformer.get_feature_names_out(list("abce"))
+    with pytest.raises(ValueError, match=r"should have length equal to number of features \(4\)"):
+        transformer.get_feature_names_out(list("abc"))
+
+
+@pytest.mark.parametrize("kind", [RawSignal, HFMH, RawHFMH])
+def test_pandas_output(kind):
+    X = recordings(n=3)
+    transformer = kind().set_output(transform="pandas")
+    frame = transformer.fit_transform(X)
+    assert isinstance(frame, pd.DataFrame)
+    np.testing.assert_array_equal(frame.columns, transformer.get_feature_names_out())
+    np.testing.assert_array_equal(frame.to_numpy(), kind().fit_transform(X))
+
+
+def test_pickle_and_clone():
+    X = recordings()
+    transformer = RawHFMH(bin_range="auto", n_bins=12).fit(X)
+    copy = pickle.loads(pickle.dumps(transformer))
+    np.testing.assert_array_equal(copy.transform(X), transformer.transform(X))
+    assert copy.spec_ == transformer.spec_
+    assert clone(transformer).get_params() == transformer.get_params()
+
+
+def test_a_class_of_rough_recordings_is_told_from_a_smooth_one():
+    rng = np.random.default_rng(0)
+    y = np.repeat(["flour", "gravel"], 20)
+    X = rng.normal(size=(40, 300, 6)) * np.where(y == "gravel", 0.6, 0.1)[:, None, None]
+    clf = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X[::2], y[::2])
+    assert clf.score(X[1::2], y[1::2]) == 1.0
+
+
+@pytest.mark.parametrize("kind", [RawSignal, HFMH, RawHFMH])
+def test_bad_recordings(kind):
+    X = recordings()
+    fitted = kind().fit(X)
+    with pytest.raises(ValueError, match="300 features"):
+        fitted.transform(X[:, :-1])
+    with pytest.raises(ValueError, match="X must have 6 axes as in fit, got 5"):
+        fitted.transform(X[:, :, :-1])
+    with pytest.raises(ValueError, match="X must have 6 axes as in fit, got 1"):
+        fitted.transform(X[:, :, 0])
+    with pytest.raises(ValueError, match="got 4 dimensions"):
+        kind().fit(X[None])
+    with pytest.raises(ValueError, match=r"2D array, got 1D"):
+        kind().fit(X[0, :, 0])
+    with pytest.raises(ValueError, match="at least one axis"):
+        kind().fit(X[:, :, :0])
+    for bad in (np.nan, np.inf):
+        spoiled = X.copy()
+        spoiled[1, 2, 3] = bad
+        with pytest.raises(ValueError, match=r"NaN|inf"):
+            kind().fit(spoiled)
+        with pytest.raises(ValueError, match=r"NaN|inf"):
+            fitted.transform(spoiled)
+    with pytest.raises(NotFittedError):
+        kind().transform(X)
+    with pytest.raises(NotFittedError):
+        kind().get_feature_names_out()
+
+
+@pytest.mark.parametrize("kind", [HFMH, RawHFMH])
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"bin_range": "automatic"}, "bin_range must be .* 'auto', got 'automatic'"),
+        ({"bin_range": [[-1, 1], [-2, 2]]}, "bin_range"),
+        ({"bin_range": (1.0, -1.0)}, "bin_range"),
+        ({"cutoff_hz": 250.0}, "cutoff_hz"),
+        ({"cutoff_hz": 250.0, "bin_range": "auto"}, "cutoff_hz"),
+        ({"n_bins": 0}, "n_bins"),
+        ({"order": 0, "bin_range": "auto"}, "order"),
+        ({"outside": "keep"}, "outside"),
+        ({"initial": "warm", "bin_range": "auto"}, "initial"),
+    ],
+)
+def test_bad_parameters(kind, parameters, message):
+    with pytest.raises(ValueError, match=message):
+        kind(**parameters).fit(recordings())
+
+
+def test_table_of_the_paper():
+    spaces = feature_spaces(rate_hz=100.0, cutoff_hz=9.0, order=4, n_bins=20, bin_range="auto", threads=1)
+    assert list(spaces) == ["raw", "hfmh", "raw+hfmh"]
+    assert [space.paper_accuracy for space in spaces.values()] == [0.7614, 0.8705, 0.9705]
+    assert [space.learns for space in spaces.values()] == [False, True, True]
+    assert [space.name for space in spaces.values()] == list(spaces)
+    assert all(isinstance(space, FeatureSpace) for space in spaces.values())
+    for space in list(spaces.values())[1:]:
+        parameters = space.transformer.get_params()
+        assert parameters["cutoff_hz"] == 9.0
+        assert parameters["threads"] == 1
+    assert not feature_spaces()["raw+hfmh"].learns
+    assert feature_spaces()["raw+hfmh"].transformer.fit_transform(recordings(n_samples=1600)).shape == (
+        5,
+        10_200,
+    )
+
+
+def test_recordings_are_not_changed_and_need_no_order():
+    X = recordings()
+    kept = X.copy()
+    X.setflags(write=False)
+    for transformer in (RawSignal(), RawHFMH(bin_range="auto")):
+        expected = transformer.fit_transform(X)
+        for other in (np.asfortranarray(X), np.repeat(X, 2, axis=1)[:, ::2], X.tolist()):
+            np.testing.assert_array_equal(clone(transformer).fit_transform(other), expected)
+    np.testing.assert_array_equal(X, kept)
