@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -416,7 +417,7 @@ def test_the_library_evaluates_without_the_extra():
 
 
 def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
-    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 100_000)
+    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000)
     outputs = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
     running = subprocess.Popen(
         [sys.executable, "-m", "granular_id.cli", *map(str, (*words, *outputs))],
@@ -436,28 +437,69 @@ def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
     assert list(Path(tmp_path).iterdir()) == []
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
-def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
-    ours, theirs = os.openpty()
-    words = map(str, ("evaluate", folder, *SMALL, "--partitions", 40, "--spaces", "raw"))
-    environment = {**ENVIRONMENT, "TERM": "xterm"}
-    with subprocess.Popen(
-        [sys.executable, "-m", "granular_id.cli", *words],
-        stdout=subprocess.PIPE, stderr=theirs, text=True, env=environment,
-    ) as running:  # fmt: skip
+class Terminal:
+    """A process whose standard error is a pseudo-terminal."""
+
+    def __init__(self, words):
+        self.screen, theirs = os.openpty()
+        self.shown = ""
+        self.running = subprocess.Popen(
+            [sys.executable, "-m", "granular_id.cli", *words],
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            text=True,
+            env={**ENVIRONMENT, "TERM": "xterm"},
+        )
         os.close(theirs)
-        shown = b"".join(iter(lambda: read_or_end(ours), b"")).decode()
-        out, _ = running.communicate(timeout=60)
-    os.close(ours)
-    assert running.returncode == 0
-    assert "raw: paper, partition" in shown
-    assert shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
+
+    def read(self):
+        try:
+            more = os.read(self.screen, 65536).decode(errors="replace")
+        except OSError:  # how Linux says that the other end was closed
+            more = ""
+        self.shown += more
+        return more
+
+    def read_until(self, text):
+        while text not in self.shown and self.read():
+            pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.running.kill()
+        self.running.communicate()
+        os.close(self.screen)
+
+
+needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
+
+
+@needs_terminal
+def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
+    words = [str(word) for word in ("evaluate", folder, *SMALL, "--partitions", 40, "--spaces", "raw")]
+    with Terminal(words) as terminal:
+        terminal.read_until("a text that never comes")
+        out, _ = terminal.running.communicate(timeout=60)
+        assert terminal.running.returncode == 0
+    assert "raw: paper, partition" in terminal.shown
+    assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
+    assert f"repeat with: granular-id {shlex.join(words)}\n" in out
 
 
-def read_or_end(descriptor):
-    """Read what a pseudo-terminal shows; its end is an error on Linux and nothing elsewhere."""
-    try:
-        return os.read(descriptor, 65536)
-    except OSError:
-        return b""
+@needs_terminal
+@pytest.mark.parametrize("threads", [1, 2])
+def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
+    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000, "--threads", threads)
+    with Terminal([str(word) for word in (*words, "--csv", tmp_path / "p.csv")]) as terminal:
+        terminal.read_until("paper, partition")
+        assert "paper, partition" in terminal.shown
+        terminal.running.send_signal(signal.SIGINT)
+        terminal.read_until("a text that never comes")
+        terminal.running.communicate(timeout=30)
+        assert terminal.running.returncode == 130
+    assert "Traceback" not in terminal.shown
+    assert terminal.shown.rstrip().endswith("Interrupted: no file was left half-written.")
+    assert list(Path(tmp_path).iterdir()) == []

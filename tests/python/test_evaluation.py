@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from granular_id.spaces import feature_spaces
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.ensemble import RandomForestClassifier
 from sklearn.impute import SimpleImputer
@@ -19,7 +18,8 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.evaluation.describe import describe_estimator
 from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
-from granular_id.recording import Dataset, Recording
+from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.spaces import feature_spaces
 
 LABELS = ("oat", "peas", "rice", "sugar")
 
@@ -249,6 +249,15 @@ def test_synthetic_recordings_are_marked():
 def test_a_session_per_class_is_warned_of():
     confounded = changed(make_data(), session=lambda r: r.label)
     assert any("4 of 4 labels" in note for note in evaluate(confounded, "raw", **SMALL).notes)
+
+
+@pytest.mark.parametrize(("every", "warned"), [(4, True), (40, False)])
+def test_many_samples_inside_gaps_are_warned_of(every, warned):
+    flags = np.where(np.arange(80) % every == 0, np.uint8(SampleFlag.GAP_FILLED), np.uint8(0))
+    notes = evaluate(make_data(flags=flags), "raw", **SMALL).notes
+    expected = "warning: 25 % of the samples were interpolated inside gaps, where high frequencies are lost"
+    assert (expected in notes) == warned
+    assert any("interpolated" in note for note in notes) == warned
 
 
 def test_seed_none_draws_one_and_records_it(data):

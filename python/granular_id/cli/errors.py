@@ -56,7 +56,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             _say("Interrupted: no file was left half-written.", "yellow")
             raise typer.Exit(INTERRUPTED) from None
         except (ValueError, TypeError, OSError, ImportError) as error:
-            if os.environ.get(DEBUG) or isinstance(error, ModuleNotFoundError):
+            # An ImportError with a name is a broken installation, not one of ours that says what to install.
+            if os.environ.get(DEBUG) or (isinstance(error, ImportError) and error.name is not None):
                 raise
             _say(f"error: {in_options(str(error))}", "bold red")
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None

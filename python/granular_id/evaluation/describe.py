@@ -8,9 +8,13 @@ from typing import Any
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, SampleFlag
 
 __all__ = ["describe_data", "describe_estimator", "is_synthetic", "warnings_in"]
+
+
+MANY_FILLED = 0.05
+"""Share of samples inside filled gaps from which on a reader is warned."""
 
 
 def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
@@ -49,8 +53,23 @@ def is_synthetic(data: Dataset) -> bool:
 
 
 def warnings_in(data: Dataset) -> list[str]:
-    """Return what `Dataset.check` finds that may mislead a reader of the accuracies, one line each."""
-    return [str(finding) for finding in data.check() if finding.severity != "info"]
+    """Return what may mislead a reader of the accuracies, one line each.
+
+    These are the findings of `Dataset.check`, and samples that resampling made up where many are.
+    """
+    lines = [str(finding) for finding in data.check() if finding.severity != "info"]
+    filled = sum(
+        int(np.count_nonzero(recording.flags & SampleFlag.GAP_FILLED))
+        for recording in data
+        if recording.flags is not None
+    )
+    share = filled / sum(recording.n_samples for recording in data)
+    if share > MANY_FILLED:
+        lines.append(
+            f"warning: {100 * share:.0f} % of the samples were interpolated inside gaps, "
+            "where high frequencies are lost"
+        )
+    return lines
 
 
 def _plain(value: Any) -> Any:

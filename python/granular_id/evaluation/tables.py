@@ -128,7 +128,7 @@ def seconds_table(result: EvaluationResult) -> Table:
         rows.append(
             (space.name, *(f"{value:.2f}" for value in spent), f"{sum(spent):.2f}", str(space.n_features))
         )
-    return Table("Seconds", ("space", *STAGES, "sum", "dimension"), tuple(rows))
+    return Table("Seconds, added up over threads", ("space", *STAGES, "sum", "dimension"), tuple(rows))
 
 
 def confusion_table(result: EvaluationResult, space: str, protocol: str) -> Table:
