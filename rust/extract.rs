@@ -1,13 +1,11 @@
-//! The work of [`Extractor`]: teams of recordings through the lanes, in one pass over the samples.
+//! The work of [`Extractor`]: a batch in tasks for threads, and what to say when it fails.
 
 use rayon::prelude::*;
 
+use crate::crew::{team_size, Teams};
 use crate::error::{Error, Result};
 use crate::features::{BatchShape, Extractor};
-use crate::histogram::Outside;
-use crate::lanes::{
-    flat, pack, unpack, Cascade, Isa, Job, LaneBins, Path, Raw, Row, Tally, Vector, BLOCK, LANES, MAX_WIDTH,
-};
+use crate::lanes::Path;
 use crate::pool;
 
 /// Recordings per task at most: about 5 MB in and out, small enough to balance, large enough to stay cheap.
@@ -131,11 +129,6 @@ impl Sample for f32 {
     }
 }
 
-/// Recordings that share the lanes.
-fn team_size(n_axes: usize) -> usize {
-    (MAX_WIDTH * LANES / n_axes).max(1)
-}
-
 /// Finds out why the result is not finite: the first bad value, or values too large to filter.
 fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
     let place = |index: usize| {
@@ -154,205 +147,4 @@ fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
         }
     });
     Error::Overflow { recording: place(index).0, largest }
-}
-
-/// Some recordings of a batch and their rows of features. Gives true when all values were finite.
-struct Teams<'a> {
-    extractor: &'a Extractor,
-    shape: BatchShape,
-    wrench: &'a [f64],
-    out: &'a mut [f64],
-}
-
-impl Job for Teams<'_> {
-    type Output = bool;
-
-    #[inline(always)]
-    fn run<I: Isa>(self) -> bool {
-        let Teams { extractor, shape, wrench, out } = self;
-        let n_features = extractor.n_features(shape.n_samples, shape.n_axes);
-        let team = team_size(shape.n_axes);
-        let mut finite = true;
-        // More axes than lanes: some axes of a recording at a time.
-        for first_axis in (0..shape.n_axes).step_by(MAX_WIDTH * LANES) {
-            let axes = first_axis..shape.n_axes.min(first_axis + MAX_WIDTH * LANES);
-            let whole = wrench.len() / shape.recording_len() / team * team;
-            let (wrench, wrench_rest) = wrench.split_at(whole * shape.recording_len());
-            let (out, out_rest) = out.split_at_mut(whole * n_features);
-            let parts = [(wrench, out, team), (wrench_rest, out_rest, team)];
-            for (wrench, out, team) in parts {
-                let recordings = (wrench.len() / shape.recording_len()).min(team);
-                let layout = Layout { axes: axes.clone(), recordings };
-                finite &= match (recordings * axes.len()).div_ceil(LANES) {
-                    0 => true,
-                    1 => Crew::<1>::new(extractor, shape, layout).run::<I>(wrench, out),
-                    2 => Crew::<2>::new(extractor, shape, layout).run::<I>(wrench, out),
-                    _ => Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I>(wrench, out),
-                };
-            }
-        }
-        finite
-    }
-}
-
-/// Which channels the lanes hold: `axes` of each of `recordings`, recording by recording.
-struct Layout {
-    axes: std::ops::Range<usize>,
-    recordings: usize,
-}
-
-/// What a team of one layout works with.
-struct Crew<'a, const W: usize> {
-    extractor: &'a Extractor,
-    shape: BatchShape,
-    layout: Layout,
-    cascade: Cascade<W>,
-    bins: LaneBins<'a, W>,
-    tally: Tally,
-}
-
-impl<'a, const W: usize> Crew<'a, W> {
-    fn new(extractor: &'a Extractor, shape: BatchShape, layout: Layout) -> Self {
-        let axes = (0..layout.recordings).flat_map(|_| layout.axes.clone());
-        let bins = if extractor.spec().hfmh { axes.map(|a| extractor.bins(a)).collect() } else { Vec::new() };
-        Self {
-            cascade: Cascade::new(extractor.sos()),
-            tally: Tally::new(W, extractor.spec().n_bins),
-            bins: LaneBins::new(bins),
-            extractor,
-            shape,
-            layout,
-        }
-    }
-
-    /// Runs team after team.
-    #[inline(always)]
-    fn run<I: Isa>(mut self, wrench: &[f64], out: &mut [f64]) -> bool {
-        let n_features = self.extractor.n_features(self.shape.n_samples, self.shape.n_axes);
-        let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
-        let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
-        let mut finite = true;
-        for (wrench, out) in recordings.zip(rows) {
-            finite &= self.team::<I>(wrench, out, n_features);
-        }
-        finite
-    }
-
-    /// One team: every sample is read once, every feature written once.
-    #[inline(always)]
-    fn team<I: Isa>(&mut self, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
-        let hfmh = self.extractor.spec().hfmh;
-        let BatchShape { n_samples, n_axes, .. } = self.shape;
-        let mut rows = [[Vector::ZERO; W]; BLOCK];
-        let mut finite = true;
-        self.begin(wrench);
-        for start in (0..n_samples).step_by(BLOCK) {
-            let n = BLOCK.min(n_samples - start);
-            self.load::<I>(wrench, out, n_features, start, &mut rows);
-            let rows = &mut rows[..n];
-            if hfmh {
-                let ahead = |row: usize| {
-                    if n_axes == 6 {
-                        prefetch::<I>(wrench, out, n_samples, n_features, start + BLOCK, row);
-                    }
-                };
-                self.cascade.filter(rows, ahead);
-                self.tally.add::<I, W>(&self.bins, rows);
-            } else {
-                finite &= rows.iter().all(|row| flat(row).iter().all(|value| value.is_finite()));
-            }
-        }
-        if hfmh {
-            finite = self.cascade.is_finite();
-            self.finish(out, n_features);
-        }
-        finite
-    }
-
-    /// Sets the filter as it was before the first sample, and empties the histograms.
-    #[inline(always)]
-    fn begin(&mut self, wrench: &[f64]) {
-        self.tally.clear();
-        self.cascade.rest();
-        let axes = self.layout.axes.clone();
-        for (section, z) in self.extractor.start().iter().enumerate() {
-            for (r, recording) in wrench.chunks_exact(self.shape.recording_len()).enumerate() {
-                for (a, first) in recording[axes.clone()].iter().enumerate() {
-                    self.cascade.set(section, r * axes.len() + a, z.map(|z| z * first));
-                }
-            }
-        }
-    }
-
-    /// Brings the next rows into the lanes and, on the way, into the raw features.
-    #[inline(always)]
-    fn load<I: Isa>(
-        &self,
-        wrench: &[f64],
-        out: &mut [f64],
-        n_features: usize,
-        start: usize,
-        rows: &mut [Row<W>; BLOCK],
-    ) {
-        let BatchShape { n_samples, n_axes, .. } = self.shape;
-        let n = BLOCK.min(n_samples - start);
-        let recordings = wrench.chunks_exact(self.shape.recording_len());
-        for (r, (recording, out)) in recordings.zip(out.chunks_exact_mut(n_features)).enumerate() {
-            let samples = &recording[start * n_axes..][..n * n_axes];
-            let raw = self.extractor.spec().raw.then_some(&mut *out);
-            if let (6, Ok(samples)) = (n_axes, samples.try_into()) {
-                I::transpose6(samples, rows, 6 * r, raw.map(|values| Raw { values, n_samples, start }));
-                continue;
-            }
-            let first = r * self.layout.axes.len();
-            let lanes = first..first + self.layout.axes.len();
-            pack(samples, n_axes, self.layout.axes.start, &mut rows[..n], lanes.clone());
-            if let Some(values) = raw {
-                for (axis, lane) in self.layout.axes.clone().zip(lanes) {
-                    unpack(&rows[..n], lane, &mut values[axis * n_samples + start..][..n]);
-                }
-            }
-        }
-    }
-
-    /// Writes the histogram block.
-    fn finish(&self, out: &mut [f64], n_features: usize) {
-        let spec = self.extractor.spec();
-        let raw_len = if spec.raw { self.shape.recording_len() } else { 0 };
-        for (r, out) in out.chunks_exact_mut(n_features).enumerate() {
-            for (a, axis) in self.layout.axes.clone().enumerate() {
-                let counts = self.tally.lane(r * self.layout.axes.len() + a);
-                let target = &mut out[raw_len + axis * spec.n_bins..][..spec.n_bins];
-                for (value, count) in target.iter_mut().zip(&counts[1..]) {
-                    *value = f64::from(*count);
-                }
-                if spec.outside == Outside::Clip {
-                    target[0] += f64::from(counts[0]);
-                    target[spec.n_bins - 1] += f64::from(counts[spec.n_bins + 1]);
-                }
-                if spec.density {
-                    self.extractor.bins(axis).normalise(target);
-                }
-            }
-        }
-    }
-}
-
-/// Asks for a share of the cache lines that the next block reads and writes: without it, the filter would wait
-/// for memory at the start of every block. Six axes: a block reads 6 lines and writes 6 lines per recording.
-#[inline(always)]
-fn prefetch<I: Isa>(
-    wrench: &[f64],
-    out: &[f64],
-    n_samples: usize,
-    n_features: usize,
-    next: usize,
-    row: usize,
-) {
-    for k in 0..3 {
-        let share = 3 * row + k;
-        let (recording, axis) = (share / 6, share % 6);
-        I::will_read(wrench, (recording * n_samples + next + BLOCK) * 6 + axis * BLOCK);
-        I::will_write(out, recording * n_features + axis * n_samples + next);
-    }
 }

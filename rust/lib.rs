@@ -6,6 +6,7 @@
 pub mod butterworth;
 mod cascade;
 mod complex;
+mod crew;
 pub mod error;
 pub mod extract;
 pub mod features;

@@ -1,6 +1,78 @@
-"""Names the granular material under a robot's tool from a 6-axis force-torque signal."""
+"""Names the granular material under a robot's tool from a 6-axis force-torque signal.
 
-from granular_id._core import __version__
+The names below are loaded when first used: a robot that only extracts features does not wait for scikit-learn.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from granular_id._core import AXES, UNITS, __version__
 from granular_id.features import FeatureSpec, extract_features, feature_names
 
-__all__ = ["FeatureSpec", "__version__", "extract_features", "feature_names"]
+if TYPE_CHECKING:
+    from granular_id import signal
+    from granular_id.ecoc import ECOCClassifier
+    from granular_id.evaluation import EvaluationResult, evaluate
+    from granular_id.io import RecordingFileError, load, save_csv
+    from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
+    from granular_id.spaces import HFMH, RawHFMH, RawSignal, feature_spaces
+    from granular_id.synthetic import synthesize
+
+__all__ = [
+    "AXES",
+    "HFMH",
+    "UNITS",
+    "Dataset",
+    "ECOCClassifier",
+    "EvaluationResult",
+    "FeatureSpec",
+    "RawHFMH",
+    "RawSignal",
+    "Recording",
+    "RecordingFileError",
+    "SampleFlag",
+    "StepReport",
+    "__version__",
+    "evaluate",
+    "extract_features",
+    "feature_names",
+    "feature_spaces",
+    "load",
+    "save_csv",
+    "signal",
+    "synthesize",
+]
+
+_LAZY = {
+    "Dataset": "recording",
+    "ECOCClassifier": "ecoc",
+    "EvaluationResult": "evaluation",
+    "HFMH": "spaces",
+    "RawHFMH": "spaces",
+    "RawSignal": "spaces",
+    "Recording": "recording",
+    "RecordingFileError": "io",
+    "SampleFlag": "recording",
+    "StepReport": "recording",
+    "evaluate": "evaluation",
+    "feature_spaces": "spaces",
+    "load": "io",
+    "save_csv": "io",
+    "synthesize": "synthetic",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "signal":
+        return import_module("granular_id.signal")
+    if name not in _LAZY:
+        raise AttributeError(f"module 'granular_id' has no attribute {name!r}")
+    value = getattr(import_module(f"granular_id.{_LAZY[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

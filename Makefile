@@ -1,0 +1,82 @@
+# Every target works from a bare checkout: it makes its own virtual environment in .venv.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+PACKAGE := $(VENV)/.package
+TOOLS   := $(VENV)/.tools
+BENCH_TOOLS := $(VENV)/.bench
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
+
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc campaign wheel clean toolchain
+
+help:
+	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
+	@echo "make test       lint, Rust tests, Python tests"
+	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, stubtest"
+	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
+	@echo "make campaign   100,000 random filters against scipy, bit for bit (minutes)"
+	@echo "make wheel      build a wheel into ./dist"
+
+toolchain:
+	@command -v cargo >/dev/null || { echo "granular_id needs a Rust toolchain, 1.89 or later: install rustup, then run this again" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || { echo "granular_id needs Python 3.10 or later as '$(PYTHON)'; name another with: make PYTHON=python3.12 ..." >&2; exit 1; }
+
+$(BIN)/python: | toolchain
+	@$(PYTHON) -m venv $(VENV) || { echo "could not make a virtual environment: install Python's venv module (Debian: python3-venv)" >&2; exit 1; }
+
+# Editable: Python files are used where they are, Rust is built again when it changes.
+$(PACKAGE): $(SOURCES) | toolchain $(BIN)/python
+	@echo "building granular_id (a minute or two the first time)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[app]'
+	@touch $@
+
+$(TOOLS): requirements-dev.txt $(PACKAGE)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
+	@touch $@
+
+$(BENCH_TOOLS): requirements-bench.txt $(PACKAGE)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-bench.txt
+	@touch $@
+
+demo: $(PACKAGE)
+	$(BIN)/granular-id demo --output demo
+
+test: lint rust-test python-test
+
+lint: $(TOOLS)
+	cargo fmt --check
+	cargo clippy --quiet --all-targets -- -D warnings
+	cargo clippy --quiet --all-targets --features python -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest granular_id._core
+
+rust-test: | toolchain
+	cargo test --quiet
+
+python-test: $(TOOLS)
+	$(BIN)/python -m pytest
+
+bench: bench-rust bench-peers bench-ecoc
+
+.PHONY: bench-rust
+bench-rust: | toolchain
+	cargo bench
+
+bench-peers: $(BENCH_TOOLS)
+	$(BIN)/python benches/peers.py
+
+bench-ecoc: $(PACKAGE)
+	$(BIN)/python benches/ecoc.py
+
+campaign: $(TOOLS)
+	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
+
+wheel: | toolchain $(BIN)/python
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+
+clean:
+	rm -rf $(VENV) target dist demo

@@ -1,0 +1,236 @@
+//! Extraction against a plain twin: one lane at a time, comparisons instead of arithmetic.
+
+use granular_id::features::Initial;
+use granular_id::histogram::Outside;
+use granular_id::{BatchShape, Error, Extractor, FeatureSpec, Path, SosState, UniformBins};
+use proptest::prelude::*;
+
+/// What [`Extractor`] promises, written out without lanes, blocks or threads.
+fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
+    let spec = extractor.spec();
+    let mut features = Vec::new();
+    for recording in wrench.chunks(shape.recording_len()) {
+        let axis = |a: usize| recording.iter().skip(a).step_by(shape.n_axes).copied().collect::<Vec<_>>();
+        if spec.raw {
+            features.extend((0..shape.n_axes).flat_map(axis));
+        }
+        for a in (0..shape.n_axes).filter(|_| spec.hfmh) {
+            let mut signal = axis(a);
+            let mut state = match spec.initial {
+                Initial::Zero => SosState::zero(extractor.sos(), 1),
+                Initial::Steady => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
+            };
+            state.filter(extractor.sos(), &mut signal).unwrap();
+            features.extend(counts(extractor.bins(a), &signal, spec.outside));
+        }
+    }
+    features
+}
+
+fn counts(bins: &UniformBins, signal: &[f64], outside: Outside) -> Vec<f64> {
+    let edges = bins.edges();
+    let last = bins.n_bins() - 1;
+    let mut counts = vec![0.0; bins.n_bins()];
+    for value in signal {
+        let value = if outside == Outside::Clip { value.clamp(bins.low(), bins.high()) } else { *value };
+        let inside =
+            |i: &usize| edges[*i] <= value && (value < edges[i + 1] || *i == last && value <= edges[i + 1]);
+        if let Some(bin) = (0..=last).find(inside) {
+            counts[bin] += 1.0;
+        }
+    }
+    counts
+}
+
+/// Values that a filter of order 1 and a histogram find hard: exact edges, zeros, far outside, subnormal.
+fn value() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        4 => -2.0..2.0_f64,
+        1 => (-50..50_i32).prop_map(|n| f64::from(n) * 0.03),
+        1 => Just(0.0),
+        1 => Just(-0.0),
+        1 => -1e6..1e6_f64,
+        1 => Just(5e-324),
+    ]
+}
+
+prop_compose! {
+    fn spec()(
+        order in 1..=11_usize,
+        cutoff_hz in 1.0..249.0_f64,
+        n_bins in 1..=130_usize,
+        low in -3.0..0.5_f64,
+        width in 0.01..3.0_f64,
+        clip in any::<bool>(),
+        steady in any::<bool>(),
+        (raw, hfmh) in prop_oneof![Just((true, true)), Just((true, false)), Just((false, true))],
+    ) -> FeatureSpec {
+        FeatureSpec {
+            order,
+            cutoff_hz,
+            n_bins,
+            bin_ranges: vec![(low, low + width)],
+            outside: if clip { Outside::Clip } else { Outside::Drop },
+            initial: if steady { Initial::Steady } else { Initial::Zero },
+            raw,
+            hfmh,
+            ..FeatureSpec::default()
+        }
+    }
+}
+
+prop_compose! {
+    fn batch()(n_axes in prop_oneof![3 => Just(6_usize), 1 => 1..=30_usize], n_recordings in 1..=11_usize, n_samples in 1..=40_usize)(
+        wrench in prop::collection::vec(value(), n_axes * n_recordings * n_samples),
+        shape in Just(BatchShape { n_recordings, n_samples, n_axes }),
+    ) -> (Vec<f64>, BatchShape) {
+        (wrench, shape)
+    }
+}
+
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+proptest! {
+    #[test]
+    fn every_path_and_thread_count_equals_the_twin(spec in spec(), (wrench, shape) in batch()) {
+        let extractor = Extractor::new(spec).unwrap();
+        let wanted = twin(&extractor, &wrench, shape);
+        for path in Path::available() {
+            for threads in [1, 2, 3] {
+                let mut out = vec![f64::NAN; wanted.len()];
+                extractor.extract_on(path, &wrench, shape, threads, &mut out).unwrap();
+                prop_assert_eq!(bits(&out), bits(&wanted), "{:?}, {} threads", path, threads);
+            }
+        }
+    }
+
+    #[test]
+    fn float32_is_float64_rounded_once((wrench, shape) in batch()) {
+        let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+        let wide = extractor.extract(&wrench, shape, 1).unwrap();
+        let mut narrow = vec![0.0_f32; wide.len()];
+        extractor.extract_as(&wrench, shape, 1, &mut narrow).unwrap();
+        #[allow(clippy::cast_possible_truncation)]
+        let rounded: Vec<f32> = wide.iter().map(|value| *value as f32).collect();
+        prop_assert_eq!(narrow, rounded);
+    }
+
+    #[test]
+    fn the_first_bad_value_is_named(
+        (mut wrench, shape) in batch(),
+        at in any::<prop::sample::Index>(),
+        bad in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::NEG_INFINITY)],
+        (raw, hfmh) in prop_oneof![Just((true, true)), Just((true, false)), Just((false, true))],
+    ) {
+        let at = at.index(wrench.len());
+        wrench[at] = bad;
+        let extractor = Extractor::new(FeatureSpec { raw, hfmh, ..FeatureSpec::default() }).unwrap();
+        for path in Path::available() {
+            let mut out = vec![0.0; shape.n_recordings * extractor.n_features(shape.n_samples, shape.n_axes)];
+            let error = extractor.extract_on(path, &wrench, shape, 2, &mut out).unwrap_err();
+            let Error::NonFinite { recording, sample, axis, value } = error else {
+                return Err(TestCaseError::fail(format!("{error}")));
+            };
+            let index = (recording * shape.n_samples + sample) * shape.n_axes + axis;
+            prop_assert_eq!((index, value.to_bits()), (at, bad.to_bits()));
+        }
+    }
+}
+
+#[test]
+fn millions_of_samples_are_the_same_on_every_path() {
+    let shape = BatchShape { n_recordings: 260, n_samples: 1600, n_axes: 6 };
+    let mut seed = 1_u64;
+    let mut uniform = || {
+        seed ^= seed << 13;
+        seed ^= seed >> 7;
+        seed ^= seed << 17;
+        (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
+    };
+    let wrench: Vec<f64> = (0..shape.n_recordings * shape.recording_len()).map(|_| 3.0 * uniform()).collect();
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let wanted = bits(&twin(&extractor, &wrench, shape));
+    for path in Path::available() {
+        let mut out = vec![0.0; wanted.len()];
+        extractor.extract_on(path, &wrench, shape, 2, &mut out).unwrap();
+        assert!(bits(&out) == wanted, "{path:?}");
+    }
+}
+
+#[test]
+fn ranges_may_differ_by_axis() {
+    let bin_ranges = (1..=6).map(|axis| (-0.3 * f64::from(axis), 0.2 * f64::from(axis))).collect();
+    let spec = FeatureSpec { bin_ranges, ..FeatureSpec::default() };
+    let extractor = Extractor::new(spec).unwrap();
+    let shape = BatchShape { n_recordings: 5, n_samples: 64, n_axes: 6 };
+    let wrench: Vec<f64> = (0..5 * 64 * 6).map(|i| f64::from(i % 97) / 40.0 - 1.0).collect();
+    let wanted = twin(&extractor, &wrench, shape);
+    assert_eq!(extractor.extract(&wrench, shape, 1).unwrap(), wanted);
+    let shape = BatchShape { n_recordings: 10, n_samples: 64, n_axes: 3 };
+    assert_eq!(extractor.extract(&wrench, shape, 1), Err(Error::RangeCount { ranges: 6, axes: 3 }));
+}
+
+#[test]
+fn values_too_large_to_filter_are_refused() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let shape = BatchShape { n_recordings: 2, n_samples: 10, n_axes: 6 };
+    let mut wrench = vec![0.0; 120];
+    wrench[60..].fill(f64::MAX);
+    let error = extractor.extract(&wrench, shape, 1).unwrap_err();
+    assert_eq!(error, Error::Overflow { recording: 1, largest: f64::MAX });
+}
+
+#[test]
+fn wrong_sizes_are_refused() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let shape = BatchShape { n_recordings: 1, n_samples: 4, n_axes: 6 };
+    let wrench = [0.0; 24];
+    let length = |what, expected, got| Err(Error::Length { what, expected, got });
+    assert_eq!(extractor.extract(&wrench[1..], shape, 1).map(drop), length("wrench", 24, 23));
+    assert_eq!(extractor.extract_into(&wrench, shape, 1, &mut [0.0; 3]), length("out", 624, 3));
+    assert_eq!(extractor.extract(&wrench, shape, 0), Err(Error::Threads { threads: 0 }));
+    for empty in [
+        BatchShape { n_recordings: 0, ..shape },
+        BatchShape { n_samples: 0, ..shape },
+        BatchShape { n_axes: 0, ..shape },
+    ] {
+        let BatchShape { n_recordings, n_samples, n_axes } = empty;
+        let error = Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] };
+        assert_eq!(extractor.extract(&[], empty, 1), Err(error));
+    }
+}
+
+#[test]
+fn a_specification_is_checked_once() {
+    let check = |spec| Extractor::new(spec).map(drop).unwrap_err();
+    let default = FeatureSpec::default;
+    let error = check(FeatureSpec { raw: false, hfmh: false, ..default() });
+    assert_eq!(error, Error::NoFeatures);
+    let error = check(FeatureSpec { cutoff_hz: 250.0, ..default() });
+    assert_eq!(error, Error::Cutoff { cutoff_hz: 250.0, rate_hz: 500.0 });
+    let error = check(FeatureSpec { order: 0, ..default() });
+    assert_eq!(error, Error::Order { order: 0 });
+    let error = check(FeatureSpec { n_bins: 0, ..default() });
+    assert_eq!(error, Error::Bins { n_bins: 0, max: granular_id::histogram::MAX_BINS });
+    let error = check(FeatureSpec { bin_ranges: vec![(1.0, -1.0)], ..default() });
+    assert_eq!(error, Error::BinRange { low: 1.0, high: -1.0 });
+    let error = check(FeatureSpec { bin_ranges: vec![], ..default() });
+    assert_eq!(error, Error::RangeCount { ranges: 0, axes: 1 });
+}
+
+#[test]
+fn there_is_a_name_for_every_feature() {
+    for (raw, hfmh) in [(true, true), (true, false), (false, true)] {
+        for (n_samples, n_axes, n_bins) in [(1600, 6, 100), (12_345, 1, 1), (3, 13, 1001)] {
+            let spec = FeatureSpec { raw, hfmh, n_bins, ..FeatureSpec::default() };
+            let extractor = Extractor::new(spec).unwrap();
+            let mut names = extractor.feature_names(n_samples, n_axes);
+            assert_eq!(names.len(), extractor.n_features(n_samples, n_axes));
+            names.sort();
+            names.dedup();
+            assert_eq!(names.len(), extractor.n_features(n_samples, n_axes));
+        }
+    }
+}
