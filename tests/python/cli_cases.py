@@ -1,0 +1,55 @@
+"""Small folders of recordings, and the command line run inside the test process."""
+
+import numpy as np
+from typer.testing import CliRunner
+
+from granular_id.cli.app import app
+from granular_id.io import save_csv
+from granular_id.recording import Dataset, Recording
+
+LABELS = ("oat", "rice", "sugar")
+
+
+def recording(rng, k, i, *, samples=60, jitter=0.0, label=None):
+    level = np.array([1.0, -1.0, 0.5, 0.1, 0.2, -0.1]) * (k + 1)
+    wrench = level * rng.normal(1, 0.4) + rng.normal(0, 0.2 * (k + 1), (samples, 6))
+    steps = np.full(samples - 1, 0.008) * (1 + jitter * rng.uniform(-1, 1, samples - 1))
+    time = {"time_s": np.concatenate([[0.0], np.cumsum(steps)])} if jitter else {"rate_hz": 125.0}
+    label = label or LABELS[k]
+    name = f"{label}/{label}_{i:02d}.csv"
+    return Recording(wrench, label=label, start_time=1.6e9 + 60.0 * (10 * i + k), name=name, **time)
+
+
+def make(n=10, **fields):
+    rng = np.random.default_rng(1)
+    return Dataset([recording(rng, k, i, **fields) for k in range(len(LABELS)) for i in range(n)])
+
+
+def saved(data, folder):
+    save_csv(data, folder)
+    return folder
+
+
+SMALL = ["--train", "6", "--test", "3", "--partitions", "3", "--n-bins", "10"]
+
+
+def run(*words, columns=200):
+    return CliRunner().invoke(
+        app, [str(word) for word in words], env={"COLUMNS": str(columns), "NO_COLOR": "1"}
+    )
+
+
+def ended_well(*words, **more):
+    result = run(*words, **more)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def refused(*words):
+    """One line on standard error, exit code 2, no traceback."""
+    result = run(*words)
+    assert result.exit_code == 2, result.output
+    line, end = result.stderr.split("\n")
+    assert line.startswith("error: ")
+    assert end == ""
+    return line

@@ -1,0 +1,194 @@
+"""The command line: what it refuses, in one line that names the option to use."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved
+from granular_id.cli.errors import in_options
+from granular_id.cli.prepare import Preparation, prepare
+from granular_id.recording import Dataset, Recording
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return saved(make(), tmp_path_factory.mktemp("cli") / "uniform")
+
+
+@pytest.fixture(scope="module")
+def irregular(tmp_path_factory):
+    return saved(make(jitter=0.5), tmp_path_factory.mktemp("cli") / "irregular")
+
+
+def test_irregular_stamps_need_a_rate_and_the_proposed_one_works(irregular, tmp_path):
+    line = refused("evaluate", irregular, *SMALL)
+    assert "30 of 30 recordings are sampled irregularly, with a median step of" in line
+    (rate,) = re.findall(r"add (--rate-hz \d+)$", line)
+    assert rate == "--rate-hz 100"
+    line = refused("evaluate", irregular, *SMALL, *rate.split())
+    (crop,) = re.findall(r"add (--n-samples shortest)", line)
+    out = ended_well(
+        "evaluate", irregular, *SMALL, *rate.split(), *crop.split(), "--json", tmp_path / "r.json"
+    )
+    assert "resample: rate_hz=100, method=linear, max_gap_s=0.25" in out
+    assert "dropped_samples" in out
+    history = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))["data"]["history"]
+    assert [step["step"] for step in history] == ["load", "resample", "align"]
+    assert len(history[1]["rows"]) == 30
+
+
+def test_gaps_and_short_recordings_are_left_out_when_asked(tmp_path):
+    rng = np.random.default_rng(3)
+    hole = recording(rng, 0, 90, jitter=0.5)
+    hole = Recording(
+        hole.wrench, time_s=hole.time_s + (np.arange(60) > 20), label="oat", name="oat/oat_90.csv"
+    )
+    short = recording(rng, 1, 91, samples=30, jitter=0.5)
+    saved(Dataset([*make(jitter=0.5), hole, short]), tmp_path / "x")
+    words = ("evaluate", tmp_path / "x", *SMALL, "--rate-hz", 100, "--protocol", "paper")
+    line = refused(*words)
+    assert "'oat/oat_90.csv' has a gap of 1" in line
+    assert "--max-gap-s 0.25" in line
+    assert "--on-gap skip" in line
+    line = refused(*words, "--on-gap", "skip", "--n-samples", 40)
+    assert "'rice/rice_91.csv' is too short" in line
+    assert "--on-short skip" in line
+    out = ended_well(*words, "--on-gap", "skip", "--n-samples", 40, "--on-short", "skip")
+    assert re.search(r"oat/oat_90\.csv +gap of 1", out)
+    assert re.search(r"rice/rice_91\.csv .*is too short", out)
+    assert "largest_gap_s: 1" in ended_well(*words, "--max-gap-s", "inf", "--n-samples", "shortest")
+
+
+def test_files_without_time_need_the_rate_they_were_recorded_at(tmp_path):
+    rng = np.random.default_rng(0)
+    for label in LABELS[:2]:
+        (tmp_path / label).mkdir()
+        for i in range(9):
+            rows = "\n".join(",".join(f"{x:.4f}" for x in row) for row in rng.normal(size=(50, 6)))
+            (tmp_path / label / f"{i}.csv").write_text(f"fx,fy,fz,tx,ty,tz\n{rows}\n")
+    line = refused("evaluate", tmp_path, *SMALL)
+    assert "has no time column and no rate is stated; pass --recorded-hz, or a rate_hz column" in line
+    out = ended_well("evaluate", tmp_path, *SMALL, "--recorded-hz", 500)
+    assert "chronological: by file order: the recordings carry no start time" in out
+
+
+def test_broken_files_are_refused_or_listed(folder, tmp_path):
+    data = saved(make(), tmp_path / "x")
+    bad = min((data / "rice").glob("*.csv"))
+    bad.write_text(bad.read_text(encoding="utf-8").replace("fx", "fq", 1), encoding="utf-8")
+    assert str(bad) in refused("evaluate", data, *SMALL)
+    out = ended_well("evaluate", data, *SMALL, "--on-error", "skip")
+    assert "skipped: 1" in out
+    assert bad.name in out
+
+
+def test_backward_time_is_refused_or_repaired(tmp_path):
+    data = saved(make(jitter=0.5), tmp_path / "x")
+    bad = data / "oat" / "oat_03.csv"
+    lines = bad.read_text(encoding="utf-8").splitlines()
+    lines[5], lines[6] = lines[6], lines[5]
+    bad.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    words = ("evaluate", data, *SMALL, "--rate-hz", 100, "--n-samples", "shortest")
+    line = refused(*words)
+    assert str(bad) in line
+    assert "--on-time-error repair" in line
+    out = ended_well(*words, "--on-time-error", "repair")
+    assert "moved_samples: 1" in out
+
+
+def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
+    timed = make()
+    one = timed[4]
+    without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
+    data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
+    out = ended_well("evaluate", data, *SMALL)
+    assert "chronological protocol left out: no order for the chronological protocol: recording" in out
+    assert "no start time" in refused("evaluate", data, *SMALL, "--protocol", "chronological")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--train", "50"], r"class 'oat' has 10 recordings, wanted 53 \(50 to train, 3 to test\)"),
+        (["--train", "0"], "--train must be at least 1, got 0"),
+        (["--partitions", "0"], "--partitions must be at least 1, got 0"),
+        (["--seed", "-1"], "--seed must not be negative, got -1"),
+        (["--spaces", "raw,dft"], "there is no feature space 'dft'; there are raw"),
+        (["--spaces", ","], "at least one feature space"),
+        (["--confusion", "dft"], "there is no feature space 'dft'"),
+        (
+            ["--spaces", "raw", "--confusion", "hfmh"],
+            "--confusion hfmh is not among the spaces evaluated: raw",
+        ),
+        (["--bin-range", "wide"], "--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got 'wide'"),
+        (["--n-samples", "few"], "--n-samples must be a whole number or 'shortest', got 'few'"),
+        (["--n-samples", "10", "--duration-s", "1"], "give one of --duration-s and --n-samples, not both"),
+        (["--n-samples", "999"], "too short"),
+        (["--exclude", "salt"], "--exclude names 'salt', which is no label here; there are oat, rice, sugar"),
+        (["--exclude", "oat,rice,sugar"], "--exclude leaves no recording"),
+        (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
+        (["--cutoff-hz", "80"], "cutoff"),
+        (["--C", "0"], "C must be positive"),
+        (["--rate-hz", "-5"], "--rate-hz"),
+        (["--json", "absent/r.json"], "the folder absent does not exist"),
+    ],
+)
+def test_bad_options_end_in_one_line(folder, words, message):
+    assert re.search(message, refused("evaluate", folder, *SMALL, *words))
+
+
+def test_bad_folders_end_in_one_line(folder, tmp_path):
+    assert "no such file or folder" in refused("evaluate", tmp_path / "absent")
+    (tmp_path / "empty").mkdir()
+    assert "holds no CSV recordings" in refused("evaluate", tmp_path / "empty")
+    one = saved(make()[:10], tmp_path / "one")
+    assert "at least 2 classes, got only 'oat'" in refused("evaluate", one, *SMALL)
+
+
+def test_outputs_are_checked_before_anything_is_read(tmp_path):
+    line = refused("evaluate", tmp_path / "absent", "--csv", tmp_path)
+    assert "is a folder, wanted the name of a file" in line
+
+
+def test_unknown_options_and_missing_words_exit_with_two():
+    for words in (
+        ["evaluate"],
+        ["evaluate", "x", "--frobnicate"],
+        ["nonsense"],
+        ["evaluate", "x", "--train", "ten"],
+    ):
+        result = run(*words)
+        assert result.exit_code == 2
+        assert "Traceback" not in result.output
+
+
+def test_an_error_that_is_not_the_users_keeps_its_traceback(folder, monkeypatch):
+    def broken(*args, **kwargs):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("granular_id.io.load", broken)
+    assert isinstance(run("evaluate", folder).exception, ZeroDivisionError)
+
+
+def test_debug_variable_keeps_the_traceback(folder, monkeypatch):
+    monkeypatch.setenv("GRANULAR_ID_DEBUG", "1")
+    assert isinstance(run("evaluate", folder, "--train", 99).exception, ValueError)
+
+
+def test_messages_speak_in_options():
+    assert in_options("raise max_gap_s=0.25\n or on_gap='skip'") == "raise --max-gap-s 0.25 or --on-gap skip"
+    assert in_options("train_per_class must be 1") == "--train must be 1"
+    for untouched in ("/data/n_bins/x.csv: broken", "'n_bins'", "the order of files", "no_rate_hz"):
+        assert in_options(untouched) == untouched
+
+
+def test_rates_that_differ_are_refused_with_the_lowest_proposed():
+    slow = Recording(np.zeros((9, 6)), rate_hz=50.0, label="a", name="slow")
+    fast = Recording(np.zeros((9, 6)), rate_hz=500.0, label="a", name="fast")
+    plain = Preparation(rate_hz=None, max_gap_s=0.25, duration_s=None, n_samples=None)
+    with pytest.raises(
+        ValueError, match="sampled at 50 to 500 Hz; nothing is resampled unasked: add --rate-hz 50"
+    ):
+        prepare(Dataset([slow, fast]), plain, print)

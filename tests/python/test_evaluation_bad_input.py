@@ -1,0 +1,85 @@
+"""evaluate: one clear error for each bad argument and each bad data set."""
+
+import numpy as np
+import pytest
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
+
+from evaluation_cases import SMALL, changed, make_data
+from granular_id.evaluation import evaluate
+from granular_id.recording import Dataset, Recording
+
+
+@pytest.fixture(scope="module")
+def data():
+    return make_data()
+
+
+def cut(data, **labels):
+    return data.select(
+        indices=[i for i, r in enumerate(data) if int(r.name.split("_")[1]) < labels.get(r.label, 99)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ({"data": np.zeros((4, 5, 6))}, TypeError, "data must be a granular_id.Dataset, got ndarray"),
+        ({"spaces": "dft"}, ValueError, "spaces must be among 'paper', .*, got 'dft'"),
+        ({"spaces": []}, ValueError, "at least one feature space, got none"),
+        ({"spaces": ["raw", "raw"]}, ValueError, "each feature space once"),
+        ({"spaces": {"mine": object()}}, TypeError, r"spaces\['mine'\] must have fit and transform"),
+        ({"spaces": {"": StandardScaler()}}, TypeError, "a name must be non-empty text"),
+        (
+            {"spaces": {"flat": FunctionTransformer()}},
+            ValueError,
+            r"'flat' must give an array \(n, D\), got shape",
+        ),
+        (
+            {"protocol": "session"},
+            ValueError,
+            "protocol must be one of 'paper', 'chronological', got 'session'",
+        ),
+        ({"protocol": []}, ValueError, "protocol must name one or more"),
+        ({"protocol": ["paper", "paper"]}, ValueError, "each once"),
+        ({"n_partitions": 0}, ValueError, "n_partitions must be at least 1, got 0"),
+        ({"train_per_class": 1.5}, TypeError, "train_per_class must be a whole number"),
+        (
+            {"train_per_class": 9},
+            ValueError,
+            r"class 'oat' has 10 recordings, wanted 12 \(9 to train, 3 to test\)",
+        ),
+        ({"random_state": -1}, ValueError, "random_state must not be negative"),
+        ({"random_state": "x"}, TypeError, "random_state must be a whole number or None, got str"),
+        ({"progress": "yes"}, TypeError, "progress must be True, False or callable, got str"),
+    ],
+)
+def test_bad_arguments(data, change, kind, message):
+    arguments = {"data": data, "spaces": "raw", **SMALL, **change}
+    with pytest.raises(kind, match=message):
+        evaluate(arguments.pop("data"), **arguments)
+
+
+def test_bad_data(data):
+    with pytest.raises(ValueError, match="at least 2 classes, got only 'oat'"):
+        evaluate(data.select(labels="oat"), "raw", **SMALL)
+    with pytest.raises(ValueError, match=r"class 'rice' has 4 recordings, wanted 9.*; 3 \+ 1 would fit"):
+        evaluate(cut(data, rice=4), "raw", **SMALL)
+    with pytest.raises(ValueError, match=r"class 'rice' has 1 recording; the chronological protocol"):
+        evaluate(cut(data, rice=1), "raw", "chronological", **SMALL)
+    nameless = Dataset([*data, Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")])
+    with pytest.raises(ValueError, match="have no label, the first is 'lost'"):
+        evaluate(nameless, "raw", **SMALL)
+    longer = Dataset([*data, Recording(np.zeros((81, 6)), rate_hz=500.0, label="oat", name="long")])
+    with pytest.raises(ValueError, match=r"differ in length \(80 to 81 samples\)"):
+        evaluate(longer, "raw", **SMALL)
+    faster = Dataset([*data, Recording(np.zeros((80, 6)), rate_hz=501.0, label="oat", name="fast")])
+    with pytest.raises(ValueError, match="differ in rate"):
+        evaluate(faster, "raw", **SMALL)
+    timed = Recording(np.zeros((3, 6)), time_s=[0.0, 0.1, 0.3], label="oat", name="irregular")
+    with pytest.raises(ValueError, match="irregular"):
+        evaluate(Dataset([*data, timed]), "raw", **SMALL)
+    half_timed = changed(data, start_time=lambda r: None if r.name == "rice_3" else r.start_time)
+    with pytest.raises(
+        ValueError, match="no order for the chronological protocol: recording 'rice_3' has no start"
+    ):
+        evaluate(half_timed, "raw", "chronological", **SMALL)
