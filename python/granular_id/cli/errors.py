@@ -87,7 +87,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     >>> in_options("raise max_gap_s (None: no limit), or pass on_gap='skip'")
     'raise --max-gap-s (inf: no limit), or pass --on-gap skip'
     """
-    one_line = " ".join(message.split()).replace("(None: no limit)", "(inf: no limit)")
+    one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation or a longer name, nor a column of a file.
         word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
