@@ -1,0 +1,132 @@
+"""Arrays of many kinds, all real numbers: layouts, widths, byte orders, and things that become arrays."""
+
+import array
+import hashlib
+
+import numpy as np
+import pandas as pd
+
+
+class Subclass(np.ndarray):
+    """A subclass that would spoil sums if its own methods were used."""
+
+    def __array_ufunc__(self, *args, **kwargs):
+        raise AssertionError("arithmetic of a subclass must not be used")
+
+
+class Lists:
+    """Like the series of a data frame: no array, but knows how to become one."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.values, dtype)
+
+
+class Interface:
+    """Memory described by the array interface."""
+
+    def __init__(self, values):
+        self.values = np.asarray(values)
+        self.__array_interface__ = self.values.__array_interface__
+
+
+def misaligned(x):
+    buffer = np.zeros(x.nbytes + 1, np.uint8)
+    view = buffer[1:].view(x.dtype).reshape(x.shape)
+    view[...] = x
+    assert not view.flags.aligned
+    return view
+
+
+def read_only(x):
+    x = x.copy()
+    x.flags.writeable = False
+    return x
+
+
+def every_other(axis):
+    def kind(x):
+        return np.repeat(x, 2, axis=axis)[(slice(None),) * (axis % x.ndim) + (slice(None, None, 2),)]
+
+    return kind
+
+
+def inside_a_record(x):
+    records = np.zeros(x.shape, [("stamp", np.uint8), ("value", np.float64)])
+    records["value"] = x
+    assert not records["value"].flags.aligned
+    return records["value"]
+
+
+def windows(x):
+    """Overlapping windows over one long signal, as a stream is cut into recordings."""
+    signal = x.reshape(-1, x.shape[-1])
+    cut = np.lib.stride_tricks.sliding_window_view(signal, 8, axis=0)
+    recordings = cut[:5].swapaxes(-1, -2)
+    return recordings if x.ndim == 3 else recordings[0]
+
+
+KINDS = {
+    "contiguous": np.array,
+    "read-only": read_only,
+    "every other sample": every_other(-2),
+    "every other axis": every_other(-1),
+    "every other recording": every_other(0),
+    "axes reversed": lambda x: np.array(x[..., ::-1])[..., ::-1],
+    "time reversed": lambda x: np.array(np.flip(x, -2))[..., ::-1, :],
+    "all reversed": lambda x: np.flip(np.array(np.flip(x))),
+    "Fortran order": np.asfortranarray,
+    "Fortran order, read-only": lambda x: read_only(np.asfortranarray(x)),
+    "transposed": lambda x: np.array(x.T).T,
+    "axes first": lambda x: np.array(np.swapaxes(x, -1, -2)).swapaxes(-1, -2),
+    "moved axis": lambda x: np.moveaxis(np.array(np.moveaxis(x, -1, 0)), 0, -1),
+    "slice of axes": lambda x: np.concatenate([x, x], axis=-1)[..., 6:],
+    "slice of time": lambda x: np.concatenate([x, x], axis=-2)[..., 24:, :],
+    "misaligned": misaligned,
+    "misaligned float32": lambda x: misaligned(x.astype(np.float32)),
+    "field of a record": inside_a_record,
+    "byte-swapped": lambda x: x.astype(x.dtype.newbyteorder()),
+    "byte-swapped, strided": lambda x: every_other(-2)(x.astype(x.dtype.newbyteorder())),
+    "byte-swapped int": lambda x: (10 * x).astype(np.dtype(np.int16).newbyteorder()),
+    "broadcast": lambda x: np.broadcast_to(x[..., :1], x.shape),
+    "broadcast scalar": lambda x: np.broadcast_to(0.7, x.shape),
+    "one axis": lambda x: x[..., :1],
+    "one sample": lambda x: x[..., :1, :],
+    "sliding windows": windows,
+    "many axes": lambda x: np.concatenate([x] * 5, axis=-1),
+    "float16": lambda x: x.astype(np.float16),
+    "float32": lambda x: x.astype(np.float32),
+    "long double": lambda x: x.astype(np.longdouble),
+    "int8": lambda x: (10 * x).astype(np.int8),
+    "uint8": lambda x: np.abs(10 * x).astype(np.uint8),
+    "int64 beyond 2**53": lambda x: (1e18 * x).astype(np.int64),
+    "uint64": lambda x: np.abs(10 * x).astype(np.uint64),
+    "bool": lambda x: x > 0,
+    "nested lists": lambda x: x.tolist(),
+    "nested tuples": lambda x: tuple(map(tuple, x.tolist())),
+    "lists of arrays": list,
+    "lists of ints": lambda x: (10 * x).astype(int).tolist(),
+    "subclass": lambda x: x.view(Subclass),
+    "record array": lambda x: x.view(np.recarray),
+    "matrix": lambda x: np.asmatrix(x.reshape(-1, x.shape[-1])),
+    "__array__": Lists,
+    "array interface": Interface,
+    "data frame": lambda x: pd.DataFrame(x.reshape(-1, x.shape[-1])),
+    "data frame of mixed numbers": lambda x: pd.DataFrame({"a": x.ravel(), "b": np.arange(x.size)}),
+    "memoryview": memoryview,
+    "bytes as numbers": lambda x: np.frombuffer(x.tobytes()).reshape(x.shape),
+    "array of the standard library": lambda x: (
+        memoryview(array.array("d", x.ravel())).cast("B").cast("d", x.shape)
+    ),
+    "subnormal": lambda x: x * 5e-310,
+    "signed zeros": lambda x: -np.zeros_like(x),
+    "huge": lambda x: x * 1e290,
+}
+
+
+def digest(value):
+    """What the caller's numbers and their layout are."""
+    values = np.asarray(value.values if isinstance(value, (Lists, Interface)) else value)
+    return hashlib.sha256(values.tobytes()).hexdigest(), values.shape, values.strides, str(values.dtype)

@@ -1,0 +1,299 @@
+"""FeatureSpec: one checked, immutable, comparable, picklable value, and one clear error for each bad one."""
+
+import copy
+import pickle
+import re
+import subprocess
+import sys
+
+import joblib
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import granular_id as gid
+from granular_id import FeatureSpec
+from granular_id.features import extract_features, feature_names
+
+WRENCH = np.random.default_rng(0).standard_normal((2, 20, 6))
+
+PARAMETERS = {
+    "rate_hz": 100.0,
+    "cutoff_hz": 9.25,
+    "order": 3,
+    "n_bins": 17,
+    "bin_range": ((-1.0, 1.0), (0.1, 0.30000000000000004)),
+    "raw": False,
+    "hfmh": True,
+    "outside": "clip",
+    "density": True,
+    "initial": "steady",
+}
+OTHERS = [{name: value} for name, value in PARAMETERS.items() if name != "hfmh"] + [{"hfmh": False}]
+
+
+@st.composite
+def specs(draw):
+    rate_hz = draw(st.floats(1e-3, 1e6))
+    low = draw(st.floats(-1e3, 1e3))
+    pair = st.floats(0.01, 1e3).map(lambda width: (low, low + width))
+    return FeatureSpec(
+        rate_hz=rate_hz,
+        cutoff_hz=rate_hz * draw(st.floats(0.01, 0.49)),
+        order=draw(st.integers(1, 32)),
+        n_bins=draw(st.integers(1, 32_768)),
+        bin_range=draw(pair | st.lists(pair, min_size=1, max_size=7)),
+        raw=draw(st.booleans()),
+        hfmh=True,
+        outside=draw(st.sampled_from(["drop", "clip"])),
+        density=draw(st.booleans()),
+        initial=draw(st.sampled_from(["zero", "steady"])),
+    )
+
+
+@given(specs())
+def test_repr_pickle_and_copies_give_an_equal_spec(spec):
+    same = [eval(repr(spec), {"FeatureSpec": FeatureSpec}), copy.copy(spec), copy.deepcopy(spec)]
+    same += [pickle.loads(pickle.dumps(spec, protocol)) for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1)]
+    for other in same:
+        assert type(other) is FeatureSpec
+        assert other == spec
+        assert not other != spec  # noqa: SIM202 - the two operators are two functions
+        assert hash(other) == hash(spec)
+        assert repr(other) == repr(spec)
+        assert joblib.hash(other) == joblib.hash(spec)
+
+
+def test_the_default_is_the_paper():
+    assert FeatureSpec() == FeatureSpec(
+        rate_hz=500.0,
+        cutoff_hz=23.0,
+        order=8,
+        n_bins=100,
+        bin_range=(-1.5, 1.5),
+        raw=True,
+        hfmh=True,
+        outside="drop",
+        density=False,
+        initial="zero",
+    )
+    assert FeatureSpec().n_features(1600, 6) == 10_200
+    assert len(feature_names()) == 10_200
+
+
+@pytest.mark.parametrize("change", OTHERS, ids=lambda change: next(iter(change)))
+def test_every_parameter_counts(change):
+    (name, value), *_ = change.items()
+    spec = FeatureSpec(**change)
+    assert getattr(spec, name) == value
+    assert spec != FeatureSpec()
+    assert hash(spec) != hash(FeatureSpec())
+    assert {spec: "a", FeatureSpec(): "b"}[FeatureSpec(**change)] == "a"
+
+
+def test_every_parameter_survives():
+    spec = FeatureSpec(**PARAMETERS)
+    assert {name: getattr(spec, name) for name in PARAMETERS} == PARAMETERS
+    restored = pickle.loads(pickle.dumps(spec))
+    assert {name: getattr(restored, name) for name in PARAMETERS} == PARAMETERS
+
+
+def test_numbers_of_numpy_are_numbers():
+    spec = FeatureSpec(
+        rate_hz=np.float32(500),
+        cutoff_hz=np.int64(23),
+        order=np.uint8(8),
+        n_bins=np.int16(100),
+        bin_range=np.array([-1.5, 1.5], np.float32),
+        raw=np.True_,
+        density=np.False_,
+    )
+    assert spec == FeatureSpec()
+    assert FeatureSpec(bin_range=[-0.0, 1]) == FeatureSpec(bin_range=(0.0, 1))
+    assert hash(FeatureSpec(bin_range=[-0.0, 1])) == hash(FeatureSpec(bin_range=(0.0, 1)))
+
+
+def test_other_things_are_not_equal():
+    spec = FeatureSpec()
+    for other in (None, 1, "FeatureSpec()", repr(spec), {}, object(), FeatureSpec):
+        assert spec != other
+        assert not spec == other  # noqa: SIM201 - as above
+
+
+@pytest.mark.parametrize("name", [*PARAMETERS, "a_new_one"])
+def test_nothing_can_be_changed(name):
+    spec = FeatureSpec()
+    with pytest.raises(AttributeError):
+        setattr(spec, name, PARAMETERS.get(name))
+    with pytest.raises(AttributeError):
+        delattr(spec, name)
+    assert spec == FeatureSpec()
+
+
+def test_the_range_given_is_copied():
+    ranges = np.array([[-1.0, 1.0], [0.0, 2.0]])
+    spec = FeatureSpec(bin_range=ranges)
+    ranges[:] = 5
+    assert spec.bin_range == ((-1.0, 1.0), (0.0, 2.0))
+
+
+def test_it_is_not_a_base_class():
+    with pytest.raises(TypeError):
+        type("Derived", (FeatureSpec,), {})
+
+
+BAD = [
+    ({"rate_hz": 0}, ValueError, "rate_hz must be positive and finite, got 0"),
+    ({"rate_hz": -500.0}, ValueError, "rate_hz must be positive and finite, got -500"),
+    ({"rate_hz": np.nan}, ValueError, "rate_hz must be positive and finite, got NaN"),
+    ({"rate_hz": np.inf}, ValueError, "rate_hz must be positive and finite, got inf"),
+    ({"rate_hz": 10**400}, ValueError, "rate_hz"),
+    ({"rate_hz": "500"}, TypeError, "rate_hz.*str"),
+    ({"rate_hz": None}, TypeError, "rate_hz.*None"),
+    ({"rate_hz": 1j}, TypeError, "rate_hz.*complex"),
+    ({"rate_hz": [500.0]}, TypeError, "rate_hz.*list"),
+    ({"cutoff_hz": 0}, ValueError, r"cutoff_hz must be in \(0, rate_hz / 2\) = \(0, 250\), got 0 at rate_hz"),
+    ({"cutoff_hz": 250}, ValueError, "cutoff_hz must be in .* got 250 at rate_hz = 500"),
+    ({"cutoff_hz": 30, "rate_hz": 50}, ValueError, r"cutoff_hz .*\(0, 25\), got 30 at rate_hz = 50"),
+    ({"cutoff_hz": -1}, ValueError, "cutoff_hz .* got -1"),
+    ({"cutoff_hz": np.nan}, ValueError, "cutoff_hz .* got NaN"),
+    ({"cutoff_hz": 10**400}, ValueError, "cutoff_hz"),
+    ({"cutoff_hz": "23"}, TypeError, "cutoff_hz.*str"),
+    ({"order": 0}, ValueError, r"order must be in 1\.\.=32, got 0"),
+    ({"order": 33}, ValueError, r"order must be in 1\.\.=32, got 33"),
+    ({"order": -1}, ValueError, "order must be .* got -1"),
+    ({"order": 10**30}, ValueError, "order must be .* got 10{30}"),
+    ({"order": 10**5000}, ValueError, "order must be"),
+    ({"order": 8.0}, TypeError, "order must be an integer, got .*float"),
+    ({"order": "8"}, TypeError, "order must be an integer, got .*str"),
+    ({"n_bins": 0}, ValueError, r"n_bins must be in 1\.\.=32768, got 0"),
+    ({"n_bins": 32_769}, ValueError, r"n_bins must be in 1\.\.=32768, got 32769"),
+    ({"n_bins": -3}, ValueError, "n_bins must be .* got -3"),
+    ({"n_bins": 2.5}, TypeError, "n_bins must be an integer, got .*float"),
+    ({"n_bins": [1, 2]}, TypeError, "n_bins must be an integer, got .*list"),
+    ({"bin_range": (1, 1)}, ValueError, r"bin_range must be finite with low < high, got \(1, 1\)"),
+    ({"bin_range": (1.5, -1.5)}, ValueError, r"bin_range .* low < high, got \(1.5, -1.5\)"),
+    ({"bin_range": (np.nan, 1)}, ValueError, r"bin_range must be finite .* got \(NaN, 1\)"),
+    ({"bin_range": (-np.inf, 1)}, ValueError, r"bin_range must be finite .* got \(-inf, 1\)"),
+    ({"bin_range": ((0, 1), (2, 2))}, ValueError, r"bin_range .* got \(2, 2\)"),
+    ({"bin_range": (1, 1 + 1e-15)}, ValueError, "cannot create 100 finite-sized bins in bin_range"),
+    ({"bin_range": (-1e308, 1e308)}, ValueError, "bin_range"),
+    ({"bin_range": 5}, ValueError, r"bin_range must be \(low, high\), .* shape \(\)"),
+    ({"bin_range": (1, 2, 3)}, ValueError, r"bin_range must be \(low, high\), .* shape \(3,\)"),
+    ({"bin_range": ()}, ValueError, r"bin_range must be \(low, high\), .* shape \(0,\)"),
+    ({"bin_range": np.ones((0, 2))}, ValueError, r"bin_range must be .* shape \(0, 2\)"),
+    ({"bin_range": np.ones((2, 2, 2))}, ValueError, r"bin_range must be .* shape \(2, 2, 2\)"),
+    ({"bin_range": np.ones((2, 0))}, ValueError, r"bin_range must be .* shape \(2, 0\)"),
+    ({"bin_range": [[1, 2], [3]]}, ValueError, "bin_range must be an array of real numbers, got .*list"),
+    ({"bin_range": "auto"}, TypeError, "bin_range must hold real numbers"),
+    ({"bin_range": (1j, 2)}, TypeError, "bin_range must hold real numbers, got dtype complex128"),
+    ({"bin_range": (None, 1)}, TypeError, "bin_range must hold real numbers, got dtype object"),
+    ({"bin_range": np.ma.array([0, 1], mask=[0, 1])}, TypeError, "bin_range must be a plain array"),
+    ({"raw": 1}, TypeError, "raw.*int"),
+    ({"raw": None}, TypeError, "raw.*None"),
+    ({"hfmh": "yes"}, TypeError, "hfmh.*str"),
+    ({"density": 0.0}, TypeError, "density.*float"),
+    ({"raw": False, "hfmh": False}, ValueError, "at least one of raw and hfmh must be true"),
+    ({"outside": "keep"}, ValueError, "outside must be 'drop' or 'clip', got .keep."),
+    ({"outside": "Drop"}, ValueError, "outside must be 'drop' or 'clip', got .Drop."),
+    ({"outside": "\ud800"}, ValueError, "outside"),
+    ({"outside": 3}, TypeError, "outside.*int"),
+    ({"outside": None}, TypeError, "outside.*None"),
+    ({"initial": "rest"}, ValueError, "initial must be 'zero' or 'steady', got .rest."),
+    ({"initial": b"zero"}, TypeError, "initial.*bytes"),
+    ({"bins": 3}, TypeError, "unexpected keyword argument 'bins'"),
+]
+
+BAD_IDS = [f"{next(iter(keywords))}-{n}" for n, (keywords, *_) in enumerate(BAD)]
+
+
+@pytest.mark.parametrize(("keywords", "error", "message"), BAD, ids=BAD_IDS)
+def test_bad_parameters(keywords, error, message):
+    calls = [
+        lambda: FeatureSpec(**keywords),
+        lambda: extract_features(WRENCH, **keywords),
+        lambda: feature_names(**keywords),
+    ]
+    for call in calls:
+        with pytest.raises(error) as caught:
+            call()
+        assert re.search(message, str(caught.value))  # in the message itself: not all show notes
+        assert len(str(caught.value)) < 400
+    assert extract_features(WRENCH).shape == (2, 720)
+
+
+def test_spec_or_keywords_but_not_both():
+    spec = FeatureSpec(n_bins=5)
+    for call in (lambda **k: extract_features(WRENCH, **k), feature_names):
+        with pytest.raises(
+            ValueError, match="give spec or its keywords, not both: got spec and n_bins, order"
+        ):
+            call(spec=spec, order=8, n_bins=5)
+        for wrong in ({}, "FeatureSpec()", FeatureSpec, 0):
+            with pytest.raises(TypeError, match="spec must be a FeatureSpec, got"):
+                call(spec=wrong)
+    by_spec = extract_features(WRENCH, spec=spec)
+    assert np.array_equal(by_spec, extract_features(WRENCH, n_bins=5))
+
+
+def test_keywords_only():
+    with pytest.raises(TypeError):
+        FeatureSpec(500.0)
+    with pytest.raises(TypeError):
+        extract_features(WRENCH, FeatureSpec())
+
+
+def test_ranges_must_be_as_many_as_axes():
+    ranges = [(-1, 1)] * 5
+    with pytest.raises(ValueError, match=r"bin_range .* got 5 ranges for 6 axes"):
+        extract_features(WRENCH, bin_range=ranges)
+    assert extract_features(WRENCH[..., :5], bin_range=ranges).shape == (2, 600)
+    # Without histograms there is nothing to range over.
+    assert extract_features(WRENCH, bin_range=ranges, hfmh=False).shape == (2, 120)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "error", "message"),
+    [
+        ({"n_samples": -1}, ValueError, "n_samples must be .* got -1"),
+        ({"n_axes": -1}, ValueError, "n_axes must be .* got -1"),
+        ({"n_samples": 1.5}, TypeError, "n_samples must be an integer, got .*float"),
+        ({"n_axes": "6"}, TypeError, "n_axes must be an integer, got .*str"),
+        ({"n_samples": 10**30}, ValueError, "n_samples must be"),
+    ],
+)
+def test_bad_sizes(sizes, error, message):
+    with pytest.raises(error, match=message):
+        feature_names(**sizes)
+    with pytest.raises(error, match=message):
+        FeatureSpec().n_features(**{"n_samples": 1600, "n_axes": 6} | sizes)
+
+
+@pytest.mark.thread_unsafe(reason="starts a process")
+@pytest.mark.parametrize("sizes", ["n_samples=10**13", "n_samples=2**58", "n_samples=2**62", "n_axes=2**61"])
+def test_sizes_beyond_memory_are_an_exception_not_the_end_of_the_process(sizes):
+    program = (
+        "import granular_id as gid\n"
+        f"try: gid.feature_names({sizes})\n"
+        "except (ValueError, MemoryError) as error: print('refused:', error)\n"
+        "print(len(gid.feature_names()))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("refused:")
+    assert done.stdout.endswith("10200\n")
+
+
+def test_a_number_of_features_is_never_wrong():
+    spec = FeatureSpec()
+    assert spec.n_features(10**15, 6) == 6 * 10**15 + 600
+    for sizes in ((2**62, 6), (2**32, 2**32), (2**63, 2), (1, 2**62)):
+        with pytest.raises((ValueError, MemoryError)):
+            spec.n_features(*sizes)
+
+
+def test_it_says_where_it_lives():
+    assert FeatureSpec.__module__ == "granular_id"
+    assert gid.FeatureSpec is FeatureSpec
+    assert "extract" in FeatureSpec.__doc__
