@@ -12,6 +12,8 @@ second-order sections, real signals. Given the same sections, `sosfilt` returns 
   and a section whose numerator equals its denominator, which passes samples through unchanged.
 - `butter` returns second-order sections only, and by default.
 - An axis of no samples is returned as it is, and the states with it; scipy raises ValueError.
+
+`histogram` counts what is left after filtering, as ``numpy.histogram`` does.
 """
 
 from __future__ import annotations
@@ -24,13 +26,14 @@ from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, TypeAlias, overlo
 import numpy as np
 
 from granular_id import _core
+from granular_id._histogram import histogram
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     FloatArray: TypeAlias = NDArray[np.float64]
 
-__all__ = ["butter", "sosfilt", "sosfilt_zi", "sosfiltfilt"]
+__all__ = ["butter", "histogram", "sosfilt", "sosfilt_zi", "sosfiltfilt"]
 
 _MAX_ORDER = 32
 _BANDS = {
