@@ -1,0 +1,60 @@
+"""What a process does in the tests of processes. Imported by spawned children: it imports little."""
+
+import hashlib
+import os
+import time
+
+import numpy as np
+
+from granular_id.features import extract_features
+
+SHAPE = (24, 400, 6)
+
+
+def a_batch(seed=0):
+    return np.random.default_rng(seed).standard_normal(SHAPE)
+
+
+def batch_digest(seed=0, threads=2):
+    return hashlib.sha256(extract_features(a_batch(seed), threads=threads).tobytes()).hexdigest()
+
+
+def timed_digest(seed=0, threads=2):
+    """Digest, seconds it took, and the process that did it."""
+    begin = time.perf_counter()
+    digest = batch_digest(seed, threads)
+    return digest, time.perf_counter() - begin, os.getpid()
+
+
+def send_digest(connection, seed=0, threads=2):
+    """Work of a child process: the same batch twice, the second with threads that are there already."""
+    batch_digest(seed, threads)
+    connection.send(timed_digest(seed, threads))
+    connection.close()
+
+
+def send_digest_of_a_child(connection, context, wait_s):
+    """Work of a child that has a child."""
+    own = batch_digest()
+    digest, seconds, process = in_child(context, wait_s)
+    connection.send((own if own == digest else f"{own} but {digest} in the child", seconds, process))
+    connection.close()
+
+
+def in_child(context, wait_s, target=send_digest, arguments=()):
+    """What a child process sends; an error, and no child left behind, when it hangs or dies."""
+    here, there = context.Pipe(duplex=False)
+    child = context.Process(target=target, args=(there, *arguments))
+    child.start()
+    there.close()
+    try:
+        if not here.poll(wait_s):
+            raise TimeoutError(f"the child {child.pid} hangs: nothing for {wait_s} s")
+        return here.recv()
+    finally:
+        if not here.closed:
+            here.close()
+        child.join(wait_s / 4)
+        if child.is_alive():
+            child.kill()
+            child.join()

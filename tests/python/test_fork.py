@@ -1,0 +1,185 @@
+"""Processes made after a batch has run on threads: each can run its own batch, and none waits for ever.
+
+A forked child has a copy of everything but the threads of its parent. Whoever waits for those hangs.
+
+``GRANULAR_ID_FORKS=100 pytest tests/python/test_fork.py -s`` starts a hundred children of each kind and prints
+how long their work took. The limits of time are there to end a hang, not to measure.
+"""
+
+import itertools
+import multiprocessing
+import os
+import select
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fork_work as work
+from granular_id.features import extract_features
+
+N_CHILDREN = int(os.environ.get("GRANULAR_ID_FORKS", "3"))
+HANGS_S = 60.0
+
+pytestmark = [
+    pytest.mark.thread_unsafe(reason="starts processes"),
+    # Forking beside threads is what is tested.
+    pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning"),
+]
+methods = [
+    name for name in ("fork", "spawn", "forkserver") if name in multiprocessing.get_all_start_methods()
+]
+needs_fork = pytest.mark.skipif("fork" not in methods, reason="no fork on this system")
+needs_proc = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="counts threads in /proc")
+
+
+def show(kind, results, began):
+    slowest = max(seconds for _, seconds, _ in results)
+    processes = len({process for *_, process in results})
+    whole = time.perf_counter() - began
+    print(
+        f"{kind}: {len(results)} batches, {processes} processes, slowest {slowest:.3f} s, all {whole:.1f} s"
+    )
+
+
+def n_threads():
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(status.split("Threads:")[1].split()[0])
+
+
+@pytest.mark.parametrize("method", methods)
+def test_children_finish_a_batch_like_their_parents(method):
+    context = multiprocessing.get_context(method)
+    wanted = work.batch_digest()
+    began = time.perf_counter()
+    results = [work.in_child(context, HANGS_S) for _ in range(N_CHILDREN)]
+    show(method, results, began)
+    assert [digest for digest, *_ in results] == [wanted] * N_CHILDREN
+    assert len({process for *_, process in results} | {os.getpid()}) == N_CHILDREN + 1
+    assert work.batch_digest() == wanted
+
+
+def test_children_of_joblib_finish_a_batch_like_their_parents():
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    wanted = work.batch_digest()
+    began = time.perf_counter()
+    results = []
+    while len({process for *_, process in results}) < N_CHILDREN:  # new processes each time
+        with ProcessPoolExecutor(max_workers=4, timeout=HANGS_S) as executor:
+            tasks = [executor.submit(work.timed_digest) for _ in range(4)]
+            results += [task.result(timeout=HANGS_S) for task in tasks]
+    show("loky", results, began)
+    assert {digest for digest, *_ in results} == {wanted}
+    assert os.getpid() not in {process for *_, process in results}
+
+
+def test_joblib_as_it_is_used():
+    import joblib
+
+    wanted = [work.batch_digest(seed) for seed in range(4)]
+    got = joblib.Parallel(n_jobs=2, timeout=HANGS_S)(joblib.delayed(work.batch_digest)(s) for s in range(4))
+    assert got == wanted
+
+
+@needs_fork
+def test_several_children_at_once():
+    context = multiprocessing.get_context("fork")
+    wanted = work.batch_digest()
+    with context.Pool(3) as pool:
+        tasks = [pool.apply_async(work.batch_digest, (0, threads)) for threads in (2, 3, 2, 1, 4, 2)]
+        assert [task.get(timeout=HANGS_S) for task in tasks] == [wanted] * 6
+
+
+@needs_fork
+@pytest.mark.parametrize("methods_of_both", [("fork", "fork"), ("fork", "spawn"), ("spawn", "fork")])
+def test_a_child_of_a_child(methods_of_both):
+    first, second = (multiprocessing.get_context(method) for method in methods_of_both)
+    wanted = work.batch_digest()
+    arguments = (second, HANGS_S)
+    digest, *_ = work.in_child(first, 2 * HANGS_S, work.send_digest_of_a_child, arguments)
+    assert digest == wanted
+
+
+@needs_fork
+@pytest.mark.parametrize(
+    "pools", [(2,), (3,), (2, 3)], ids=["same pool", "other pool", "pool made anew each time"]
+)
+def test_fork_while_another_thread_is_in_the_middle_of_a_batch(pools):
+    context = multiprocessing.get_context("fork")
+    wanted = work.batch_digest()
+    big = np.random.default_rng(1).standard_normal((300, 400, 6))
+    features = extract_features(big)
+    stop, inside, forked_inside = threading.Event(), [False], []
+
+    def work_on():
+        for threads in itertools.cycle(pools):
+            if stop.is_set():
+                break
+            inside[0] = True
+            extract_features(big, threads=threads, out=features)
+            inside[0] = False
+
+    worker = threading.Thread(target=work_on)
+    worker.start()
+    try:
+        began = time.perf_counter()
+        results = []
+        for n in range(max(N_CHILDREN, 5)):
+            time.sleep(0.001 * (n % 5))  # other moments of the batch
+            forked_inside.append(inside[0])
+            results.append(work.in_child(context, HANGS_S))
+        show(f"fork beside a batch ({sum(forked_inside)} in the middle)", results, began)
+    finally:
+        stop.set()
+        worker.join()
+    assert {digest for digest, *_ in results} == {wanted}
+    assert any(forked_inside)
+    assert np.array_equal(features, extract_features(big))
+
+
+@needs_fork
+def test_a_bare_fork():
+    """Without multiprocessing: what a web server or a C library does."""
+    wanted = work.batch_digest()
+    read, write = os.pipe()
+    process = os.fork()
+    if process == 0:
+        try:
+            os.write(write, work.batch_digest(threads=3).encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read, "rb") as pipe:
+        if not select.select([pipe], [], [], HANGS_S)[0]:
+            os.kill(process, signal.SIGKILL)
+        got = pipe.read().decode()
+    os.waitpid(process, 0)
+    assert got == wanted
+    assert work.batch_digest() == wanted
+
+
+@needs_proc
+def test_changing_the_number_of_threads_leaks_none():
+    before = n_threads()
+    for n in range(300):
+        work.batch_digest(threads=1 + n % 4)
+    # Replaced threads end by themselves, soon.
+    limit = time.monotonic() + HANGS_S
+    while n_threads() > before + 4 and time.monotonic() < limit:
+        time.sleep(0.01)
+    assert n_threads() <= before + 4
+
+
+@needs_proc
+def test_one_thread_and_one_recording_start_none():
+    before = n_threads()
+    for _ in range(20):
+        work.batch_digest(threads=1)
+        extract_features(work.a_batch()[0], threads=8)
+        extract_features(work.a_batch()[0])
+    assert n_threads() <= before
