@@ -17,6 +17,8 @@ pub(crate) struct Teams<'a> {
     pub(crate) shape: BatchShape,
     pub(crate) wrench: &'a [f64],
     pub(crate) out: &'a mut [f64],
+    /// Write raw features past the caches: worth it when the whole result is larger than they are.
+    pub(crate) stream: bool,
 }
 
 impl Job for Teams<'_> {
@@ -24,7 +26,7 @@ impl Job for Teams<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let Teams { extractor, shape, wrench, out } = self;
+        let Teams { extractor, shape, wrench, out, stream } = self;
         let n_features = extractor.n_features(shape.n_samples, shape.n_axes);
         let team = team_size(shape.n_axes);
         let mut finite = true;
@@ -34,10 +36,9 @@ impl Job for Teams<'_> {
             let whole = wrench.len() / shape.recording_len() / team * team;
             let (wrench, wrench_rest) = wrench.split_at(whole * shape.recording_len());
             let (out, out_rest) = out.split_at_mut(whole * n_features);
-            let parts = [(wrench, out, team), (wrench_rest, out_rest, team)];
-            for (wrench, out, team) in parts {
+            for (wrench, out) in [(wrench, out), (wrench_rest, out_rest)] {
                 let recordings = (wrench.len() / shape.recording_len()).min(team);
-                let layout = Layout { axes: axes.clone(), recordings };
+                let layout = Layout { axes: axes.clone(), recordings, stream };
                 finite &= match (recordings * axes.len()).div_ceil(LANES) {
                     0 => true,
                     1 => Crew::<1>::new(extractor, shape, layout).run::<I>(wrench, out),
@@ -46,6 +47,7 @@ impl Job for Teams<'_> {
                 };
             }
         }
+        I::finish_writes();
         finite
     }
 }
@@ -54,6 +56,7 @@ impl Job for Teams<'_> {
 struct Layout {
     axes: std::ops::Range<usize>,
     recordings: usize,
+    stream: bool,
 }
 
 /// What a team of one layout works with.
@@ -97,18 +100,19 @@ impl<'a, const W: usize> Crew<'a, W> {
     #[inline(always)]
     fn team<I: Isa>(&mut self, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
         let hfmh = self.extractor.spec().hfmh;
-        let BatchShape { n_samples, n_axes, .. } = self.shape;
+        let n_samples = self.shape.n_samples;
         let mut rows = [[Vector::ZERO; W]; BLOCK];
         let mut finite = true;
         self.begin(wrench);
-        for start in (0..n_samples).step_by(BLOCK) {
-            let n = BLOCK.min(n_samples - start);
-            self.load::<I>(wrench, out, n_features, start, &mut rows);
-            let rows = &mut rows[..n];
+        let mut start = 0;
+        let mut end = n_samples.min(rows_to_cache_line(out));
+        while start < end {
+            self.load::<I>(wrench, out, n_features, start..end, &mut rows);
+            let rows = &mut rows[..end - start];
             if hfmh {
-                let ahead = |row: usize| {
-                    if n_axes == 6 {
-                        prefetch::<I>(wrench, out, n_samples, n_features, start + BLOCK, row);
+                let ahead = |row| {
+                    if self.shape.n_axes == 6 {
+                        prefetch::<I>(wrench, n_samples, end + BLOCK, row);
                     }
                 };
                 self.cascade.filter(rows, ahead);
@@ -116,6 +120,7 @@ impl<'a, const W: usize> Crew<'a, W> {
             } else {
                 finite &= rows.iter().all(|row| flat(row).iter().all(|value| value.is_finite()));
             }
+            (start, end) = (end, n_samples.min(end + BLOCK));
         }
         if hfmh {
             finite = self.cascade.is_finite();
@@ -139,24 +144,30 @@ impl<'a, const W: usize> Crew<'a, W> {
         }
     }
 
-    /// Brings the next rows into the lanes and, on the way, into the raw features.
+    /// Brings samples into the lanes and, on the way, into the raw features.
     #[inline(always)]
     fn load<I: Isa>(
         &self,
         wrench: &[f64],
         out: &mut [f64],
         n_features: usize,
-        start: usize,
+        samples: std::ops::Range<usize>,
         rows: &mut [Row<W>; BLOCK],
     ) {
         let BatchShape { n_samples, n_axes, .. } = self.shape;
-        let n = BLOCK.min(n_samples - start);
+        let (start, n) = (samples.start, samples.len());
         let recordings = wrench.chunks_exact(self.shape.recording_len());
         for (r, (recording, out)) in recordings.zip(out.chunks_exact_mut(n_features)).enumerate() {
             let samples = &recording[start * n_axes..][..n * n_axes];
             let raw = self.extractor.spec().raw.then_some(&mut *out);
             if let (6, Ok(samples)) = (n_axes, samples.try_into()) {
-                I::transpose6(samples, rows, 6 * r, raw.map(|values| Raw { values, n_samples, start }));
+                let stream = self.layout.stream;
+                I::transpose6(
+                    samples,
+                    rows,
+                    6 * r,
+                    raw.map(|values| Raw { values, n_samples, start, stream }),
+                );
                 continue;
             }
             let first = r * self.layout.axes.len();
@@ -193,21 +204,22 @@ impl<'a, const W: usize> Crew<'a, W> {
     }
 }
 
-/// Asks for a share of the cache lines that the next block reads and writes: without it, the filter would wait
-/// for memory at the start of every block. Six axes: a block reads 6 lines and writes 6 lines per recording.
+/// Rows of the first block: as many as bring the writes of all later ones to the start of a cache line, where the
+/// sizes are multiples of one, as the paper's are.
+fn rows_to_cache_line(out: &[f64]) -> usize {
+    match out.as_ptr().align_offset(BLOCK * size_of::<f64>()) {
+        rows @ 1..BLOCK => rows,
+        _ => BLOCK,
+    }
+}
+
+/// Asks for a share of the samples of the block from sample `next` on: without it, the filter would wait for memory at the
+/// start of every block. Two rows for each recording of a team, three cache lines for each row.
 #[inline(always)]
-fn prefetch<I: Isa>(
-    wrench: &[f64],
-    out: &[f64],
-    n_samples: usize,
-    n_features: usize,
-    next: usize,
-    row: usize,
-) {
+fn prefetch<I: Isa>(wrench: &[f64], n_samples: usize, next: usize, row: usize) {
+    let (recording, line) = (row / 2, 3 * (row % 2));
+    let first = (recording * n_samples + next) * 6 + line * BLOCK;
     for k in 0..3 {
-        let share = 3 * row + k;
-        let (recording, axis) = (share / 6, share % 6);
-        I::will_read(wrench, (recording * n_samples + next + BLOCK) * 6 + axis * BLOCK);
-        I::will_write(out, recording * n_features + axis * n_samples + next);
+        I::will_read(wrench, first + k * BLOCK);
     }
 }

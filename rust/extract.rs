@@ -11,6 +11,10 @@ use crate::pool;
 /// Recordings per task at most: about 5 MB in and out, small enough to balance, large enough to stay cheap.
 const TASK_RECORDINGS: usize = 32;
 
+/// Results larger than this are written past the caches: they would not find room, and reading every line before it is
+/// overwritten would cost a third of the memory traffic.
+const STREAM_BYTES: usize = 8 << 20;
+
 impl Extractor {
     /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits.
     ///
@@ -56,7 +60,8 @@ impl Extractor {
         }
         let teams = shape.n_recordings.div_ceil(team_size(shape.n_axes));
         let threads = threads.min(teams);
-        let job = |wrench, out| path.run(Teams { extractor: self, shape, wrench, out });
+        let stream = size_of_val(out) > STREAM_BYTES;
+        let job = |wrench, out| path.run(Teams { extractor: self, shape, wrench, out, stream });
         let finite = if threads <= 1 {
             job(wrench, out)
         } else {

@@ -3,7 +3,7 @@
 use super::{flat_mut, Row, Vector, LANES};
 use crate::sos::{Section, Sos};
 
-/// Sections that run over a row together: the state of four sections and 24 lanes stays near the registers.
+/// Sections that run over a row together, written out in `group`.
 const GROUP: usize = 4;
 
 /// What one section remembers of a row: `z0` and `z1` of every lane.
@@ -109,18 +109,32 @@ fn group<const W: usize, const N: usize, const HEAD: bool, const TAIL: bool>(
 ) {
     for (i, row) in rows.iter_mut().enumerate() {
         before(i);
-        let mut x = *row;
-        for (k, (section, [z0, z1])) in sections.iter().zip(memory.iter_mut()).enumerate() {
-            for w in 0..W {
-                x[w] = if k == 0 {
-                    step::<HEAD>(section, &mut z0[w], &mut z1[w], x[w])
-                } else {
-                    step::<TAIL>(section, &mut z0[w], &mut z1[w], x[w])
-                };
-            }
+        // Written out for the reason of `each_vector`: rolled up, the row would pass through memory.
+        let mut x = through::<W, HEAD>(&sections[0], &mut memory[0], *row);
+        if N > 1 {
+            x = through::<W, TAIL>(&sections[1], &mut memory[1], x);
+        }
+        if N > 2 {
+            x = through::<W, TAIL>(&sections[2], &mut memory[2], x);
+        }
+        if N > 3 {
+            x = through::<W, TAIL>(&sections[3], &mut memory[3], x);
         }
         *row = x;
     }
+}
+
+/// One row through one section.
+#[inline(always)]
+fn through<const W: usize, const MONIC: bool>(
+    section: &Section,
+    [z0, z1]: &mut Memory<W>,
+    mut x: Row<W>,
+) -> Row<W> {
+    each_vector!(W, w, {
+        x[w] = step::<MONIC>(section, &mut z0[w], &mut z1[w], x[w]);
+    });
+    x
 }
 
 /// One sample through one section, transposed direct form II, in the order of operations that every path and

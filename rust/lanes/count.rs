@@ -112,31 +112,19 @@ impl Tally {
     #[inline(always)]
     pub(crate) fn add<I: Isa, const W: usize>(&mut self, bins: &LaneBins<W>, rows: &[Row<W>]) {
         // One check for all the unchecked writes below: cells are clamped to the histograms of the lanes.
-        if bins.stride != self.stride || self.counts.len() < W * LANES * self.stride {
-            return;
-        }
+        assert!(
+            bins.stride == self.stride && self.counts.len() >= W * LANES * self.stride,
+            "histograms must fit"
+        );
         let mut cells = Cells([[0; LANES]; W]);
+        // The high word of a cell counts from `MAGIC_HIGH`. Hidden from the compiler, which would subtract it again for
+        // every value.
+        let origin = std::hint::black_box(self.counts.as_mut_ptr().wrapping_sub(MAGIC_HIGH as usize));
         for row in rows {
             if I::cells(bins, row, &mut cells) {
                 self.add_exactly(bins, row);
             } else {
-                self.add_cells(&cells);
-            }
-        }
-    }
-
-    #[allow(unsafe_code)]
-    #[inline(always)]
-    fn add_cells<const W: usize>(&mut self, cells: &Cells<W>) {
-        // Through memory: taking the numbers out of vector registers one by one is slower.
-        let cells = std::hint::black_box(cells);
-        for vector in &cells.0 {
-            for bits in vector {
-                let cell = (*bits >> 32) as usize - MAGIC_HIGH as usize;
-                debug_assert!(cell < self.counts.len());
-                // SAFETY: `cells` clamps to lane * stride .. (lane + 1) * stride, and `add` has checked that
-                // `counts` holds the histograms of all W * LANES lanes.
-                unsafe { *self.counts.get_unchecked_mut(cell) += 1 };
+                add_cells(origin, &cells);
             }
         }
     }
@@ -151,6 +139,22 @@ impl Tally {
                 None => 0,
             };
             self.counts[lane * self.stride + cell] += 1;
+        }
+    }
+}
+
+/// Adds one to every cell of a row; `origin` lies `MAGIC_HIGH` before the counts.
+#[allow(unsafe_code)]
+#[inline(always)]
+fn add_cells<const W: usize>(origin: *mut u32, cells: &Cells<W>) {
+    // Through memory: taking the numbers out of vector registers one by one is slower.
+    let cells = std::hint::black_box(cells);
+    for vector in &cells.0 {
+        for bits in vector {
+            let cell = (*bits >> 32) as usize;
+            // SAFETY: cells are clamped to lane * stride .. (lane + 1) * stride, counted from `MAGIC_HIGH` as `origin` is,
+            // and `add` has checked that `counts` holds the histograms of all W * LANES lanes.
+            unsafe { *origin.wrapping_add(cell) += 1 };
         }
     }
 }

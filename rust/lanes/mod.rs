@@ -5,6 +5,24 @@
 //! a bit. The bodies are loops over `[f64; 8]`; thin wrappers compile them for the baseline (SSE2 or NEON), for
 //! AVX2 and for AVX-512F, and [`Path`] picks one at run time.
 
+/// Runs a block for each vector `w` of a row. Written out, because a compiler keeps so short a loop rolled, and then
+/// passes the vectors through memory instead of registers; and a closure would lose the features of the wrapper.
+macro_rules! each_vector {
+    ($width:ident, $w:ident, $work:block) => {
+        const { assert!($width >= 1 && $width <= $crate::lanes::MAX_WIDTH) };
+        let $w = 0;
+        $work
+        if $width > 1 {
+            let $w = 1;
+            $work
+        }
+        if $width > 2 {
+            let $w = 2;
+            $work
+        }
+    };
+}
+
 mod cascade;
 mod count;
 mod path;

@@ -112,9 +112,9 @@ pub(crate) trait Isa {
     #[inline(always)]
     fn will_read(_values: &[f64], _index: usize) {}
 
-    /// Asks for the cache line at `values[index]`, to be written soon. Any index is fine.
+    /// Makes writes past the caches visible to other threads.
     #[inline(always)]
-    fn will_write(_values: &[f64], _index: usize) {}
+    fn finish_writes() {}
 }
 
 /// Plain loops, compiled for whatever the wrapper allows.

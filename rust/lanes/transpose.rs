@@ -11,6 +11,8 @@ pub(crate) struct Raw<'a> {
     pub(crate) n_samples: usize,
     /// The first sample of this block.
     pub(crate) start: usize,
+    /// Write past the caches where the machine can.
+    pub(crate) stream: bool,
 }
 
 /// Plain-loop twin of the vector code in `x86.rs`.
@@ -24,7 +26,7 @@ pub(super) fn transpose6<const W: usize>(
     for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(6)) {
         flat_mut(row)[lane..lane + 6].copy_from_slice(sample);
     }
-    if let Some(Raw { values, n_samples, start }) = raw {
+    if let Some(Raw { values, n_samples, start, .. }) = raw {
         for axis in 0..6 {
             let target = &mut values[axis * n_samples + start..][..BLOCK];
             for (value, sample) in target.iter_mut().zip(samples.chunks_exact(6)) {

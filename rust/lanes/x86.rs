@@ -2,12 +2,12 @@
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::{
-    __m256i, _mm256_add_pd, _mm256_and_si256, _mm256_castpd128_pd256, _mm256_castpd_si256,
+    __m256d, __m256i, _mm256_add_pd, _mm256_and_si256, _mm256_castpd128_pd256, _mm256_castpd_si256,
     _mm256_cmpeq_epi32, _mm256_insertf128_pd, _mm256_loadu_pd, _mm256_max_pd, _mm256_min_epu32,
     _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd, _mm256_permute2f128_pd, _mm256_set1_epi32,
-    _mm256_set1_epi64x, _mm256_set1_pd, _mm256_storeu_pd, _mm256_storeu_si256, _mm256_unpackhi_pd,
-    _mm256_unpacklo_pd, _mm_loadu_pd, _mm_prefetch, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd,
-    _MM_HINT_ET0, _MM_HINT_T0,
+    _mm256_set1_epi64x, _mm256_set1_pd, _mm256_storeu_pd, _mm256_storeu_si256, _mm256_stream_pd,
+    _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd,
+    _mm_unpackhi_pd, _mm_unpacklo_pd, _MM_HINT_T0,
 };
 
 use super::count::{Cells, LaneBins};
@@ -39,8 +39,8 @@ impl Isa for X86 {
             let bottom = _mm256_set1_pd(0.5);
             let top = _mm256_set1_pd(bins.top);
             let mut nearest = _mm256_set1_epi32(-1);
-            for w in 0..W {
-                for half in (0..LANES).step_by(4) {
+            each_vector!(W, w, {
+                for half in [0, LANES / 2] {
                     let load = |row: &Row<W>| _mm256_loadu_pd(row[w].0.as_ptr().add(half));
                     let cell = _mm256_add_pd(_mm256_mul_pd(load(row), load(&bins.scale)), load(&bins.offset));
                     // The second operand is the answer for NaN, as in the plain loop.
@@ -52,7 +52,7 @@ impl Isa for X86 {
                     let four = cells.0[w].as_mut_ptr().add(half).cast::<__m256i>();
                     _mm256_storeu_si256(four, bits);
                 }
-            }
+            });
             // limit >= 4, so limit - 1 does not wrap; the mask drops the high words.
             let last = _mm256_set1_epi32((bins.limit - 1).cast_signed());
             let near = _mm256_cmpeq_epi32(_mm256_min_epu32(nearest, last), nearest);
@@ -72,36 +72,23 @@ impl Isa for X86 {
         let target = raw.map(|raw| {
             let values = &mut raw.values[raw.start..];
             assert!(values.len() >= 5 * raw.n_samples + BLOCK, "six axes must fit");
-            (values.as_mut_ptr(), raw.n_samples)
+            (values.as_mut_ptr(), raw.n_samples, raw.stream)
         });
-        // SAFETY: AVX2 is there (see `X86`). Reads: sample s < 8 has six values at 6 * s. Writes: the asserts
-        // above leave room for six lanes in each row and for eight values of each of six axes.
+        // SAFETY: AVX2 is there (see `X86`). Reads: sample s < 8 has six values at 6 * s. Writes: the asserts above leave
+        // room for six lanes in each row and for eight values of each of six axes; `stream` checks the alignment.
         unsafe {
-            for half in (0..BLOCK).step_by(4) {
-                let source = samples.as_ptr().add(6 * half);
-                let head = |s: usize| _mm256_loadu_pd(source.add(6 * s));
-                let tail = |s: usize| _mm_loadu_pd(source.add(6 * s + 4));
-                let (h0, h1, h2, h3) = (head(0), head(1), head(2), head(3));
-                let (t0, t1, t2, t3) = (tail(0), tail(1), tail(2), tail(3));
-                for (s, (h, t)) in [(h0, t0), (h1, t1), (h2, t2), (h3, t3)].into_iter().enumerate() {
-                    let row = rows[half + s].as_mut_ptr().cast::<f64>().add(lane);
-                    _mm256_storeu_pd(row, h);
-                    _mm_storeu_pd(row.add(4), t);
-                }
-                let Some((values, n_samples)) = target else { continue };
-                let (a, b) = (_mm256_unpacklo_pd(h0, h1), _mm256_unpackhi_pd(h0, h1));
-                let (c, d) = (_mm256_unpacklo_pd(h2, h3), _mm256_unpackhi_pd(h2, h3));
-                let join = |low, high| _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high);
-                let axes = [
-                    _mm256_permute2f128_pd::<0x20>(a, c),
-                    _mm256_permute2f128_pd::<0x20>(b, d),
-                    _mm256_permute2f128_pd::<0x31>(a, c),
-                    _mm256_permute2f128_pd::<0x31>(b, d),
-                    join(_mm_unpacklo_pd(t0, t1), _mm_unpacklo_pd(t2, t3)),
-                    join(_mm_unpackhi_pd(t0, t1), _mm_unpackhi_pd(t2, t3)),
-                ];
-                for (axis, four) in axes.into_iter().enumerate() {
-                    _mm256_storeu_pd(values.add(axis * n_samples + half), four);
+            let early = four_samples(samples.as_ptr(), &mut rows[..4], lane);
+            let late = four_samples(samples.as_ptr().add(24), &mut rows[4..], lane);
+            let Some((values, n_samples, stream)) = target else { return };
+            let stream = stream && values.addr() % 32 == 0 && n_samples % 4 == 0;
+            for (axis, (early, late)) in early.into_iter().zip(late).enumerate() {
+                let values = values.add(axis * n_samples);
+                if stream {
+                    _mm256_stream_pd(values, early);
+                    _mm256_stream_pd(values.add(4), late);
+                } else {
+                    _mm256_storeu_pd(values, early);
+                    _mm256_storeu_pd(values.add(4), late);
                 }
             }
         }
@@ -114,8 +101,44 @@ impl Isa for X86 {
     }
 
     #[inline(always)]
-    fn will_write(values: &[f64], index: usize) {
-        // SAFETY: as above.
-        unsafe { _mm_prefetch::<_MM_HINT_ET0>(values.as_ptr().wrapping_add(index).cast()) };
+    fn finish_writes() {
+        // SAFETY: every x86-64 processor has this instruction, and it takes no operands.
+        unsafe { _mm_sfence() };
+    }
+}
+
+/// Four samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
+///
+/// # Safety
+/// AVX2; 24 values at `samples`; four rows of at least `lane + 6` lanes.
+#[inline(always)]
+unsafe fn four_samples<const W: usize>(
+    samples: *const f64,
+    rows: &mut [Row<W>],
+    lane: usize,
+) -> [__m256d; 6] {
+    // SAFETY: what the caller promises.
+    unsafe {
+        let (h0, t0) = (_mm256_loadu_pd(samples), _mm_loadu_pd(samples.add(4)));
+        let (h1, t1) = (_mm256_loadu_pd(samples.add(6)), _mm_loadu_pd(samples.add(10)));
+        let (h2, t2) = (_mm256_loadu_pd(samples.add(12)), _mm_loadu_pd(samples.add(16)));
+        let (h3, t3) = (_mm256_loadu_pd(samples.add(18)), _mm_loadu_pd(samples.add(22)));
+        for (row, (head, tail)) in rows.iter_mut().zip([(h0, t0), (h1, t1), (h2, t2), (h3, t3)]) {
+            let row = row.as_mut_ptr().cast::<f64>().add(lane);
+            _mm256_storeu_pd(row, head);
+            _mm_storeu_pd(row.add(4), tail);
+        }
+        let (a, b) = (_mm256_unpacklo_pd(h0, h1), _mm256_unpackhi_pd(h0, h1));
+        let (c, d) = (_mm256_unpacklo_pd(h2, h3), _mm256_unpackhi_pd(h2, h3));
+        let (e, f) = (_mm_unpacklo_pd(t0, t1), _mm_unpackhi_pd(t0, t1));
+        let (g, h) = (_mm_unpacklo_pd(t2, t3), _mm_unpackhi_pd(t2, t3));
+        [
+            _mm256_permute2f128_pd::<0x20>(a, c),
+            _mm256_permute2f128_pd::<0x20>(b, d),
+            _mm256_permute2f128_pd::<0x31>(a, c),
+            _mm256_permute2f128_pd::<0x31>(b, d),
+            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(e), g),
+            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(f), h),
+        ]
     }
 }
