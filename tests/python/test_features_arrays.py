@@ -36,6 +36,7 @@ def test_there_are_kinds_enough():
     assert len(KINDS) + len(BAD) >= 80
 
 
+@pytest.mark.thread_unsafe(reason="writes files")
 @pytest.mark.parametrize("mode", ["r", "r+", "c"])
 def test_memory_mapped(tmp_path, mode):
     np.save(tmp_path / "x.npy", X)
