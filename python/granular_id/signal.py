@@ -45,7 +45,7 @@ _BANDS = {
 _BAND_OF = {alias: band for band, aliases in _BANDS.items() for alias in aliases}
 
 
-def butter(  # noqa: PLR0917 - the order of scipy
+def butter(
     N: float,
     Wn: float | Sequence[float] | FloatArray,
     btype: str = "low",

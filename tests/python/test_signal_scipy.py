@@ -81,7 +81,7 @@ def test_butter(test, request, monkeypatch):
     calls = []
     twin = counted(twins.butter, calls)
 
-    def butter(N, Wn, btype="low", analog=False, output="ba", fs=None):  # noqa: PLR0917
+    def butter(N, Wn, btype="low", analog=False, output="ba", fs=None):
         # Analog filters and order 0 are not made here; other forms are derived from the sections.
         if analog or N == 0:
             return scipy_butter(N, Wn, btype, analog=analog, output=output, fs=fs)
