@@ -166,11 +166,11 @@ def test_gap_sentence_states_the_figures(result):
     assert line == (
         f"raw: {100 * result.mean_accuracy('raw', 'paper'):.1f} % random, "
         f"{100 * forward:.1f} % first half to second half, {100 * backward:.1f} % the reverse: "
-        f"{100 * result.gap('raw'):.1f} points of it come from recordings of the same session"
+        f"{100 * result.gap('raw'):.1f} points less with training and test from different halves"
     )
     assert gap_lines(make_result(protocols=("paper",))) == ()
     even = gap_lines(make_result(right=(1.0, 1.0)))
-    assert even[0].endswith("less than a point is lost over time")
+    assert even[0].endswith("less than a point is lost")
 
 
 def test_gap_says_when_training_sizes_differ():

@@ -4,7 +4,8 @@ Two protocols exist. ``paper`` draws random partitions with a fixed number of re
 what the paper reports. ``chronological`` trains on the first half of each class and tests on the second, then
 the reverse; it asks whether what was learned survives the passing of time. Recordings made minutes apart
 share tool, fill, zero offset and temperature, so random partitions flatter a method that has learned the
-session instead of the material. The difference between the two protocols is the size of that flattery.
+session instead of the material. The difference between the two protocols shows whether that may be so; it
+also holds whatever else changed with time, and the smaller training half.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
 
 
 def gap_lines(result: EvaluationResult) -> tuple[str, ...]:
-    """One sentence per space on what separates random partitions from halves in time order."""
+    """Say per space how far halves in time order fall below random partitions, and what else differs."""
     lines = []
     for space in result.spaces:
         gap = result.gap(space.name)
@@ -107,9 +107,9 @@ def gap_lines(result: EvaluationResult) -> tuple[str, ...]:
             f"{percent(forward)} first half to second half, {percent(backward)} the reverse: "
         )
         if gap >= 0.01:
-            lines.append(f"{figures}{100 * gap:.1f} points of it come from recordings of the same session")
+            lines.append(f"{figures}{100 * gap:.1f} points less with training and test from different halves")
         else:
-            lines.append(f"{figures}less than a point is lost over time")
+            lines.append(f"{figures}less than a point is lost")
     if lines:
         sizes = {name: _train_per_class(result, name) for name in ("paper", "chronological")}
         if sizes["paper"] != sizes["chronological"]:
