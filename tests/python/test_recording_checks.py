@@ -119,5 +119,11 @@ def test_summary_counts(sound):
     assert (rice["label"], rice["samples"], rice["seconds"]) == ("rice", "20 to 30", "0.19 to 0.29")
     assert (unknown["label"], unknown["sessions"], unknown["rate_hz"]) == (None, None, "~4 irregular")
     assert (unknown["largest_gap_s"], unknown["flagged_samples"]) == (0.4, 2)
-    assert "peas   4" in str(summary)
+    lines = str(summary).splitlines()
+    assert "rates_hz: 100" in lines
+    assert "flags: 2 GAP_FILLED, 1 SATURATED" in lines
+    assert lines[-3].split() == ["peas", "4", "2", "20", "0.19", "100", "0", "0"]
+    assert lines[-1].split()[:3] == ["-", "1", "-"]
+    plain = str(Dataset(sound).summary())
+    assert not any(word in plain for word in ("irregular", "flag", "gap")), "zero everywhere: not printed"
     assert json.loads(json.dumps(summary.to_dict()))["totals"]["samples"] == 193

@@ -281,7 +281,11 @@ def test_reports_print_and_serialise(mixed):
         assert json.loads(report.to_json()) == report.to_dict()
         assert pickle.loads(pickle.dumps(report)) == report
     assert str(history[-1]).splitlines()[0].startswith("align: n_samples=9")
-    assert "r3    11              0              2" in str(history[-1])
+    lines = str(history[-1]).splitlines()
+    assert lines[0] == "align: n_samples=9, lead_s=0, on_short=raise"
+    assert lines[-1].split() == ["r3", "11", "2"]
+    assert not any("skipped" in line or "dropped_start" in line for line in lines), "zero, so not printed"
+    assert history[-1].to_dict()["totals"]["recordings_skipped"] == 0
 
 
 def test_long_reports_print_their_first_rows():

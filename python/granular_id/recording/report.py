@@ -16,6 +16,8 @@ _PRINTED_ROWS = 10
 class StepReport:
     """One step of a data set's history.
 
+    Printed, it leaves out settings that are None and figures that are zero; `to_dict` has them all.
+
     Parameters
     ----------
     step : str
@@ -63,9 +65,10 @@ class StepReport:
         return json.dumps(self.to_dict(), ensure_ascii=False)
 
     def __str__(self) -> str:
-        settings = ", ".join(f"{key}={_cell(value)}" for key, value in self.parameters.items())
+        given = {key: value for key, value in self.parameters.items() if value is not None}
+        settings = ", ".join(f"{key}={_cell(value)}" for key, value in given.items())
         lines = [f"{self.step}: {settings}" if settings else self.step]
-        lines += [f"  {key}: {_cell(value)}" for key, value in self.totals.items()]
+        lines += ["  " + line for line in text_totals(self.totals)]
         lines += [f"  note: {note}" for note in self.notes]
         lines += ["  " + line for line in text_table(self.rows[:_PRINTED_ROWS])]
         if len(self.rows) > _PRINTED_ROWS:
@@ -73,9 +76,17 @@ class StepReport:
         return "\n".join(lines)
 
 
+def text_totals(totals: Mapping[str, Any]) -> list[str]:
+    """Return one line per figure; what is zero, empty or not known says nothing and is left out."""
+    return [f"{key}: {_total(value)}" for key, value in totals.items() if value]
+
+
 def text_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Lay out mappings as left-aligned columns under their keys, in order of first appearance."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
+    """Lay out mappings as left-aligned columns under their keys, in order of first appearance.
+
+    A column in which every row holds zero, nothing or None is left out.
+    """
+    columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if value))
     if not columns:
         return []
     cells = [columns, *([_cell(row[key]) if key in row else "" for key in columns] for row in rows)]
@@ -86,5 +97,13 @@ def text_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
+def _total(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_cell(count)} {key}" for key, count in value.items())
+    return ", ".join(map(_cell, value)) if isinstance(value, (list, tuple)) else _cell(value)
+
+
 def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
     return f"{value:.6g}" if isinstance(value, float) else str(thaw(value))

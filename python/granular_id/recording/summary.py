@@ -9,13 +9,13 @@ from typing import Any
 
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
-from granular_id.recording.report import text_table
+from granular_id.recording.report import text_table, text_totals
 from granular_id.recording.timing import largest_gap_s
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures over a data set, printable as a table.
+    """Figures over a data set, printable as a table; what is zero everywhere is not printed.
 
     Attributes
     ----------
@@ -34,8 +34,7 @@ class Summary:
         return {"totals": dict(self.totals), "rows": [dict(row) for row in self.rows]}
 
     def __str__(self) -> str:
-        lines = [f"{key}: {value}" for key, value in self.totals.items()]
-        return "\n".join([*lines, *text_table(self.rows)])
+        return "\n".join([*text_totals(self.totals), *text_table(self.rows)])
 
 
 def summarise(recordings: Sequence[Recording]) -> Summary:
