@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["DECODINGS", "LOSSES", "BinaryLoss", "check_coding_matrix", "decode", "onevsone"]
+__all__ = ["DECODINGS", "LOSSES", "BinaryLoss", "check_coding_matrix", "decode", "named", "onevsone"]
 
 FloatArray = npt.NDArray[np.float64]
 CodingMatrix = npt.NDArray[np.int8]
@@ -219,8 +219,8 @@ def decode(
     >>> decode([[2.0, 0.5, -1.0]], onevsone(3))
     array([[-0.125, -1.25 , -0.375]])
     """
-    rule = _named(LOSSES, "loss", loss)
-    divisor_of = _named(DECODINGS, "decoding", decoding)
+    rule = named(LOSSES, "loss", loss)
+    divisor_of = named(DECODINGS, "decoding", decoding)
     matrix = check_coding_matrix(coding_matrix)
     values = np.asarray(scores, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != matrix.shape[1]:
@@ -240,7 +240,8 @@ def decode(
     return -mean_loss
 
 
-def _named(table: Mapping[str, Any], argument: str, name: object) -> Any:
+def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
+    """Return an entry of `LOSSES` or `DECODINGS`, or raise a ValueError that lists the names."""
     if not isinstance(name, str) or name not in table:
         raise ValueError(f"{argument} must be one of {', '.join(map(repr, table))}, got {name!r}")
     return table[name]

@@ -7,18 +7,17 @@ loss. Defaults reproduce `fitcecoc` of MATLAB.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
-from granular_id.coding import DECODINGS, LOSSES, decode, onevsone
+from granular_id.coding import DECODINGS, LOSSES, decode, named, onevsone
 from granular_id.learners import DualLearners, LinearLearner, fit_dual
 from granular_id.primal import fit_features
+from granular_id.training import checked_cost, checked_weights, class_indices
 
 __all__ = ["ECOCClassifier"]
 
@@ -30,8 +29,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """Error-correcting output codes over linear support vector machines, one-vs-one.
 
     K classes give L = K (K - 1) / 2 learners. The Gram matrix of the rows is computed once and
-    sliced for each learner. A learner's solution is exact to rounding, not to a solver tolerance: it does not
-    depend on the order of the rows, on a common offset, nor on whether a row is repeated or weighted.
+    sliced for each learner. libsvm's answer is brought to the exact optimum, up to rounding: it then does not
+    depend on the order of the rows, on a common offset, nor on whether a row is repeated or weighted. Where
+    that fails, libsvm's own answer stands, within its tolerance.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         """
         self._check_parameters()
         rows, labels = validate_data(self, X, y, dtype=np.float64)
-        weights = None if sample_weight is None else _checked_weights(sample_weight, rows)
+        weights = None if sample_weight is None else checked_weights(sample_weight, len(rows))
         codes = self._learn_classes(labels, weights)
         learned = fit_features(
             rows,
@@ -187,7 +187,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         products = np.asarray(gram, dtype=np.float64)
         if products.ndim == 0 or len(products) != len(labels):
             raise ValueError(f"gram has shape {products.shape}, but y has {len(labels)} labels")
-        weights = None if sample_weight is None else _checked_weights(sample_weight, products)
+        weights = None if sample_weight is None else checked_weights(sample_weight, len(products))
         codes = self._learn_classes(labels, weights)
         learned = fit_dual(products, codes, self.coding_matrix_, **self._dual_options(weights))
         self._keep(learned)
@@ -263,14 +263,8 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     def learners_(self) -> tuple[LinearLearner, ...]:
         """The binary learners, in the order of the columns of `coding_matrix_`."""
         check_is_fitted(self, "dual_coef_")
-        learners = []
-        for column, dual, intercept in zip(
-            self.coding_matrix_.T, self.dual_coef_, self.intercept_, strict=True
-        ):
-            support = np.flatnonzero(dual)
-            positive, negative = (tuple(self.classes_[column == side].tolist()) for side in (1, -1))
-            learners.append(LinearLearner(positive, negative, support, dual[support], float(intercept)))
-        return tuple(learners)
+        columns = zip(self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist(), strict=True)
+        return tuple(LinearLearner.of_column(self.classes_, *column) for column in columns)
 
     def _class_values(self, scores: FloatArray) -> FloatArray:
         return decode(scores, self.coding_matrix_, self.loss, self.decoding)
@@ -280,31 +274,18 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return labels
 
     def _check_parameters(self) -> None:
-        for name, table in (("loss", LOSSES), ("decoding", DECODINGS)):
-            value = getattr(self, name)
-            if not isinstance(value, str) or value not in table:
-                raise ValueError(f"{name} must be one of {', '.join(map(repr, table))}, got {value!r}")
-        if isinstance(self.C, bool) or not isinstance(self.C, (int, float, np.number)):
-            raise TypeError(f"C must be a number, got {self.C!r}")
-        if not (math.isfinite(self.C) and self.C > 0):
-            raise ValueError(f"C must be positive and finite, got {self.C!r}; for no limit hard_margin=True")
+        named(LOSSES, "loss", self.loss)
+        named(DECODINGS, "decoding", self.decoding)
+        checked_cost(self.C)
         for name in ("hard_margin", "standardize"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
 
     def _learn_classes(self, labels: npt.NDArray[Any], weights: FloatArray | None) -> IntArray:
         """Set `classes_` and `coding_matrix_`; return the class index of each row."""
-        check_classification_targets(labels)
-        counted = labels if weights is None else labels[weights > 0]
-        if len(counted) == 0:
-            raise ValueError("sample_weight must not be zero for every row")
-        self.classes_ = np.unique(counted)
-        if len(self.classes_) < 2:
-            raise ValueError(f"y holds one class only ({self.classes_.tolist()[0]!r}): nothing to tell apart")
+        self.classes_, codes = class_indices(labels, weights)
         self.coding_matrix_ = onevsone(len(self.classes_))
-        # Rows of weight 0 may carry a label that no counted row has: any index serves, they are left out.
-        codes = np.searchsorted(self.classes_, labels)
-        return np.minimum(codes, len(self.classes_) - 1)
+        return codes
 
     def _dual_options(self, weights: FloatArray | None) -> dict[str, Any]:
         return {
@@ -322,16 +303,3 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
 def _as_decision(values: FloatArray) -> FloatArray:
     return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values
-
-
-def _checked_weights(sample_weight: npt.ArrayLike, rows: FloatArray) -> FloatArray:
-    weights = np.asarray(sample_weight, dtype=np.float64)
-    if weights.shape != (len(rows),):
-        raise ValueError(
-            f"sample_weight must have shape ({len(rows)},), one per row, got shape {weights.shape}"
-        )
-    if not np.isfinite(weights).all():
-        raise ValueError("sample_weight must be finite: it contains NaN or inf")
-    if weights.min() < 0:
-        raise ValueError(f"sample_weight must not be negative, got {weights.min()}")
-    return weights

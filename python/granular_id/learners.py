@@ -13,6 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 
 from granular_id.coding import CodingMatrix, check_coding_matrix, onevsone
 from granular_id.dual_svm import BinarySolution, NotSeparableError, one_vs_one_guess, solve_binary
+from granular_id.training import checked_cost, checked_weights
 
 __all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners"]
 
@@ -78,6 +79,15 @@ class LinearLearner:
     dual_coef: FloatArray
     intercept: float
 
+    @classmethod
+    def of_column(
+        cls, classes: npt.NDArray[Any], codes: CodingMatrix, dual_coef: FloatArray, intercept: float
+    ) -> LinearLearner:
+        """Name the classes (K,) behind a column of codes (K,), and keep the support vectors of (n,) rows."""
+        positive, negative = (tuple(classes[codes == side].tolist()) for side in (1, -1))
+        support = np.flatnonzero(dual_coef)
+        return cls(positive, negative, support, dual_coef[support], intercept)
+
 
 def fit_dual(
     gram: npt.ArrayLike,
@@ -114,9 +124,10 @@ def fit_dual(
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         Shapes that do not fit, a Gram matrix that is not finite and symmetric, a class index without a row in
-        `coding_matrix`, a learner without rows of both signs, or `hard_margin` and classes that overlap.
+        `coding_matrix`, a learner without rows of both signs, a cost or weights out of range, or
+        `hard_margin` and classes that overlap.
 
     Examples
     --------
@@ -206,16 +217,15 @@ def _checked_task(
         raise ValueError(f"codes must be {n_rows} integers, got shape {index.shape} of {index.dtype}")
     if index.min() < 0 or index.max() >= len(matrix):
         raise ValueError(f"codes must lie in 0..{len(matrix) - 1}, the rows of coding_matrix")
-    factors = np.ones(n_rows) if weights is None else np.asarray(weights, dtype=np.float64)
-    if factors.shape != index.shape or not (np.isfinite(factors).all() and factors.min() >= 0):
-        raise ValueError(f"sample_weight must be {n_rows} finite numbers >= 0")
+    factors = np.ones(n_rows) if weights is None else checked_weights(weights, n_rows)
+    cost = checked_cost(C)
     called = range(len(matrix)) if names is None else names
     counted = np.flatnonzero(factors)
     present = np.isin(np.arange(len(matrix)), index[counted])
     if not present.all():
         absent = called[int(np.argmin(present))]
         raise ValueError(f"class {str(absent)!r} has no training rows, or none with a weight above 0")
-    return _Task(matrix, index.astype(np.intp), None if hard_margin else C * factors, counted, called)
+    return _Task(matrix, index.astype(np.intp), None if hard_margin else cost * factors, counted, called)
 
 
 def _train(task: _Task, gram_of: Callable[[IntArray], FloatArray], guess: FloatArray | None) -> DualLearners:

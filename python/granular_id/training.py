@@ -1,0 +1,89 @@
+"""What linear learners are trained with, checked: cost of a violated margin, weights of rows, classes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.utils.multiclass import check_classification_targets
+
+__all__ = ["checked_cost", "checked_weights", "class_indices"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+
+def checked_cost(C: object) -> float:
+    """Return the cost `C` of a violated margin as a float, or say what is wrong with it.
+
+    Raises
+    ------
+    TypeError
+        `C` is not a number.
+    ValueError
+        `C` is not positive and finite.
+    """
+    if isinstance(C, bool) or not isinstance(C, (int, float, np.number)):
+        raise TypeError(f"C must be a number, got {C!r}")
+    cost = float(C)
+    if not (math.isfinite(cost) and cost > 0):
+        raise ValueError(f"C must be positive and finite, got {C!r}; for no limit hard_margin=True")
+    return cost
+
+
+def checked_weights(sample_weight: npt.ArrayLike, n_rows: int) -> FloatArray:
+    """Return the weights of rows, shape (n_rows,), as float64.
+
+    Raises
+    ------
+    ValueError
+        Another shape, NaN, infinity, a negative weight, or none above 0.
+    """
+    weights = np.asarray(sample_weight, dtype=np.float64)
+    if weights.shape != (n_rows,):
+        raise ValueError(f"sample_weight must have shape ({n_rows},), one per row, got shape {weights.shape}")
+    if not np.isfinite(weights).all():
+        raise ValueError("sample_weight must be finite: it contains NaN or inf")
+    if weights.min() < 0:
+        raise ValueError(f"sample_weight must not be negative, got {weights.min()}")
+    if not weights.any():
+        raise ValueError("sample_weight must not be zero for every row")
+    return weights
+
+
+def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[npt.NDArray[Any], IntArray]:
+    """Return the classes of the rows that count, sorted, and the index of each row's class.
+
+    Parameters
+    ----------
+    labels : ndarray, shape (n,)
+        One label per row.
+    weights : ndarray, shape (n,), or None
+        From `checked_weights`.
+
+    Returns
+    -------
+    classes : ndarray, shape (K,)
+        Labels of the rows with a weight above 0.
+    codes : ndarray of int, shape (n,)
+        Class index of each row; any index for a row of weight 0, which training leaves out.
+
+    Raises
+    ------
+    ValueError
+        Labels that are no classes, or fewer than two of them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.training import class_indices
+    >>> class_indices(np.array(["rice", "oat", "rice"]), None)
+    (array(['oat', 'rice'], dtype='<U4'), array([1, 0, 1]))
+    """
+    check_classification_targets(labels)
+    classes = np.unique(labels if weights is None else labels[weights > 0])
+    if len(classes) < 2:
+        raise ValueError(f"y holds one class only ({classes.tolist()[0]!r}): nothing to tell apart")
+    return classes, np.minimum(np.searchsorted(classes, labels), len(classes) - 1)
