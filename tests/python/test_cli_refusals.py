@@ -104,7 +104,7 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
     without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
     data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
     out = ended_well("evaluate", data, *SMALL)
-    assert "chronological protocol left out: no order for the chronological protocol: recording" in out
+    assert f"chronological protocol left out: recording {one.name!r} has no start time" in out
     assert "no start time" in refused("evaluate", data, *SMALL, "--protocol", "chronological")
 
 
@@ -116,7 +116,7 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
         (["--partitions", "0"], "--partitions must be at least 1, got 0"),
         (["--seed", "-1"], "--seed must not be negative, got -1"),
         (["--spaces", "raw,dft"], "there is no feature space 'dft'; there are raw"),
-        (["--spaces", ","], "at least one feature space"),
+        (["--spaces", ","], "--spaces must name at least one feature space"),
         (["--confusion", "dft"], "there is no feature space 'dft'"),
         (
             ["--spaces", "raw", "--confusion", "hfmh"],
@@ -129,8 +129,12 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
         (["--exclude", "salt"], "--exclude names 'salt', which is no label here; there are oat, rice, sugar"),
         (["--exclude", "oat,rice,sugar"], "--exclude leaves no recording"),
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
-        (["--cutoff-hz", "80"], "cutoff"),
-        (["--C", "0"], "C must be positive"),
+        (["--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
+        (["--C", "0"], r"--C must be positive and finite, got 0$"),
+        (["--C", "inf"], r"--C must be positive and finite, got inf$"),
+        (["--order", "0"], "--order must be"),
+        (["--threads", "0"], "--threads must be"),
+        (["--spaces", "raw,raw"], "--spaces must name each feature space once, got 'raw,raw'"),
         (["--rate-hz", "-5"], "--rate-hz"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
     ],
@@ -180,8 +184,21 @@ def test_debug_variable_keeps_the_traceback(folder, monkeypatch):
 def test_messages_speak_in_options():
     assert in_options("raise max_gap_s=0.25\n or on_gap='skip'") == "raise --max-gap-s 0.25 or --on-gap skip"
     assert in_options("train_per_class must be 1") == "--train must be 1"
-    for untouched in ("/data/n_bins/x.csv: broken", "'n_bins'", "the order of files", "no_rate_hz"):
+    for untouched in (
+        "/data/n_bins/x.csv: broken",
+        "'n_bins'",
+        "the order of files",
+        "files in order must",
+        "no_rate_hz",
+    ):
         assert in_options(untouched) == untouched
+
+
+def test_recordings_of_one_sample_are_refused(tmp_path):
+    for name in ("oat_1", "oat_2", "rice_1", "rice_2"):
+        (tmp_path / f"{name}.csv").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n", encoding="utf-8")
+    line = refused("evaluate", tmp_path)
+    assert "4 of 4 recordings hold a single sample, the first is 'oat_1.csv'" in line
 
 
 def test_rates_that_differ_are_refused_with_the_lowest_proposed():

@@ -36,6 +36,8 @@ OPTIONS = {
     "bin_range": "--bin-range",
     "random_state": "--seed",
     "order": "--order",
+    "threads": "--threads",
+    "spaces": "--spaces",
 }
 
 P = ParamSpec("P")
@@ -96,6 +98,8 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         one_line = re.sub(rf"{word}=", option, one_line)
         if "_" in name:
             one_line = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, one_line)
+        else:  # also an everyday word: an argument only where a message begins with it
+            one_line = re.sub(rf"^{name}(?= must )", option, one_line)
     return one_line
 
 

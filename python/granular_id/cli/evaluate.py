@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from enum import Enum
 from pathlib import Path
@@ -143,6 +144,8 @@ def evaluate(
         on_short=on_short.value,
     )
     ranges = _bin_range(bin_range)
+    if not (math.isfinite(c) and c > 0):
+        raise ValueError(f"--C must be positive and finite, got {c:g}")
     if figures is not None:
         figures.mkdir(parents=True, exist_ok=True)
     outputs = Outputs(
@@ -192,6 +195,8 @@ def evaluate(
     for name in (*chosen, *([confusion] if confusion else [])):
         if name not in known:
             raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(f"--spaces must name each feature space once, got {spaces!r}")
     if confusion and confusion not in chosen:
         raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
     run = Run(

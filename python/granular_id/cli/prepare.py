@@ -111,7 +111,13 @@ def _refuse_unequal_rates(data: Dataset) -> None:
     if irregular:
         import numpy as np  # noqa: PLC0415 (an error is no reason to start slowly)
 
-        step_s = float(np.median(np.concatenate([np.diff(recording.times()) for recording in irregular])))
+        steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
+        if not steps.size:
+            raise ValueError(
+                f"{len(irregular)} of {len(data)} recordings hold a single sample, the first is "
+                f"{irregular[0].name!r}: wanted recordings of a whole push"
+            )
+        step_s = float(np.median(steps))
         raise ValueError(
             f"{len(irregular)} of {len(data)} recordings are sampled irregularly, with a median step of "
             f"{1000 * step_s:.3g} ms; nothing is resampled unasked: "

@@ -201,8 +201,8 @@ def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[st
     if not known.all():
         row = int(np.flatnonzero(~known)[0])
         raise ValueError(
-            f"no order for the chronological protocol: recording {names[row]!r} has no start time "
-            f"but {int(known.sum())} of {times.size} recordings have one"
+            f"recording {names[row]!r} has no start time but {int(known.sum())} of {times.size} recordings "
+            "have one: no order in time"
         )
     if times.size > 1 and (times == times[0]).all():
         return "by file order: all recordings start at the same time, so their clocks say nothing"
@@ -211,8 +211,8 @@ def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[st
         twin = seen.setdefault((label, time), row)
         if twin != row:
             raise ValueError(
-                f"no order for the chronological protocol: recordings {names[twin]!r} and {names[row]!r} "
-                f"of class {label!r} start at the same time"
+                f"recordings {names[twin]!r} and {names[row]!r} of class {label!r} start at the same time: "
+                "no order in time"
             )
     return "by start time"
 
