@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granular_id._core import AXES, UNITS
 from granular_id._files import whole_file
-from granular_id.recording import AXES, Dataset
+from granular_id.recording import Dataset
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -199,10 +200,11 @@ def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
         raise ValueError(f"axes must name some of {', '.join(AXES)}, got {what}")
     if len(set(wanted)) < len(wanted):
         raise ValueError(f"axes names an axis twice: {', '.join(wanted)}")
-    units = {"N" if axis.startswith("f") else "N m" for axis in wanted}
+    columns = {axis: AXES.index(axis) for axis in wanted}
+    units = {UNITS[column] for column in columns.values()}
     if len(units) > 1:
         raise ValueError(f"axes mixes forces (N) and torques (N m), got {', '.join(wanted)}")
-    return {axis: AXES.index(axis) for axis in wanted}, units.pop()
+    return columns, units.pop()
 
 
 def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ from granular_id.recording import Dataset, SampleFlag
 
 __all__ = ["describe_data", "describe_estimator", "is_synthetic", "warnings_in"]
 
-
 MANY_FILLED = 0.05
 """Share of samples inside filled gaps from which on a reader is warned."""
 

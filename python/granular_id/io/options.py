@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+from granular_id.recording._values import checked_rate
+
 MAX_FILE_BYTES = 8 * 1024 * 1024
 """Default size cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
 
@@ -25,10 +27,7 @@ class LoadOptions:
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
-            if isinstance(self.rate_hz, bool) or not isinstance(self.rate_hz, (int, float)):
-                raise TypeError(f"rate_hz must be a number or None, got {type(self.rate_hz).__name__}")
-            if not 0 < self.rate_hz < float("inf"):
-                raise ValueError(f"rate_hz must be positive and finite, got {self.rate_hz}")
+            object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
         for name, wanted in (("on_error", ("raise", "skip")), ("on_time_error", ("raise", "repair"))):
             if getattr(self, name) not in wanted:
                 raise ValueError(f"{name}={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}")

@@ -145,6 +145,15 @@ class Dataset:
             Labels and sessions to keep; one that does not occur is a ValueError.
         indices : array_like of int or bool, optional
             Recordings to keep, in this order (int), or a mask, shape (n,).
+
+        Returns
+        -------
+        Dataset
+
+        Raises
+        ------
+        TypeError, ValueError, IndexError
+            Indices that are none, or out of range; a label or session that does not occur; nothing left.
         """
         kept, report = select_recordings(self.recordings, labels, sessions, indices)
         return Dataset(kept, (*self.history, report))
@@ -178,6 +187,11 @@ class Dataset:
             less than half its width. None: no limit.
         on_gap : {"raise", "skip"}
             What to do with a recording whose gap is longer: refuse, or leave it out and say so.
+
+        Returns
+        -------
+        Dataset
+            ``history[-1]`` counts old, new and made-up samples, and names each recording resampled or left out.
 
         Raises
         ------
@@ -213,6 +227,11 @@ class Dataset:
             Seconds kept ahead of the trigger.
         on_short : {"raise", "skip"}
             What to do with a recording that is too short: refuse, or leave it out and say so. Never padded.
+
+        Returns
+        -------
+        Dataset
+            ``history[-1]`` counts what was dropped, and names each recording cropped or left out.
 
         Raises
         ------
