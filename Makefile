@@ -8,6 +8,9 @@ TOOLS   := $(VENV)/.tools
 BENCH_TOOLS := $(VENV)/.bench
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
+# Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
+THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py
+
 .PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc campaign wheel clean toolchain
 
 help:
@@ -59,6 +62,8 @@ rust-test: | toolchain
 
 python-test: $(TOOLS)
 	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -p no:run-parallel --doctest-modules python/granular_id
+	$(BIN)/python -m pytest --parallel-threads 8 $(THREADED)
 
 bench: bench-rust bench-peers bench-ecoc
 

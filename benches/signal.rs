@@ -80,7 +80,8 @@ fn extraction(criterion: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Elements(wrench.len() as u64));
     for (name, spec) in specs {
         let Ok(extractor) = Extractor::new(spec) else { continue };
-        let mut out = vec![0.0; n_recordings * extractor.n_features(N_SAMPLES, 6)];
+        let Ok(n_features) = extractor.n_features(N_SAMPLES, 6) else { continue };
+        let mut out = vec![0.0; n_recordings * n_features];
         for path in Path::available() {
             for threads in [1, 2] {
                 let id = BenchmarkId::new(format!("{name} {}", path.name()), format!("{threads} threads"));

@@ -15,6 +15,7 @@ pub(crate) fn team_size(n_axes: usize) -> usize {
 pub(crate) struct Teams<'a> {
     pub(crate) extractor: &'a Extractor,
     pub(crate) shape: BatchShape,
+    pub(crate) n_features: usize,
     pub(crate) wrench: &'a [f64],
     pub(crate) out: &'a mut [f64],
     /// Write raw features past the caches: worth it when the whole result is larger than they are.
@@ -26,8 +27,7 @@ impl Job for Teams<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let Teams { extractor, shape, wrench, out, stream } = self;
-        let n_features = extractor.n_features(shape.n_samples, shape.n_axes);
+        let Teams { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
         let mut finite = true;
         // More axes than lanes: some axes of a recording at a time.
@@ -41,9 +41,9 @@ impl Job for Teams<'_> {
                 let layout = Layout { axes: axes.clone(), recordings, stream };
                 finite &= match (recordings * axes.len()).div_ceil(LANES) {
                     0 => true,
-                    1 => Crew::<1>::new(extractor, shape, layout).run::<I>(wrench, out),
-                    2 => Crew::<2>::new(extractor, shape, layout).run::<I>(wrench, out),
-                    _ => Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I>(wrench, out),
+                    1 => Crew::<1>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
+                    2 => Crew::<2>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
+                    _ => Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
                 };
             }
         }
@@ -85,8 +85,7 @@ impl<'a, const W: usize> Crew<'a, W> {
 
     /// Runs team after team.
     #[inline(always)]
-    fn run<I: Isa>(mut self, wrench: &[f64], out: &mut [f64]) -> bool {
-        let n_features = self.extractor.n_features(self.shape.n_samples, self.shape.n_axes);
+    fn run<I: Isa>(mut self, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
         let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
         let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
         let mut finite = true;

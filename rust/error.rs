@@ -94,7 +94,7 @@ pub enum Error {
         max: usize,
     },
     /// A histogram range that is reversed, empty or not finite.
-    #[error("bin_range must be finite with low < high, got ({low}, {high})")]
+    #[error("bin_range must be finite with low < high, got ({low:?}, {high:?})")]
     BinRange {
         /// The lower end.
         low: f64,
@@ -102,7 +102,7 @@ pub enum Error {
         high: f64,
     },
     /// A range too narrow to hold that many different edges.
-    #[error("cannot create {n_bins} finite-sized bins in bin_range ({low}, {high})")]
+    #[error("cannot create {n_bins} finite-sized bins in bin_range ({low:?}, {high:?})")]
     BinWidth {
         /// The number asked for.
         n_bins: usize,
@@ -162,22 +162,30 @@ pub enum Error {
         /// Its largest magnitude.
         largest: f64,
     },
+    /// A result too large to address.
+    #[error("n_samples = {n_samples} and n_axes = {n_axes} ask for more features than memory can hold")]
+    TooLarge {
+        /// Samples per recording.
+        n_samples: usize,
+        /// Axes per sample.
+        n_axes: usize,
+    },
+    /// A feature that float64 holds and float32 does not.
+    #[error(
+        "features of recording {recording} reach {value:e}, which float32 cannot hold: use dtype float64"
+    )]
+    Narrow {
+        /// The recording.
+        recording: usize,
+        /// The first such feature.
+        value: f64,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {
         /// The number asked for.
         threads: usize,
     },
-}
-
-impl Error {
-    /// The same error in a batch that begins `recordings` earlier.
-    pub(crate) fn later(mut self, recordings: usize) -> Self {
-        if let Self::NonFinite { recording, .. } | Self::Overflow { recording, .. } = &mut self {
-            *recording += recordings;
-        }
-        self
-    }
 }
 
 /// Result of an operation on a caller's input.

@@ -29,17 +29,6 @@ impl Extractor {
         self.extract_on(Path::detect(), wrench, shape, threads, out)
     }
 
-    /// [`extract_into`](Self::extract_into) for float64 or float32 features.
-    pub fn extract_as<T: Sample>(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [T],
-    ) -> Result<()> {
-        T::extract(self, wrench, shape, threads, out)
-    }
-
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
     pub fn extract_on(
         &self,
@@ -49,19 +38,18 @@ impl Extractor {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
-        self.check(wrench, shape)?;
+        let n_features = self.check(wrench, shape)?;
         if threads == 0 {
             return Err(Error::Threads { threads });
         }
-        let n_features = self.n_features(shape.n_samples, shape.n_axes);
-        let expected = shape.n_recordings * n_features;
+        let expected = shape.n_recordings.saturating_mul(n_features);
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
         }
         let teams = shape.n_recordings.div_ceil(team_size(shape.n_axes));
         let threads = threads.min(teams);
         let stream = size_of_val(out) > STREAM_BYTES;
-        let job = |wrench, out| path.run(Teams { extractor: self, shape, wrench, out, stream });
+        let job = |wrench, out| path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
         let finite = if threads <= 1 {
             job(wrench, out)
         } else {
@@ -82,60 +70,8 @@ impl Extractor {
     }
 }
 
-/// A number that features can be stored as.
-pub trait Sample: Copy + Send {
-    /// Extracts a batch into numbers of this type; see [`Extractor::extract_as`].
-    fn extract(
-        extractor: &Extractor,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [Self],
-    ) -> Result<()>;
-}
-
-impl Sample for f64 {
-    fn extract(
-        extractor: &Extractor,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [Self],
-    ) -> Result<()> {
-        extractor.extract_into(wrench, shape, threads, out)
-    }
-}
-
-impl Sample for f32 {
-    /// Some recordings at a time in float64, rounded once.
-    fn extract(
-        extractor: &Extractor,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [Self],
-    ) -> Result<()> {
-        let n_features = extractor.n_features(shape.n_samples, shape.n_axes);
-        let mut wide = vec![0.0; n_features * shape.n_recordings.min(2 * TASK_RECORDINGS)];
-        let recordings = wrench.chunks(2 * TASK_RECORDINGS * shape.recording_len());
-        for (n, (wrench, out)) in recordings.zip(out.chunks_mut(wide.len())).enumerate() {
-            let part = BatchShape { n_recordings: wrench.len() / shape.recording_len(), ..shape };
-            let wide = &mut wide[..part.n_recordings * n_features];
-            extractor
-                .extract_into(wrench, part, threads, wide)
-                .map_err(|error| error.later(n * 2 * TASK_RECORDINGS))?;
-            for (narrow, wide) in out.iter_mut().zip(wide) {
-                #[allow(clippy::cast_possible_truncation)] // what was asked for
-                let rounded = *wide as f32;
-                *narrow = rounded;
-            }
-        }
-        Ok(())
-    }
-}
-
 /// Finds out why the result is not finite: the first bad value, or values too large to filter.
-fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
+pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
     let place = |index: usize| {
         let (recording, rest) = (index / shape.recording_len(), index % shape.recording_len());
         (recording, rest / shape.n_axes, rest % shape.n_axes)

@@ -74,10 +74,10 @@ pub struct BatchShape {
 }
 
 impl BatchShape {
-    /// Values of one recording.
+    /// Values of one recording; the largest number where there are more.
     #[must_use]
     pub fn recording_len(&self) -> usize {
-        self.n_samples * self.n_axes
+        self.n_samples.saturating_mul(self.n_axes)
     }
 }
 
@@ -135,6 +135,11 @@ impl Extractor {
         &self.sos
     }
 
+    /// The same without the raw block.
+    pub(crate) fn without_raw(&self) -> Self {
+        Self { spec: FeatureSpec { raw: false, ..self.spec.clone() }, ..self.clone() }
+    }
+
     /// The state of each section before the first sample, per unit of that sample; empty when at rest.
     pub(crate) fn start(&self) -> &[[f64; 2]] {
         &self.start
@@ -146,20 +151,23 @@ impl Extractor {
         &self.bins[if self.bins.len() == 1 { 0 } else { axis }]
     }
 
-    /// Features of one recording: the raw block, then the histogram block.
-    #[must_use]
-    pub fn n_features(&self, n_samples: usize, n_axes: usize) -> usize {
-        let raw = if self.spec.raw { n_samples * n_axes } else { 0 };
-        let hfmh = if self.spec.hfmh { n_axes * self.spec.n_bins } else { 0 };
-        raw + hfmh
+    /// Number of features of one recording: the raw block, then the histogram block.
+    pub fn n_features(&self, n_samples: usize, n_axes: usize) -> Result<usize> {
+        let block =
+            |wanted: bool, per_axis: usize| if wanted { n_axes.checked_mul(per_axis) } else { Some(0) };
+        block(self.spec.raw, n_samples)
+            .zip(block(self.spec.hfmh, self.spec.n_bins))
+            .and_then(|(raw, hfmh)| raw.checked_add(hfmh))
+            .ok_or(Error::TooLarge { n_samples, n_axes })
     }
 
     /// Names of the features, in order: `fx_0000 ... tz_1599, hfmh_fx_00 ... hfmh_tz_99`.
-    #[must_use]
-    pub fn feature_names(&self, n_samples: usize, n_axes: usize) -> Vec<String> {
+    pub fn feature_names(&self, n_samples: usize, n_axes: usize) -> Result<Vec<String>> {
         let digits = |n: usize, least: usize| n.saturating_sub(1).to_string().len().max(least);
         let (sample_digits, bin_digits) = (digits(n_samples, 4), digits(self.spec.n_bins, 2));
-        let mut names = Vec::with_capacity(self.n_features(n_samples, n_axes));
+        let mut names = Vec::new();
+        let too_large = |_| Error::TooLarge { n_samples, n_axes };
+        names.try_reserve_exact(self.n_features(n_samples, n_axes)?).map_err(too_large)?;
         if self.spec.raw {
             for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
                 names.extend((0..n_samples).map(|sample| format!("{axis}_{sample:0sample_digits$}")));
@@ -170,11 +178,12 @@ impl Extractor {
                 names.extend((0..self.spec.n_bins).map(|bin| format!("hfmh_{axis}_{bin:0bin_digits$}")));
             }
         }
-        names
+        Ok(names)
     }
 
-    /// Refuses a batch that is empty, of another length than `wrench`, or of a number of axes without ranges.
-    pub(crate) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<()> {
+    /// Refuses a batch that is empty, of another length than `wrench`, or of a number of axes without ranges. Returns the
+    /// number of features of a recording.
+    pub(crate) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<usize> {
         let BatchShape { n_recordings, n_samples, n_axes } = shape;
         if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
@@ -182,17 +191,17 @@ impl Extractor {
         if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
             return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
         }
-        let expected = n_recordings * shape.recording_len();
+        let expected = n_recordings.saturating_mul(shape.recording_len());
         if wrench.len() != expected {
             return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
         }
-        Ok(())
+        self.n_features(n_samples, n_axes)
     }
 
     /// Features of a batch, one row per recording.
     pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
-        self.check(wrench, shape)?;
-        let mut out = vec![0.0; shape.n_recordings * self.n_features(shape.n_samples, shape.n_axes)];
+        let n_features = self.check(wrench, shape)?;
+        let mut out = vec![0.0; shape.n_recordings * n_features];
         self.extract_into(wrench, shape, threads, &mut out)?;
         Ok(out)
     }

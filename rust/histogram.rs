@@ -34,7 +34,7 @@ impl UniformBins {
         let mut edges: Vec<f64> = (0..=n_bins).map(|i| i as f64 * step + low).collect();
         edges[n_bins] = high;
         // Too many bins for float64 between low and high: numpy refuses these as well.
-        if edges.windows(2).any(|pair| pair[0] >= pair[1]) || !(n_bins as f64 / width).is_finite() {
+        if edges.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(Error::BinWidth { n_bins, low, high });
         }
         Ok(Self { edges })
@@ -64,7 +64,7 @@ impl UniformBins {
         &self.edges
     }
 
-    /// Bins per unit of the value.
+    /// Bins per unit of the value; infinite for the narrowest of ranges.
     pub(crate) fn scale(&self) -> f64 {
         self.n_bins() as f64 / (self.high() - self.low())
     }

@@ -33,7 +33,7 @@ pub(crate) struct LaneBins<'a, const W: usize> {
     pub(crate) base: Row<W>,
     /// The middle of the cell above the range.
     pub(crate) top: f64,
-    /// A fraction below this, in units of 2^-32, is next to an edge.
+    /// A fraction of at most this, in units of 2^-32, is next to an edge.
     pub(crate) limit: u32,
     lanes: Vec<&'a UniformBins>,
     stride: usize,
@@ -50,7 +50,7 @@ impl<'a, const W: usize> LaneBins<'a, W> {
             offset: [Vector([1.5; LANES]); W],
             base: [Vector::ZERO; W],
             top: n_bins as f64 + 1.5,
-            limit: 2 * margin,
+            limit: margin.saturating_mul(2),
             lanes,
             stride,
         };
@@ -69,8 +69,8 @@ impl<'a, const W: usize> LaneBins<'a, W> {
     }
 }
 
-/// How far the quick arithmetic can be off, in units of 2^-32 of a bin, rounded up; `u32::MAX / 2` when it is
-/// useless for these bins, so that every value is compared.
+/// How far the quick arithmetic can be off, in units of 2^-32 of a bin, rounded up; `u32::MAX` when it is useless for
+/// these bins, so that every value is compared.
 fn margin(bins: &UniformBins) -> u32 {
     let reach = bins.low().abs().max(bins.high().abs()) * bins.scale();
     let error = 16.0 * f64::EPSILON * (reach + bins.n_bins() as f64 + 2.0) * 4_294_967_296.0;
@@ -80,7 +80,7 @@ fn margin(bins: &UniformBins) -> u32 {
         let units = error.ceil() as u32;
         units + 2
     } else {
-        u32::MAX / 2
+        u32::MAX
     }
 }
 
@@ -175,5 +175,5 @@ pub(super) fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mu
             cells.0[w][l] = bits;
         }
     }
-    nearest < bins.limit
+    nearest <= bins.limit
 }

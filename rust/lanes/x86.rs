@@ -53,8 +53,8 @@ impl Isa for X86 {
                     _mm256_storeu_si256(four, bits);
                 }
             });
-            // limit >= 4, so limit - 1 does not wrap; the mask drops the high words.
-            let last = _mm256_set1_epi32((bins.limit - 1).cast_signed());
+            // The mask drops the high words.
+            let last = _mm256_set1_epi32(bins.limit.cast_signed());
             let near = _mm256_cmpeq_epi32(_mm256_min_epu32(nearest, last), nearest);
             let near = _mm256_and_si256(near, _mm256_set1_epi64x(0xffff_ffff));
             _mm256_movemask_epi8(near) != 0

@@ -29,6 +29,11 @@ pub(super) fn contiguous_real<'py>(
     Ok(numpy.call_method1("require", (array, float64, ["C", "A"]))?.cast_into()?)
 }
 
+/// True for numpy's masked arrays, whose gaps a plain array would show as numbers.
+pub(super) fn is_masked(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    value.is_instance(&value.py().import("numpy.ma")?.getattr("MaskedArray")?)
+}
+
 /// An array of real numbers of any layout and width.
 fn real<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
@@ -36,7 +41,7 @@ fn real<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
     let array = if value.is_exact_instance_of::<PyUntypedArray>() {
         value.clone()
     } else {
-        if value.is_instance(&py.import("numpy.ma")?.getattr("MaskedArray")?)? {
+        if is_masked(value)? {
             let message =
                 format!("{name} must be a plain array, got a masked one: fill or drop its gaps first");
             return Err(PyTypeError::new_err(message));

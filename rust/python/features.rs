@@ -6,9 +6,11 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::arrays::{contiguous_real, tuple};
-use super::spec::{count, PyFeatureSpec};
-use crate::extract::Sample;
+use super::arrays::{contiguous_real, is_masked, tuple};
+use super::scalars::{count, shown};
+use super::spec::PyFeatureSpec;
+use crate::histogram::MAX_BINS;
+use crate::sample::Sample;
 use crate::{BatchShape, Extractor};
 
 /// Features of one recording `(n_samples, n_axes)` or a batch `(n_recordings, n_samples, n_axes)`.
@@ -20,7 +22,6 @@ pub(super) fn extract_features<'py>(
     out: Option<&Bound<'py, PyAny>>,
     dtype: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let py = wrench.py();
     let wrench = contiguous_real(wrench, "wrench")?;
     let (shape, single) = match *wrench.shape() {
         [n_samples, n_axes] => (BatchShape { n_recordings: 1, n_samples, n_axes }, true),
@@ -32,34 +33,50 @@ pub(super) fn extract_features<'py>(
         )))
         }
     };
+    if wrench.is_empty() {
+        let shape = tuple(wrench.shape());
+        return Err(PyValueError::new_err(format!("wrench must not be empty, got shape {shape}")));
+    }
     let extractor = &spec.get().extractor;
-    // Before the output is made: an empty batch is to be refused as such.
+    // Before the output is made, which may be large.
     let values = wrench.try_readonly()?;
-    extractor.check(values.as_slice()?, shape)?;
+    let n_features = extractor.check(values.as_slice()?, shape)?;
     let threads = match threads {
-        Some(threads) => count(threads, "threads")?,
+        Some(threads) => count(threads, "threads", usize::MAX)?,
         None if single => 1,
         None => std::thread::available_parallelism().map_or(1, Into::into),
     };
-    let n_features = extractor.n_features(shape.n_samples, shape.n_axes);
     let wanted = if single { vec![n_features] } else { vec![shape.n_recordings, n_features] };
     let out = match out {
         Some(out) => out.clone(),
-        None => py.import("numpy")?.call_method1("empty", (wanted.as_slice(), dtype))?,
+        None => empty(&wanted, dtype)?,
     };
     let work = Work { extractor, shape, threads, wanted: &wanted };
+    if is_masked(&out)? {
+        return Err(PyTypeError::new_err("out must be a plain array, got a masked one"));
+    }
     if let Ok(out) = out.cast::<PyArrayDyn<f64>>() {
         work.run(values.as_slice()?, out)?;
     } else if let Ok(out) = out.cast::<PyArrayDyn<f32>>() {
         work.run(values.as_slice()?, out)?;
     } else {
+        let got = out
+            .cast::<PyUntypedArray>()
+            .map_or_else(|_| out.get_type().to_string(), |out| out.dtype().to_string());
         return Err(PyTypeError::new_err(format!(
-            "out and dtype must be float64 or float32 in native byte order, got {}",
-            out.cast::<PyUntypedArray>()
-                .map_or_else(|_| out.get_type().to_string(), |out| out.dtype().to_string())
+            "out and dtype must be float64 or float32 in native byte order, got {got}"
         )));
     }
     Ok(out)
+}
+
+/// A new array, once `dtype` is known to be one.
+fn empty<'py>(shape: &[usize], dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let numpy = dtype.py().import("numpy")?;
+    let dtype = numpy.call_method1("dtype", (dtype,)).map_err(|_| {
+        PyTypeError::new_err(format!("dtype must be float64 or float32, got {}", shown(dtype)))
+    })?;
+    numpy.call_method1("empty", (shape, dtype))
 }
 
 /// Everything but the two arrays.
@@ -76,10 +93,8 @@ impl Work<'_> {
             let (wanted, got) = (tuple(self.wanted), tuple(out.shape()));
             return Err(PyValueError::new_err(format!("out must have shape {wanted}, got {got}")));
         }
-        let mut borrowed = writable(out)?;
-        let Ok(target) = borrowed.as_slice_mut() else {
-            return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
-        };
+        let mut borrowed = writable(out, wrench)?;
+        let target = borrowed.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
         if shape.n_recordings == 1 {
             extractor.extract_as(wrench, shape, threads, target)?;
@@ -90,9 +105,22 @@ impl Work<'_> {
     }
 }
 
-fn writable<'py, T: Element>(out: &Bound<'py, PyArrayDyn<T>>) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
+/// The right to write to `out`, if that cannot harm anyone.
+fn writable<'py, T: Element>(
+    out: &Bound<'py, PyArrayDyn<T>>,
+    wrench: &[f64],
+) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
+    if !out.is_c_contiguous() {
+        return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
+    }
     if !out.getattr("flags")?.getattr("aligned")?.is_truthy()? {
         return Err(PyValueError::new_err("out must be aligned, got an array at an odd address"));
+    }
+    // Views of the same memory by way of different objects: the borrow below knows nothing of each other's.
+    let start = out.data().addr();
+    let read = wrench.as_ptr_range();
+    if start < read.end.addr() && read.start.addr() < start + out.len() * size_of::<T>() {
+        return Err(PyValueError::new_err("out must not overlap wrench"));
     }
     out.try_readwrite().map_err(|error| {
         PyValueError::new_err(format!("out must be writable and must not overlap wrench: {error}"))
@@ -107,7 +135,7 @@ pub(super) fn histogram<'py>(
     low: f64,
     high: f64,
 ) -> PyResult<(Vec<f64>, Vec<f64>)> {
-    let bins = crate::UniformBins::new(count(n_bins, "bins")?, low, high)?;
+    let bins = crate::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high)?;
     let values = contiguous_real(values, "a")?;
     let values = values.try_readonly()?;
     Ok((bins.count(values.as_slice()?), bins.edges().to_vec()))

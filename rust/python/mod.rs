@@ -3,6 +3,7 @@
 mod arrays;
 mod convert;
 mod features;
+mod scalars;
 mod signal;
 mod spec;
 

@@ -8,9 +8,17 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use super::arrays::{owned_real, tuple};
+use super::scalars::{count, flag, number, word};
+use crate::butterworth::MAX_ORDER;
 use crate::features::Initial;
-use crate::histogram::Outside;
+use crate::histogram::{Outside, MAX_BINS};
 use crate::{Extractor, FeatureSpec};
+
+/// Words for values outside the range.
+const OUTSIDE: [(&str, Outside); 2] = [("drop", Outside::Drop), ("clip", Outside::Clip)];
+
+/// Words for the state of the filter before the first sample.
+const INITIAL: [(&str, Initial); 2] = [("zero", Initial::Zero), ("steady", Initial::Steady)];
 
 /// What to extract from a recording, as one checked, immutable, picklable value.
 #[pyclass(frozen, name = "FeatureSpec", module = "granular_id")]
@@ -22,52 +30,33 @@ pub(super) struct PyFeatureSpec {
 impl PyFeatureSpec {
     #[new]
     #[pyo3(
-        signature = (
-            *, rate_hz = 500.0, cutoff_hz = 23.0, order = None, n_bins = None, bin_range = None, raw = true,
-            hfmh = true, outside = "drop", density = false, initial = "zero",
-        ),
+        signature = (**keywords),
         text_signature = "(*, rate_hz=500.0, cutoff_hz=23.0, order=8, n_bins=100, bin_range=(-1.5, 1.5), \
                           raw=True, hfmh=True, outside='drop', density=False, initial='zero')"
     )]
-    #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // keywords of the Python class
-    fn new(
-        rate_hz: f64,
-        cutoff_hz: f64,
-        order: Option<&Bound<'_, PyAny>>,
-        n_bins: Option<&Bound<'_, PyAny>>,
-        bin_range: Option<&Bound<'_, PyAny>>,
-        raw: bool,
-        hfmh: bool,
-        outside: &str,
-        density: bool,
-        initial: &str,
-    ) -> PyResult<Self> {
-        let outside = match outside {
-            "drop" => Outside::Drop,
-            "clip" => Outside::Clip,
-            _ => return Err(choice("outside", "'drop' or 'clip'", outside)),
-        };
-        let initial = match initial {
-            "zero" => Initial::Zero,
-            "steady" => Initial::Steady,
-            _ => return Err(choice("initial", "'zero' or 'steady'", initial)),
-        };
-        let default = FeatureSpec::default();
-        let bin_ranges = bin_range.map_or(Ok(default.bin_ranges), ranges)?;
-        let order = order.map_or(Ok(default.order), |order| count(order, "order"))?;
-        let n_bins = n_bins.map_or(Ok(default.n_bins), |n_bins| count(n_bins, "n_bins"))?;
-        let spec = FeatureSpec {
-            rate_hz,
-            cutoff_hz,
-            order,
-            n_bins,
-            bin_ranges,
-            outside,
-            density,
-            initial,
-            raw,
-            hfmh,
-        };
+    fn new(keywords: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let mut spec = FeatureSpec::default();
+        for (name, value) in keywords.into_iter().flatten() {
+            let name = name.extract::<String>()?;
+            let (value, named) = (&value, name.as_str());
+            match named {
+                "rate_hz" => spec.rate_hz = number(value, named)?,
+                "cutoff_hz" => spec.cutoff_hz = number(value, named)?,
+                "order" => spec.order = count(value, named, MAX_ORDER)?,
+                "n_bins" => spec.n_bins = count(value, named, MAX_BINS)?,
+                "bin_range" => spec.bin_ranges = ranges(value)?,
+                "raw" => spec.raw = flag(value, named)?,
+                "hfmh" => spec.hfmh = flag(value, named)?,
+                "outside" => spec.outside = word(value, named, &OUTSIDE)?,
+                "density" => spec.density = flag(value, named)?,
+                "initial" => spec.initial = word(value, named, &INITIAL)?,
+                _ => {
+                    return Err(PyTypeError::new_err(format!(
+                        "FeatureSpec() got an unexpected keyword argument '{name}'"
+                    )))
+                }
+            }
+        }
         Ok(Self { extractor: Extractor::new(spec)? })
     }
 
@@ -111,10 +100,7 @@ impl PyFeatureSpec {
 
     #[getter]
     fn outside(&self) -> &'static str {
-        match self.spec().outside {
-            Outside::Drop => "drop",
-            Outside::Clip => "clip",
-        }
+        named(self.spec().outside, &OUTSIDE)
     }
 
     #[getter]
@@ -124,15 +110,14 @@ impl PyFeatureSpec {
 
     #[getter]
     fn initial(&self) -> &'static str {
-        match self.spec().initial {
-            Initial::Zero => "zero",
-            Initial::Steady => "steady",
-        }
+        named(self.spec().initial, &INITIAL)
     }
 
     /// Number of features of one recording.
     fn n_features(&self, n_samples: &Bound<'_, PyAny>, n_axes: &Bound<'_, PyAny>) -> PyResult<usize> {
-        Ok(self.extractor.n_features(count(n_samples, "n_samples")?, count(n_axes, "n_axes")?))
+        Ok(self
+            .extractor
+            .n_features(count(n_samples, "n_samples", usize::MAX)?, count(n_axes, "n_axes", usize::MAX)?)?)
     }
 
     /// Names of the features of one recording, in order.
@@ -141,7 +126,10 @@ impl PyFeatureSpec {
         n_samples: &Bound<'_, PyAny>,
         n_axes: &Bound<'_, PyAny>,
     ) -> PyResult<Vec<String>> {
-        Ok(self.extractor.feature_names(count(n_samples, "n_samples")?, count(n_axes, "n_axes")?))
+        Ok(self.extractor.feature_names(
+            count(n_samples, "n_samples", usize::MAX)?,
+            count(n_axes, "n_axes", usize::MAX)?,
+        )?)
     }
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
@@ -195,19 +183,8 @@ impl PyFeatureSpec {
     }
 }
 
-fn choice(name: &str, wanted: &str, got: &str) -> PyErr {
-    PyValueError::new_err(format!("{name} must be {wanted}, got {got:?}"))
-}
-
-/// A number of things: an integer of at least zero.
-pub(super) fn count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
-    value.extract().map_err(|error: PyErr| {
-        if error.is_instance_of::<PyTypeError>(value.py()) {
-            PyTypeError::new_err(format!("{name} must be an integer, got {}", value.get_type()))
-        } else {
-            PyValueError::new_err(format!("{name} must be an integer of at least 0, got {value}"))
-        }
-    })
+fn named<T: Copy + PartialEq>(value: T, words: &[(&'static str, T)]) -> &'static str {
+    words.iter().find(|(_, meaning)| *meaning == value).map_or("", |(word, _)| word)
 }
 
 /// One range `(low, high)`, or one per axis.

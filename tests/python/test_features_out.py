@@ -135,7 +135,7 @@ def test_an_output_beside_the_input_is_fine():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"threads": 0}, ValueError, "threads must be at least 1, got 0"),
+        ({"threads": 0}, ValueError, "threads must be an integer of at least 1, got 0"),
         ({"threads": -1}, ValueError, "threads must be .* got -1"),
         ({"threads": 10**30}, ValueError, "threads must be .* got 10{30}"),
         ({"threads": 2.0}, TypeError, "threads must be an integer, got .*float"),

@@ -212,9 +212,9 @@ def test_the_range_of_the_values(a, n_bins):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"bins": 0}, ValueError, r"bins .* n_bins must be in 1\.\.=32768, got 0"),
+        ({"bins": 0}, ValueError, r"bins must be an integer from 1 to 32768, got 0"),
         ({"bins": -1}, ValueError, "bins must be .* got -1"),
-        ({"bins": 32_769}, ValueError, r"bins .* n_bins must be in 1\.\.=32768, got 32769"),
+        ({"bins": 32_769}, ValueError, r"bins must be an integer from 1 to 32768, got 32769"),
         ({"bins": 2.4}, TypeError, "bins must be an integer, got .*float"),
         ({"bins": "auto"}, TypeError, "bins must be an integer, got .*str"),
         ({"bins": [0, 1, 2]}, TypeError, "bins must be an integer, got .*list"),
