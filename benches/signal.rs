@@ -66,6 +66,40 @@ fn histogram(criterion: &mut Criterion) {
     group.finish();
 }
 
+/// Filter and histogram of a batch, by order, axes and path: the kernel of the extraction. One axis in six silent, too.
+fn kernel(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("kernel");
+    group.sample_size(20);
+    for (order, n_axes, silent) in [
+        (2, 6, false),
+        (4, 6, false),
+        (8, 6, false),
+        (8, 6, true),
+        (16, 6, false),
+        (8, 1, false),
+        (8, 3, false),
+        (8, 12, false),
+    ] {
+        let spec = FeatureSpec { order, raw: false, ..FeatureSpec::default() };
+        let Ok(extractor) = Extractor::new(spec) else { continue };
+        let shape = BatchShape { n_recordings: 24, n_samples: N_SAMPLES, n_axes };
+        let mut wrench = recordings(shape.n_recordings, n_axes);
+        if silent {
+            wrench.iter_mut().step_by(n_axes).for_each(|value| *value = 0.0);
+        }
+        let mut out = vec![0.0; shape.n_recordings * n_axes * 100];
+        group.throughput(Throughput::Elements(wrench.len() as u64));
+        for path in Path::available() {
+            let note = if silent { ", one silent" } else { "" };
+            let id = BenchmarkId::new(format!("order {order}, {n_axes} axes{note}"), path.name());
+            group.bench_function(id, |bencher| {
+                bencher.iter(|| extractor.extract_on(path, black_box(&wrench), shape, 1, &mut out));
+            });
+        }
+    }
+    group.finish();
+}
+
 /// The whole extraction, by path and threads, on more data than the caches hold.
 fn extraction(criterion: &mut Criterion) {
     let n_recordings = 682;
@@ -94,5 +128,5 @@ fn extraction(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, filter, histogram, extraction);
+criterion_group!(benches, filter, histogram, kernel, extraction);
 criterion_main!(benches);

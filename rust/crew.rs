@@ -72,7 +72,11 @@ struct Crew<'a, const W: usize> {
 impl<'a, const W: usize> Crew<'a, W> {
     fn new(extractor: &'a Extractor, shape: BatchShape, layout: Layout) -> Self {
         let axes = (0..layout.recordings).flat_map(|_| layout.axes.clone());
-        let bins = if extractor.spec().hfmh { axes.map(|a| extractor.bins(a)).collect() } else { Vec::new() };
+        let bins = if extractor.spec().hfmh {
+            axes.filter_map(|axis| extractor.bins(axis)).collect()
+        } else {
+            Vec::new()
+        };
         Self {
             cascade: Cascade::new(extractor.sos()),
             tally: Tally::new(W, extractor.spec().n_bins),
@@ -195,8 +199,8 @@ impl<'a, const W: usize> Crew<'a, W> {
                     target[0] += f64::from(counts[0]);
                     target[spec.n_bins - 1] += f64::from(counts[spec.n_bins + 1]);
                 }
-                if spec.density {
-                    self.extractor.bins(axis).normalise(target);
+                if let Some(bins) = self.extractor.bins(axis).filter(|_| spec.density) {
+                    bins.normalise(target);
                 }
             }
         }

@@ -4,8 +4,8 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A filter order outside 1..=32.
-    #[error("order must be in 1..=32, got {order}")]
+    /// A filter order outside 1 to [`MAX_ORDER`](crate::butterworth::MAX_ORDER).
+    #[error("order must be from 1 to 32, got {order}")]
     Order {
         /// The order asked for.
         order: usize,
@@ -86,7 +86,7 @@ pub enum Error {
         padlen: usize,
     },
     /// A histogram without bins, or with more than `MAX_BINS`.
-    #[error("n_bins must be in 1..={max}, got {n_bins}")]
+    #[error("n_bins must be from 1 to {max}, got {n_bins}")]
     Bins {
         /// The number asked for.
         n_bins: usize,
@@ -162,8 +162,8 @@ pub enum Error {
         /// Its largest magnitude.
         largest: f64,
     },
-    /// A result too large to address.
-    #[error("n_samples = {n_samples} and n_axes = {n_axes} ask for more features than memory can hold")]
+    /// More features than can be addressed, or named.
+    #[error("n_samples = {n_samples} and n_axes = {n_axes} ask for too many features")]
     TooLarge {
         /// Samples per recording.
         n_samples: usize,
@@ -180,12 +180,33 @@ pub enum Error {
         /// The first such feature.
         value: f64,
     },
+    /// A recording with more samples than a histogram can count.
+    #[error("a recording may have at most {max} samples, got {n_samples}")]
+    Samples {
+        /// Samples of the recording.
+        n_samples: usize,
+        /// The largest number allowed.
+        max: usize,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {
         /// The number asked for.
         threads: usize,
     },
+}
+
+impl Error {
+    /// The same error in a batch that begins `recordings` earlier.
+    pub(crate) fn later(mut self, recordings: usize) -> Self {
+        if let Self::NonFinite { recording, .. }
+        | Self::Overflow { recording, .. }
+        | Self::Narrow { recording, .. } = &mut self
+        {
+            *recording += recordings;
+        }
+        self
+    }
 }
 
 /// Result of an operation on a caller's input.

@@ -1,4 +1,4 @@
-//! The work of [`Extractor`]: a batch in tasks for threads, and what to say when it fails.
+//! The work of [`Extractor`]: a batch in tasks for threads, into float64 or float32, and what to say when it fails.
 
 use rayon::prelude::*;
 
@@ -16,7 +16,8 @@ const TASK_RECORDINGS: usize = 32;
 const STREAM_BYTES: usize = 8 << 20;
 
 impl Extractor {
-    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits.
+    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits; threads beyond the
+    /// number of cores are not used.
     ///
     /// On an error `out` holds unspecified numbers.
     pub fn extract_into(
@@ -38,6 +39,50 @@ impl Extractor {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
+        let stream = size_of_val(out) > STREAM_BYTES;
+        self.in_tasks(wrench, shape, threads, out, |wrench, shape, n_features, out| {
+            path.run(Teams { extractor: self, shape, n_features, wrench, out, stream })
+                .then_some(())
+                .ok_or_else(|| not_finite(wrench, shape))
+        })
+    }
+
+    /// [`extract_into`](Self::extract_into) rounded to float32 once, for half the memory.
+    pub fn extract_into_f32(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f32],
+    ) -> Result<()> {
+        let histograms = self.without_raw();
+        self.in_tasks(wrench, shape, threads, out, |wrench, shape, n_features, out| {
+            // Samples are rounded on their way, so that no wide copy of them is made.
+            let raw_len = if self.spec().raw { shape.recording_len() } else { 0 };
+            let wide = if self.spec().hfmh { histograms.extract(wrench, shape, 1)? } else { Vec::new() };
+            let mut wide = wide.chunks_exact((n_features - raw_len).max(1));
+            let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(n_features));
+            for (recording, (samples, row)) in recordings.enumerate() {
+                let (raw, counts) = row.split_at_mut(raw_len);
+                for (axis, raw) in raw.chunks_exact_mut(shape.n_samples).enumerate() {
+                    narrow(recording, samples.iter().skip(axis).step_by(shape.n_axes), raw)
+                        .map_err(|error| if finite(wrench) { error } else { not_finite(wrench, shape) })?;
+                }
+                narrow(recording, wide.next().into_iter().flatten(), counts)?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Checks the sizes and cuts a batch into tasks. The error is that of the first recording that has one.
+    fn in_tasks<T: Send>(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [T],
+        task: impl Fn(&[f64], BatchShape, usize, &mut [T]) -> Result<()> + Sync,
+    ) -> Result<()> {
         let n_features = self.check(wrench, shape)?;
         if threads == 0 {
             return Err(Error::Threads { threads });
@@ -46,32 +91,45 @@ impl Extractor {
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
         }
-        let teams = shape.n_recordings.div_ceil(team_size(shape.n_axes));
-        let threads = threads.min(teams);
-        let stream = size_of_val(out) > STREAM_BYTES;
-        let job = |wrench, out| path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
-        let finite = if threads <= 1 {
-            job(wrench, out)
-        } else {
-            // Whole teams per task, at least four tasks per thread where there are that many.
-            let team = team_size(shape.n_axes);
-            let task = teams.div_ceil(4 * threads).min((TASK_RECORDINGS / team).max(1)) * team;
-            pool::install(threads, || {
-                let recordings = wrench.par_chunks(task * shape.recording_len());
-                let rows = out.par_chunks_mut(task * n_features);
-                recordings.zip(rows).map(|(wrench, out)| job(wrench, out)).reduce(|| true, |a, b| a && b)
-            })
+        // Whole teams per task, at least four tasks per thread where there are that many.
+        let team = team_size(shape.n_axes);
+        let teams = shape.n_recordings.div_ceil(team);
+        let size = teams.div_ceil(4 * threads.min(teams)).min((TASK_RECORDINGS / team).max(1)) * team;
+        let one = |(index, (wrench, out)): (usize, (&[f64], &mut [T]))| {
+            let part = BatchShape { n_recordings: wrench.len() / shape.recording_len(), ..shape };
+            task(wrench, part, n_features, out).map_err(|error| error.later(index * size))
         };
-        if finite {
-            Ok(())
-        } else {
-            Err(not_finite(wrench, shape))
+        let (recordings, rows) = (size * shape.recording_len(), size * n_features);
+        match pool::of(threads).filter(|_| teams > 1) {
+            None => wrench.chunks(recordings).zip(out.chunks_mut(rows)).enumerate().try_for_each(one),
+            Some(pool) => {
+                let tasks = wrench.par_chunks(recordings).zip(out.par_chunks_mut(rows)).enumerate().map(one);
+                let errors: Vec<_> = pool.install(|| tasks.filter_map(Result::err).collect());
+                errors.into_iter().next().map_or(Ok(()), Err)
+            }
         }
     }
 }
 
-/// Finds out why the result is not finite: the first bad value, or values too large to filter.
-pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
+/// Rounds numbers to float32; refuses those that it cannot hold.
+fn narrow<'a>(recording: usize, wide: impl IntoIterator<Item = &'a f64>, narrow: &mut [f32]) -> Result<()> {
+    for (narrow, wide) in narrow.iter_mut().zip(wide) {
+        #[allow(clippy::cast_possible_truncation)] // what was asked for
+        let rounded = *wide as f32;
+        if !rounded.is_finite() {
+            return Err(Error::Narrow { recording, value: *wide });
+        }
+        *narrow = rounded;
+    }
+    Ok(())
+}
+
+fn finite(wrench: &[f64]) -> bool {
+    wrench.iter().all(|value| value.is_finite())
+}
+
+/// Finds out why a result is not finite: the first bad value, or values too large to filter.
+fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
     let place = |index: usize| {
         let (recording, rest) = (index / shape.recording_len(), index % shape.recording_len());
         (recording, rest / shape.n_axes, rest % shape.n_axes)

@@ -7,6 +7,12 @@ use crate::histogram::{Outside, UniformBins};
 use crate::sos::Sos;
 use crate::wrench::axis_name;
 
+/// The largest number of samples of a recording: counts are 32 bits wide.
+pub const MAX_SAMPLES: usize = u32::MAX as usize;
+
+/// The largest number of names that are worth writing out.
+const MAX_NAMES: usize = 100_000_000;
+
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Initial {
@@ -145,10 +151,10 @@ impl Extractor {
         &self.start
     }
 
-    /// The bins of one axis.
+    /// The bins of one axis; `None` for an axis beyond the ranges given.
     #[must_use]
-    pub fn bins(&self, axis: usize) -> &UniformBins {
-        &self.bins[if self.bins.len() == 1 { 0 } else { axis }]
+    pub fn bins(&self, axis: usize) -> Option<&UniformBins> {
+        self.bins.get(if self.bins.len() == 1 { 0 } else { axis })
     }
 
     /// Number of features of one recording: the raw block, then the histogram block.
@@ -165,9 +171,11 @@ impl Extractor {
     pub fn feature_names(&self, n_samples: usize, n_axes: usize) -> Result<Vec<String>> {
         let digits = |n: usize, least: usize| n.saturating_sub(1).to_string().len().max(least);
         let (sample_digits, bin_digits) = (digits(n_samples, 4), digits(self.spec.n_bins, 2));
-        let mut names = Vec::new();
-        let too_large = |_| Error::TooLarge { n_samples, n_axes };
-        names.try_reserve_exact(self.n_features(n_samples, n_axes)?).map_err(too_large)?;
+        let n_features = self.n_features(n_samples, n_axes)?;
+        if n_features > MAX_NAMES {
+            return Err(Error::TooLarge { n_samples, n_axes });
+        }
+        let mut names = Vec::with_capacity(n_features);
         if self.spec.raw {
             for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
                 names.extend((0..n_samples).map(|sample| format!("{axis}_{sample:0sample_digits$}")));
@@ -190,6 +198,9 @@ impl Extractor {
         }
         if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
             return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
+        }
+        if n_samples > MAX_SAMPLES {
+            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
         }
         let expected = n_recordings.saturating_mul(shape.recording_len());
         if wrench.len() != expected {

@@ -14,7 +14,6 @@ pub mod histogram;
 mod lanes;
 mod pairing;
 mod pool;
-pub mod sample;
 pub mod sos;
 pub mod sosfilt;
 pub mod state;

@@ -17,15 +17,13 @@ struct Owned {
 
 static CURRENT: Mutex<Option<Owned>> = Mutex::new(None);
 
-/// Runs `work` in a pool of `threads`, or on the calling thread where no pool can be had.
-pub(crate) fn install<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
-    match pool(threads) {
-        Some(pool) => pool.install(work),
-        None => work(),
+/// A pool of `threads`, but of no more than the machine has cores: the work never waits, so more would only cost. `None`
+/// for one thread, and where the system gives no threads: the caller then works alone.
+pub(crate) fn of(threads: usize) -> Option<Arc<ThreadPool>> {
+    let threads = threads.min(std::thread::available_parallelism().map_or(1, Into::into));
+    if threads <= 1 {
+        return None;
     }
-}
-
-fn pool(threads: usize) -> Option<Arc<ThreadPool>> {
     // Never waits: a fork may have copied the lock while another thread of the parent held it.
     let Ok(mut current) = CURRENT.try_lock() else { return build(threads) };
     let process = std::process::id();
@@ -37,7 +35,8 @@ fn pool(threads: usize) -> Option<Arc<ThreadPool>> {
     let pool = build(threads)?;
     let replaced = current.replace(Owned { process, threads, pool: Arc::clone(&pool) });
     if let Some(owned) = replaced.filter(|owned| owned.process != process) {
-        // The parent's threads do not exist here: dropping the pool would wait for them.
+        // The parent's threads do not exist here, and their locks may have been held when the process was forked:
+        // dropping the pool would take them.
         std::mem::forget(owned);
     }
     Some(pool)

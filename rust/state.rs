@@ -47,7 +47,8 @@ impl SosState {
     /// # Errors
     /// [`Error::Length`] when the number of values is not `2 * channels * sections`.
     pub fn from_values(sos: &Sos, channels: usize, values: Vec<f64>) -> Result<Self> {
-        let expected = 2 * channels * sos.sections().len();
+        // Saturated, the size cannot be that of a vector.
+        let expected = channels.saturating_mul(2 * sos.sections().len());
         if values.len() == expected {
             Ok(Self { channels, values })
         } else {

@@ -21,7 +21,7 @@ fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
                 Initial::Steady => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
             };
             state.filter(extractor.sos(), &mut signal).unwrap();
-            features.extend(counts(extractor.bins(a), &signal, spec.outside));
+            features.extend(counts(extractor.bins(a).unwrap(), &signal, spec.outside));
         }
     }
     features
@@ -107,11 +107,11 @@ proptest! {
     }
 
     #[test]
-    fn float32_is_float64_rounded_once((wrench, shape) in batch()) {
+    fn float32_is_float64_rounded_once((wrench, shape) in batch(), threads in 1..=2_usize) {
         let extractor = Extractor::new(FeatureSpec::default()).unwrap();
         let wide = extractor.extract(&wrench, shape, 1).unwrap();
         let mut narrow = vec![0.0_f32; wide.len()];
-        extractor.extract_as(&wrench, shape, 1, &mut narrow).unwrap();
+        extractor.extract_into_f32(&wrench, shape, threads, &mut narrow).unwrap();
         #[allow(clippy::cast_possible_truncation)]
         let rounded: Vec<f32> = wide.iter().map(|value| *value as f32).collect();
         prop_assert_eq!(narrow, rounded);
@@ -160,6 +160,43 @@ fn millions_of_samples_are_the_same_on_every_path() {
 }
 
 #[test]
+fn float32_refuses_what_it_cannot_hold_and_names_the_first_recording() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let shape = BatchShape { n_recordings: 90, n_samples: 10, n_axes: 6 };
+    let mut wrench = vec![0.0; 90 * 60];
+    wrench[50 * 60] = 1e39;
+    wrench[80 * 60 + 7] = 1e39;
+    let mut out = vec![0.0; 90 * 660];
+    for threads in [1, 2] {
+        let error = extractor.extract_into_f32(&wrench, shape, threads, &mut out).unwrap_err();
+        assert_eq!(error, Error::Narrow { recording: 50, value: 1e39 });
+    }
+    wrench[50 * 60] = 0.0;
+    wrench[80 * 60 + 8] = f64::NAN;
+    let error = extractor.extract_into_f32(&wrench, shape, 2, &mut out).unwrap_err();
+    assert!(matches!(error, Error::NonFinite { recording: 80, sample: 1, axis: 2, .. }), "{error}");
+}
+
+#[test]
+fn silent_axes_and_useless_ranges_are_counted_exactly() {
+    let shape = BatchShape { n_recordings: 5, n_samples: 200, n_axes: 6 };
+    let noise = |i: i32| f64::from(i.wrapping_mul(7919) % 1000) / 400.0 - 1.2;
+    let wrench: Vec<f64> = (0..6000).map(|i| if i % 6 == 2 || i > 4000 { 0.0 } else { noise(i) }).collect();
+    for bin_ranges in [vec![(-1.5, 1.5)], vec![(1e15, 1e15 + 1024.0)], vec![(-1e-308, 2e-313)]] {
+        for n_bins in [2, 100, 101] {
+            let spec = FeatureSpec { n_bins, bin_ranges: bin_ranges.clone(), ..FeatureSpec::default() };
+            let extractor = Extractor::new(spec).unwrap();
+            let wanted = twin(&extractor, &wrench, shape);
+            for path in Path::available() {
+                let mut out = vec![0.0; wanted.len()];
+                extractor.extract_on(path, &wrench, shape, 1, &mut out).unwrap();
+                assert_eq!(bits(&out), bits(&wanted), "{path:?} {n_bins} {bin_ranges:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn ranges_may_differ_by_axis() {
     let bin_ranges = (1..=6).map(|axis| (-0.3 * f64::from(axis), 0.2 * f64::from(axis))).collect();
     let spec = FeatureSpec { bin_ranges, ..FeatureSpec::default() };
@@ -191,6 +228,17 @@ fn wrong_sizes_are_refused() {
     assert_eq!(extractor.extract(&wrench[1..], shape, 1).map(drop), length("wrench", 24, 23));
     assert_eq!(extractor.extract_into(&wrench, shape, 1, &mut [0.0; 3]), length("out", 624, 3));
     assert_eq!(extractor.extract(&wrench, shape, 0), Err(Error::Threads { threads: 0 }));
+    assert_eq!(extractor.extract_into_f32(&wrench, shape, 1, &mut [0.0; 3]), length("out", 624, 3));
+    assert_eq!(extractor.extract_into_f32(&wrench[1..], shape, 1, &mut [0.0; 624]), length("wrench", 24, 23));
+    for absurd in [
+        BatchShape { n_recordings: 1 << 40, n_samples: 1 << 31, n_axes: 1 },
+        BatchShape { n_recordings: 1, n_samples: 1 << 31, n_axes: 1 << 40 },
+    ] {
+        assert_eq!(extractor.extract(&[], absurd, 1).map(drop), length("wrench", usize::MAX, 0));
+    }
+    let long = BatchShape { n_samples: 1 << 32, ..shape };
+    let error = Error::Samples { n_samples: 1 << 32, max: granular_id::features::MAX_SAMPLES };
+    assert_eq!(extractor.extract(&[], long, 1), Err(error));
     for empty in [
         BatchShape { n_recordings: 0, ..shape },
         BatchShape { n_samples: 0, ..shape },

@@ -6,6 +6,7 @@ from typing_extensions import Self
 
 __all__ = [
     "AXES",
+    "SIMD",
     "UNITS",
     "FeatureSpec",
     "__version__",
@@ -20,6 +21,7 @@ __all__ = [
 __version__: str
 AXES: tuple[str, ...]
 UNITS: tuple[str, ...]
+SIMD: str
 
 _Floats: TypeAlias = NDArray[np.float64]
 

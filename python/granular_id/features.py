@@ -44,7 +44,7 @@ def extract_features(
 
     The raw block holds all samples of the first axis, then all of the second, and so on. The HFMH block holds,
     axis by axis, how many samples of the high-passed signal fall into each of `n_bins` equal bins: how rough the
-    material is, whatever its mean drag. One pass in compiled code reads every sample once.
+    material is, whatever its mean drag.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def extract_features(
     spec : FeatureSpec, optional
         Everything below `dtype` as one checked value. Give this or the keywords, not both.
     threads : int, optional
-        Threads for a batch; all cores by default. One recording runs on the calling thread. The number of
-        threads changes no bit of the result. The GIL is released while a batch runs.
+        Threads for a batch; all cores by default, and never more than there are cores. One recording runs on the
+        calling thread. The number of threads changes no bit of the result. The GIL is released for a batch.
     out : ndarray, shape (n_features,) or (n_recordings, n_features), optional
         Where to write: C-contiguous, float64 or float32, not overlapping `wrench`. Unspecified after an error.
     dtype : dtype, default float64
@@ -92,8 +92,13 @@ def extract_features(
     TypeError
         If `wrench` is complex, masked, or does not hold numbers.
     ValueError
-        If a shape does not fit, `wrench` is empty, NaN or infinite (the message says where), or a parameter is
-        outside its range.
+        If a shape does not fit, `wrench` is empty, NaN, infinite (the message says where) or so large that the
+        filter or float32 overflows, `out` overlaps `wrench`, or a parameter is outside its range.
+
+    Warns
+    -----
+    UserWarning
+        If `wrench` has more axes than samples, and more than 32: most likely it is transposed.
 
     See Also
     --------
@@ -101,8 +106,8 @@ def extract_features(
 
     Notes
     -----
-    Equal bit for bit to ``scipy.signal.sosfilt`` and ``numpy.histogram`` on every machine, with any number of
-    threads and any vector unit.
+    The same bits on every machine, with any number of threads and any vector unit; on x86-64 the bits of
+    ``scipy.signal.sosfilt`` and ``numpy.histogram`` too.
 
     References
     ----------
@@ -119,6 +124,10 @@ def extract_features(
     >>> gid.extract_features(wrench, raw=False, n_bins=10).sum() <= 9600
     np.True_
     """
+    if type(wrench).__module__.startswith("granular_id.recording"):
+        raise TypeError(
+            f"wrench must be an array, got a {type(wrench).__name__}: pass recording.wrench, or dataset.X for a batch"
+        )
     return _core.extract_features(wrench, _spec(spec, keywords), threads, out, dtype)
 
 

@@ -157,8 +157,10 @@ def sosfilt(
     TypeError
         If an array is complex, of objects, masked, or not numeric.
 
-    Notes ----- Each section runs in transposed direct form II: ``y = b0 x + z0; z0 = b1 x - a1 y + z1; z1 =
-    b2 x - a2 y``.
+    Notes
+    -----
+    Each section runs in transposed direct form II:
+    ``y = b0 x + z0; z0 = b1 x - a1 y + z1; z1 = b2 x - a2 y``.
 
     Examples
     --------

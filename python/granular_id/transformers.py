@@ -109,6 +109,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         rank = np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
         if rank > 3:
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {rank} dimensions")
+        if not reset and self.n_axes_in_ > 1:
+            self._same_shape(np.shape(X))
         # In transform extract_features looks for NaN anyway, and names the place.
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=reset)
         if values.ndim == 2:
@@ -119,6 +121,14 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
         recordings: FloatArray = values
         return recordings
+
+    def _same_shape(self, shape: tuple[int, ...]) -> None:
+        fitted = (self.n_features_in_, self.n_axes_in_)
+        if shape == fitted:
+            raise ValueError(f"X must be a batch, got one recording of shape {shape}: pass X[np.newaxis]")
+        if len(shape) != 3 or shape[1:] != fitted:
+            wanted = f"(n, {fitted[0]}, {fitted[1]})"
+            raise ValueError(f"X must have shape {wanted} as in fit, with any n, got {shape}")
 
 
 class RawSignal(RecordingTransformer):

@@ -1,6 +1,9 @@
 //! Anything array-like as a float64 array of our own, or an exception that names the argument.
 
-use numpy::{get_array_module, PyArrayDescrMethods, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{
+    get_array_module, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -27,6 +30,16 @@ pub(super) fn contiguous_real<'py>(
     let float64 = numpy::dtype::<f64>(value.py());
     let numpy = value.py().import("numpy")?;
     Ok(numpy.call_method1("require", (array, float64, ["C", "A"]))?.cast_into()?)
+}
+
+/// The right to read an array, unless another call is writing to it.
+pub(super) fn readable<'py>(
+    array: &Bound<'py, PyArrayDyn<f64>>,
+    name: &str,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    array
+        .try_readonly()
+        .map_err(|_| PyValueError::new_err(format!("{name} must not be written by another call meanwhile")))
 }
 
 /// True for numpy's masked arrays, whose gaps a plain array would show as numbers.

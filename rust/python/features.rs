@@ -1,17 +1,22 @@
 //! Feature extraction: unpack, call, map the error.
 
+use std::ffi::CString;
+
 use numpy::{
-    Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
+    BorrowError, Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
-use super::arrays::{contiguous_real, is_masked, tuple};
+use super::arrays::{contiguous_real, is_masked, readable, tuple};
 use super::scalars::{count, shown};
 use super::spec::PyFeatureSpec;
 use crate::histogram::MAX_BINS;
-use crate::sample::Sample;
 use crate::{BatchShape, Extractor};
+
+/// More axes than this are most likely samples.
+const MANY_AXES: usize = 32;
 
 /// Features of one recording `(n_samples, n_axes)` or a batch `(n_recordings, n_samples, n_axes)`.
 #[pyfunction]
@@ -39,8 +44,15 @@ pub(super) fn extract_features<'py>(
     }
     let extractor = &spec.get().extractor;
     // Before the output is made, which may be large.
-    let values = wrench.try_readonly()?;
+    let values = readable(&wrench, "wrench")?;
     let n_features = extractor.check(values.as_slice()?, shape)?;
+    if shape.n_axes > MANY_AXES.max(shape.n_samples) {
+        let message = format!(
+            "wrench of shape {} has more axes than samples: is it transposed? The last axis must be the axes of the sensor",
+            tuple(wrench.shape())
+        );
+        PyErr::warn(wrench.py(), &wrench.py().get_type::<PyUserWarning>(), &CString::new(message)?, 2)?;
+    }
     let threads = match threads {
         Some(threads) => count(threads, "threads", usize::MAX)?,
         None if single => 1,
@@ -56,9 +68,9 @@ pub(super) fn extract_features<'py>(
         return Err(PyTypeError::new_err("out must be a plain array, got a masked one"));
     }
     if let Ok(out) = out.cast::<PyArrayDyn<f64>>() {
-        work.run(values.as_slice()?, out)?;
+        work.run(values.as_slice()?, out, Extractor::extract_into)?;
     } else if let Ok(out) = out.cast::<PyArrayDyn<f32>>() {
-        work.run(values.as_slice()?, out)?;
+        work.run(values.as_slice()?, out, Extractor::extract_into_f32)?;
     } else {
         let got = out
             .cast::<PyUntypedArray>()
@@ -79,6 +91,9 @@ fn empty<'py>(shape: &[usize], dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py,
     numpy.call_method1("empty", (shape, dtype))
 }
 
+/// Extraction into numbers of one type.
+type Extract<T> = fn(&Extractor, &[f64], BatchShape, usize, &mut [T]) -> crate::Result<()>;
+
 /// Everything but the two arrays.
 struct Work<'a> {
     extractor: &'a Extractor,
@@ -88,7 +103,12 @@ struct Work<'a> {
 }
 
 impl Work<'_> {
-    fn run<T: Element + Sample>(&self, wrench: &[f64], out: &Bound<'_, PyArrayDyn<T>>) -> PyResult<()> {
+    fn run<T: Element>(
+        &self,
+        wrench: &[f64],
+        out: &Bound<'_, PyArrayDyn<T>>,
+        extract: Extract<T>,
+    ) -> PyResult<()> {
         if out.shape() != self.wanted {
             let (wanted, got) = (tuple(self.wanted), tuple(out.shape()));
             return Err(PyValueError::new_err(format!("out must have shape {wanted}, got {got}")));
@@ -97,9 +117,9 @@ impl Work<'_> {
         let target = borrowed.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
         if shape.n_recordings == 1 {
-            extractor.extract_as(wrench, shape, threads, target)?;
+            extract(extractor, wrench, shape, threads, target)?;
         } else {
-            out.py().detach(|| extractor.extract_as(wrench, shape, threads, target))?;
+            out.py().detach(|| extract(extractor, wrench, shape, threads, target))?;
         }
         Ok(())
     }
@@ -123,7 +143,10 @@ fn writable<'py, T: Element>(
         return Err(PyValueError::new_err("out must not overlap wrench"));
     }
     out.try_readwrite().map_err(|error| {
-        PyValueError::new_err(format!("out must be writable and must not overlap wrench: {error}"))
+        PyValueError::new_err(match error {
+            BorrowError::NotWriteable => "out must be writable, got a read-only array",
+            _ => "out must not be in use by another call",
+        })
     })
 }
 
@@ -137,6 +160,6 @@ pub(super) fn histogram<'py>(
 ) -> PyResult<(Vec<f64>, Vec<f64>)> {
     let bins = crate::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high)?;
     let values = contiguous_real(values, "a")?;
-    let values = values.try_readonly()?;
+    let values = readable(&values, "a")?;
     Ok((bins.count(values.as_slice()?), bins.edges().to_vec()))
 }

@@ -24,6 +24,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("SIMD", crate::Path::detect().name())?;
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
         module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)
     }

@@ -20,7 +20,32 @@ const OUTSIDE: [(&str, Outside); 2] = [("drop", Outside::Drop), ("clip", Outside
 /// Words for the state of the filter before the first sample.
 const INITIAL: [(&str, Initial); 2] = [("zero", Initial::Zero), ("steady", Initial::Steady)];
 
-/// What to extract from a recording, as one checked, immutable, picklable value.
+/// What to extract from a recording, as one checked, immutable, hashable value.
+///
+/// Parameters
+/// ----------
+/// rate_hz, cutoff_hz, order, n_bins, bin_range, raw, hfmh, outside, density, initial
+///     As in `granular_id.extract_features`, which gives units, defaults and their reasons. Keywords only; each is also
+///     an attribute.
+///
+/// Raises
+/// ------
+/// TypeError, ValueError
+///     If a value has the wrong type or is outside its range; the message names the keyword.
+///
+/// Notes
+/// -----
+/// Pickles with protocol 2 and later. Equal specifications give the same features, bit for bit.
+///
+/// Examples
+/// --------
+/// >>> import granular_id as gid
+/// >>> spec = gid.FeatureSpec(rate_hz=100, cutoff_hz=4.6, raw=False)
+/// >>> spec.n_features(n_samples=594, n_axes=6)
+/// 600
+/// >>> spec == gid.FeatureSpec(rate_hz=100, cutoff_hz=4.6, raw=False)
+/// True
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "FeatureSpec", module = "granular_id")]
 pub(super) struct PyFeatureSpec {
     pub(super) extractor: Extractor,

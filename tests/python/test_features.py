@@ -18,9 +18,12 @@ import features_twin as twin
 import granular_id as gid
 from granular_id.features import extract_features, feature_names
 
-pytestmark = pytest.mark.skipif(
-    platform.machine() not in {"x86_64", "AMD64"}, reason="scipy may be compiled with fused operations"
-)
+pytestmark = [
+    pytest.mark.skipif(
+        platform.machine() not in {"x86_64", "AMD64"}, reason="scipy may be compiled with fused operations"
+    ),
+    pytest.mark.filterwarnings("ignore:.*is it transposed:UserWarning"),
+]
 
 AXES = [6, 6, 6, 1, 3, 13, 25, 40]
 

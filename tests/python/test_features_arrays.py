@@ -9,6 +9,7 @@ import pytest
 import features_twin as twin
 from array_kinds import KINDS, Lists, digest
 from granular_id.features import extract_features
+from granular_id.synthetic import synthesize
 
 X = np.random.default_rng(21).standard_normal((5, 24, 6))
 OPTIONS = {"n_bins": 10, "density": True}
@@ -204,3 +205,16 @@ def test_an_exception_of_the_argument_itself_arrives():
     with pytest.raises(RuntimeError, match="the sensor is gone"):
         extract_features(Broken())
     assert extract_features(X).shape == (5, 744)
+
+
+def test_a_transposed_recording_is_warned_of() -> None:
+    with pytest.warns(UserWarning, match=r"shape \(6, 1600\) has more axes than samples: is it transposed"):
+        extract_features(np.zeros((6, 1600)))
+
+
+def test_recordings_and_data_sets_are_told_apart_from_arrays() -> None:
+    data = synthesize(["rice"], n_per_class=2)
+    with pytest.raises(TypeError, match=r"got a Recording: pass recording\.wrench, or dataset\.X"):
+        extract_features(data[0])
+    with pytest.raises(TypeError, match="got a Dataset: pass"):
+        extract_features(data)

@@ -168,9 +168,9 @@ def test_a_class_of_rough_recordings_is_told_from_a_smooth_one():
 def test_bad_recordings(kind):
     X = recordings()
     fitted = kind().fit(X)
-    with pytest.raises(ValueError, match="300 features"):
+    with pytest.raises(ValueError, match=r"shape \(n, 300, 6\) as in fit.*got \(5, 299, 6\)"):
         fitted.transform(X[:, :-1])
-    with pytest.raises(ValueError, match="X must have 6 axes as in fit, got 5"):
+    with pytest.raises(ValueError, match=r"X must have shape \(n, 300, 6\) as in fit, with any n, got \(5, 300, 5\)"):
         fitted.transform(X[:, :, :-1])
     with pytest.raises(ValueError, match="X must have 6 axes as in fit, got 1"):
         fitted.transform(X[:, :, 0])
@@ -240,3 +240,11 @@ def test_recordings_are_not_changed_and_need_no_order():
         for other in (np.asfortranarray(X), np.repeat(X, 2, axis=1)[:, ::2], X.tolist()):
             np.testing.assert_array_equal(clone(transformer).fit_transform(other), expected)
     np.testing.assert_array_equal(X, kept)
+
+
+def test_one_recording_or_another_shape_is_refused_in_words() -> None:
+    fitted = HFMH().fit(np.zeros((2, 40, 6)))
+    with pytest.raises(ValueError, match=r"got one recording of shape \(40, 6\): pass X\[np.newaxis\]"):
+        fitted.transform(np.zeros((40, 6)))
+    with pytest.raises(ValueError, match=r"X must have shape \(n, 40, 6\) as in fit, with any n, got \(2, 30, 6\)"):
+        fitted.transform(np.zeros((2, 30, 6)))
