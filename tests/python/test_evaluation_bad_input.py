@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
 from evaluation_cases import SMALL, changed, make_data
 from granular_id.evaluation import evaluate
 from granular_id.recording import Dataset, Recording
+from granular_id.spaces import HFMH, RawHFMH, RawSignal, feature_spaces
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +64,10 @@ def test_bad_arguments(data, change, kind, message):
 def test_bad_data(data):
     with pytest.raises(ValueError, match="at least 2 classes, got only 'oat'"):
         evaluate(data.select(labels="oat"), "raw", **SMALL)
-    with pytest.raises(ValueError, match=r"class 'rice' has 4 recordings, wanted 9.*; 3 \+ 1 would fit"):
+    with pytest.raises(
+        ValueError,
+        match=r"class 'rice' has 4 recordings, wanted 9.*: pass train_per_class=3, test_per_class=1$",
+    ):
         evaluate(cut(data, rice=4), "raw", **SMALL)
     with pytest.raises(ValueError, match=r"class 'rice' has 1 recording; the chronological protocol"):
         evaluate(cut(data, rice=1), "raw", "chronological", **SMALL)
@@ -78,6 +83,30 @@ def test_bad_data(data):
     timed = Recording(np.zeros((3, 6)), time_s=[0.0, 0.1, 0.3], label="oat", name="irregular")
     with pytest.raises(ValueError, match="irregular"):
         evaluate(Dataset([*data, timed]), "raw", **SMALL)
+    with pytest.raises(ValueError, match="irregular"):
+        evaluate(Dataset([*data, timed]), "raw", **{**SMALL, "train_per_class": 99})
     half_timed = changed(data, start_time=lambda r: None if r.name == "rice_3" else r.start_time)
     with pytest.raises(ValueError, match=r"recording 'rice_3' has no start time .*: no order in time"):
         evaluate(half_timed, "raw", "chronological", **SMALL)
+
+
+@pytest.mark.parametrize(
+    ("transformer", "kind"),
+    [
+        (HFMH(rate_hz=100), "HFMH"),
+        (feature_spaces(rate_hz=100.0)["raw+hfmh"], "RawHFMH"),
+        (make_pipeline(RawHFMH(rate_hz=100.0), StandardScaler()), "RawHFMH"),
+        (make_pipeline(make_pipeline(HFMH(rate_hz=100.0)), StandardScaler()), "HFMH"),
+    ],
+)
+def test_a_transformer_of_another_rate_than_the_recordings_is_refused(data, transformer, kind):
+    wanted = (
+        rf"spaces\['mine'\]: {kind} has rate_hz=100, the recordings have 500 Hz: pass {kind}\(rate_hz=500\)$"
+    )
+    with pytest.raises(ValueError, match=wanted):
+        evaluate(data, {"raw": RawSignal(), "mine": transformer}, **SMALL)
+
+
+def test_transformers_of_the_right_rate_or_none_are_accepted(data):
+    spaces = {"piped": make_pipeline(HFMH(rate_hz=500), StandardScaler()), "raw": RawSignal()}
+    assert [space.name for space in evaluate(data, spaces, **SMALL).spaces] == ["piped", "raw"]

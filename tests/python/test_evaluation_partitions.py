@@ -111,8 +111,8 @@ def test_too_few_recordings_names_class_has_and_wanted():
     with pytest.raises(ValueError, match="class") as caught:
         paper_partitions(y)
     assert str(caught.value) == (
-        "class 'rice' has 50 recordings, wanted 62 (50 to train, 12 to test), and 1 more class has too few; "
-        "40 + 10 would fit"
+        "class 'rice' has 50 recordings, wanted 62 (50 to train, 12 to test), and 1 more class has too few: "
+        "pass train_per_class=40, test_per_class=10"
     )
 
 

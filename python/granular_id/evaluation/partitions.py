@@ -241,8 +241,8 @@ def _too_few(short: dict[Any, int], train: int, test: int) -> str:
     hint = ""
     if has >= 2:
         fits = min(has - 1, max(1, round(has * train / (train + test))))
-        hint = f"; {fits} + {has - fits} would fit"
+        hint = f": pass train_per_class={fits}, test_per_class={has - fits}"
     return (
-        f"class {label!r} has {has} recordings, wanted {train + test} "
+        f"class {label!r} has {has} recording{'' if has == 1 else 's'}, wanted {train + test} "
         f"({train} to train, {test} to test){others}{hint}"
     )

@@ -57,7 +57,7 @@ def plan_spaces(
         ``"paper"``: every space of the paper that exists here, in the paper's order (best accuracy first).
         Names: those, in the order given. A mapping of name to transformer or `FeatureSpace`: those.
     rate_hz : float
-        Sampling rate of the recordings, which the named spaces need for their filter.
+        Sampling rate of the recordings, which the named spaces need for their filter and given ones must have.
 
     Returns
     -------
@@ -68,10 +68,13 @@ def plan_spaces(
     Raises
     ------
     TypeError, ValueError
-        Neither of the above; an unknown name; none at all; twice the same.
+        Neither of the above; an unknown name; none at all; twice the same; a transformer (or a step of a
+        pipeline) whose `rate_hz` is not that of the recordings.
     """
     if isinstance(spaces, Mapping):
         plan = [_own(name, transformer) for name, transformer in spaces.items()]
+        for space in plan:
+            _refuse_other_rate(space, rate_hz)
     else:
         known = feature_spaces(rate_hz=rate_hz)
         plan = [_known(known[name]) for name in _names(spaces, known)]
@@ -171,3 +174,18 @@ def _own(name: Any, transformer: Any) -> Space:
             f"got {type(transformer).__name__}"
         )
     return Space(name, transformer, None, bool(getattr(transformer, "learns", True)))
+
+
+def _refuse_other_rate(space: Space, rate_hz: float) -> None:
+    """Refuse a filter designed for another rate: its cut-off would silently lie elsewhere."""
+    get_params = getattr(space.transformer, "get_params", None)
+    parameters = {} if get_params is None else get_params(deep=True)
+    for key, value in parameters.items():
+        if key.rpartition("__")[2] != "rate_hz" or value is None or value == rate_hz:
+            continue
+        owner = parameters[key.removesuffix("__rate_hz")] if "__" in key else space.transformer
+        kind = type(owner).__name__
+        raise ValueError(
+            f"spaces[{space.name!r}]: {kind} has rate_hz={value:g}, the recordings have {rate_hz:g} Hz: "
+            f"pass {kind}(rate_hz={rate_hz:g})"
+        )

@@ -76,7 +76,7 @@ def evaluate(
         `data` is not a `Dataset`, or an argument has the wrong type.
     ValueError
         Lengths or rates differ, a recording has no label, there is one class only, a class has too few
-        recordings, no order in time exists, or a name is unknown.
+        recordings, no order in time exists, a name is unknown, or a transformer is for another rate.
 
     Notes
     -----
@@ -106,6 +106,8 @@ def evaluate(
         raise TypeError(f"progress must be True, False or callable, got {type(progress).__name__}")
     seed = plan_seed(random_state)
     protocols = plan_protocols(protocol)
+    X = data.X  # before the counts: resampling and cropping come first, and may change them
+    planned = plan_spaces(spaces, data.rate_hz)
     partitions: dict[str, tuple[Partition, ...]] = {}
     notes: list[str] = []
     for name in protocols:
@@ -119,8 +121,6 @@ def evaluate(
         )
         partitions[name] = tuple(made)
         notes.append(note)
-    X = data.X
-    planned = plan_spaces(spaces, data.rate_hz)
     chosen = ECOCClassifier() if classifier is None else classifier
     labels, codes = np.unique(data.y, return_inverse=True)
 
