@@ -8,11 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_target", "whole_file"]
+__all__ = ["check_target", "made_folder", "whole_file"]
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:
     """Refuse a path that cannot become a file, before hours of work depend on it.
+
+    A temporary file is made beside the target and removed: some folders say that they can be written, and
+    cannot.
 
     Parameters
     ----------
@@ -27,18 +30,15 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     ------
     IsADirectoryError
         The path is a folder.
+    FileExistsError
+        The path is something else that is no file, such as a device.
     FileNotFoundError
         Its folder does not exist.
-    PermissionError
-        Its folder is not writable.
+    OSError
+        It cannot be written: not permitted, disk full, name too long ...
     """
     target = Path(path)
-    if target.is_dir():
-        raise IsADirectoryError(f"{target} is a folder, wanted the name of a file")
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
-    if not os.access(target.parent, os.W_OK):
-        raise PermissionError(f"cannot write {target}: the folder {target.parent} is not writable")
+    _draft_of(target).unlink()
     return target
 
 
@@ -56,13 +56,80 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     Path
         Temporary file in the same folder, with the same ending. It is removed when the block raises, also on
         an interrupt.
+
+    Raises
+    ------
+    OSError
+        As `check_target`; one from within the block names the target instead of the temporary file.
     """
-    target = check_target(path)
-    draft = target.with_name(f".{target.stem}-{secrets.token_hex(8)}{target.suffix}")
-    draft.touch(exist_ok=False)
+    target = Path(path)
+    draft = _draft_of(target)
     try:
         yield draft
         draft.replace(target)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise _cannot_write(target, error) from error
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def made_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Make a folder for the files of a block; when the block raises, remove what was made and is still empty.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder, made with its parents where they are missing.
+
+    Yields
+    ------
+    Path
+
+    Raises
+    ------
+    NotADirectoryError
+        A file is in the way.
+    OSError
+        The folder cannot be made.
+    """
+    folder = Path(path)
+    missing = [place for place in (folder, *folder.parents) if not os.path.lexists(place)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise NotADirectoryError(f"{folder} is or lies in a file, wanted a folder") from error
+    except OSError as error:
+        raise type(error)(f"cannot make the folder {folder}: {error.strerror}") from error
+    try:
+        yield folder
+    except BaseException:
+        for place in missing:  # the innermost first
+            if any(place.iterdir()):
+                break
+            place.rmdir()
+        raise
+
+
+def _draft_of(target: Path) -> Path:
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(f"{target} is a folder, wanted the name of a file")
+        if target.exists() and not target.is_file():
+            raise FileExistsError(f"cannot write {target}: it is no ordinary file")
+        if not target.parent.is_dir():
+            raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
+        # A long name must not become too long by what is added.
+        draft = target.with_name(f".{target.stem[:20]}-{secrets.token_hex(8)}{target.suffix}")
+        draft.touch(exist_ok=False)
+    except OSError as error:
+        if error.strerror is None:  # one of the above, which says enough
+            raise
+        raise _cannot_write(target, error) from error
+    return draft
+
+
+def _cannot_write(target: Path, error: OSError) -> OSError:
+    return type(error)(f"cannot write {target}: {error.strerror or error}")

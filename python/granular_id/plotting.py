@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._core import AXES, UNITS
 from granular_id._files import whole_file
+from granular_id._percent import whole_percent
 from granular_id.recording import Dataset
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def plot_confusion(
         panel.text(
             column,
             row,
-            _per_cent(value),
+            whole_percent(value),
             ha="center",
             va="center",
             fontsize=9,
@@ -216,15 +217,6 @@ def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.floa
     if not np.all(np.isfinite(counts)) or np.any(counts < 0):
         raise ValueError("matrix must hold finite counts that are not negative")
     return counts
-
-
-def _per_cent(value: float) -> str:
-    # Rounding must neither hide the last error of a class nor the only hit.
-    if value < 1.0:
-        return "<1"
-    if 99.0 < value < 100.0:
-        return ">99"
-    return f"{value:.0f}"
 
 
 def _title(dataset: Dataset, quantity: str) -> str:

@@ -4,16 +4,19 @@ import csv
 import json
 import re
 import stat
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix, f1_score, recall_score
 
-from granular_id._files import check_target, whole_file
+from granular_id._files import check_target, made_folder, whole_file
 from granular_id.evaluation.export import CSV_COLUMNS
 from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
 from granular_id.evaluation.result import EvaluationResult, SpaceSummary
 from granular_id.evaluation.tables import confusion_table, gap_lines, mistakes_table, seconds_table
+from granular_id.synthetic import PAPER_MATERIALS
 
 LABELS = ("oat flakes", "rice", 'süß, "fine"')
 
@@ -140,11 +143,28 @@ def test_defaults_are_the_first_protocol_and_the_best_space(result):
     assert make_result(protocols=("paper",)).gap("raw") is None
 
 
-def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
+def test_the_paper_stands_beside_its_own_materials_only(result):
     text = result.table()
     assert str(result) == text
     first, *_ = text.splitlines()
     assert first == "Accuracy on these recordings (36 recordings, 3 classes, chance 33.3 %)"
+    assert "paper*" not in text
+    assert "97.05" not in text
+    assert "*" not in text
+    materials = tuple(sorted(material.name for material in PAPER_MATERIALS))
+    assert "paper*" in replace(result, labels=materials).table()
+    assert "paper*" not in replace(result, labels=(*materials, "salt")).table()
+
+
+def test_repr_is_short(result):
+    means = [f"{name} {100 * result.mean_accuracy(name):.1f} %" for name in ("raw+hfmh", "raw")]
+    assert repr(result) == f"EvaluationResult(36 recordings, 3 labels, {', '.join(means)})"
+    assert repr(make_result(synthetic=True)).startswith("EvaluationResult(SYNTHETIC, 36 recordings")
+
+
+def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
+    result = replace(result, labels=tuple(material.name for material in PAPER_MATERIALS))
+    text = result.table()
     row = next(line for line in text.splitlines() if line.startswith("raw+hfmh "))
     assert "97.05 %" in row
     mean, sd = result.mean_accuracy("raw+hfmh"), result.sd_accuracy("raw+hfmh")
@@ -211,7 +231,10 @@ def test_rare_mistakes_are_not_rounded_away():
             "predicted": {("paper", "raw"): (said,), ("paper", "raw+hfmh"): (said,)},
         }
     )
-    assert "<1" in confusion_table(rare, "raw", "paper").rows[int(rare.truth[rows[0]])]
+    row = confusion_table(rare, "raw", "paper").rows[int(rare.truth[rows[0]])]
+    assert "<1" in row
+    assert ">99" in row
+    assert "100" not in row
     mistakes = mistakes_table(rare, "raw", "paper")
     assert len(mistakes.rows) == 1
     assert mistakes.rows[0][2] == "1 of 300"
@@ -261,4 +284,45 @@ def test_targets_are_refused_early(tmp_path, result):
         check_target(tmp_path)
     with pytest.raises(FileNotFoundError, match="does not exist"):
         result.to_json(tmp_path / "absent" / "r.json")
+    with pytest.raises(OSError, match=r"cannot write .*: File name too long$"):
+        check_target(tmp_path / ("x" * 300))
+    with pytest.raises(FileExistsError, match="cannot write /dev/null: it is no ordinary file"):
+        check_target("/dev/null")
     assert names_in(tmp_path) == []
+    check_target(tmp_path / ("x" * 250))
+    assert names_in(tmp_path) == []
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that says it can be written")
+def test_a_folder_that_only_seems_writable_is_found_early():
+    for attempt in (check_target, lambda path: write_half_and_raise(path, AssertionError)):
+        with pytest.raises(OSError, match=r"^cannot write /proc/self/r.json: [^/]*$"):
+            attempt("/proc/self/r.json")
+
+
+def test_a_failed_write_names_the_target_not_the_temporary_file(tmp_path):
+    target = tmp_path / "r.csv"
+    with pytest.raises(OSError, match=r"cannot write .*/r.csv: No space left on device$"), whole_file(target):
+        raise OSError(28, "No space left on device", ".r-0123.csv")
+    assert names_in(tmp_path) == []
+
+
+def test_a_folder_made_in_vain_is_removed_again(tmp_path):
+    def fill(path, *, used):
+        with made_folder(path) as folder:
+            if used:
+                (folder / "kept").touch()
+            raise KeyboardInterrupt
+
+    for used in (False, True):
+        with pytest.raises(KeyboardInterrupt):
+            fill(tmp_path / "a" / "b", used=used)
+        assert (tmp_path / "a" / "b").exists() is used
+        assert (tmp_path / "a").exists() is used
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(KeyboardInterrupt):
+        fill(tmp_path / "mine", used=False)
+    assert (tmp_path / "mine").is_dir()
+    for place in (tmp_path / "a" / "b" / "kept", tmp_path / "a" / "b" / "kept" / "deeper"):
+        with pytest.raises(NotADirectoryError, match="is or lies in a file, wanted a folder"):
+            fill(place, used=False)

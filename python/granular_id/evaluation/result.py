@@ -60,7 +60,7 @@ class Prediction:
     predicted: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EvaluationResult:
     """Predictions of every partition, and the figures that follow from them.
 
@@ -221,6 +221,13 @@ class EvaluationResult:
 
     def __str__(self) -> str:
         return self.table()
+
+    def __repr__(self) -> str:
+        means = ", ".join(f"{s.name} {tables.percent(self.mean_accuracy(s.name))}" for s in self.spaces)
+        synthetic = "SYNTHETIC, " if self.synthetic else ""
+        return (
+            f"EvaluationResult({synthetic}{len(self.names)} recordings, {len(self.labels)} labels, {means})"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single predictions, in types that JSON knows; see `to_json`."""

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular_id._percent import whole_percent
+from granular_id.synthetic.materials import PAPER_MATERIALS
+
 if TYPE_CHECKING:
     from granular_id.evaluation.result import EvaluationResult
 
@@ -58,14 +61,18 @@ def percent(share: float | None, digits: int = 1) -> str:
 
 
 def accuracy_table(result: EvaluationResult) -> Table:
-    """Accuracy per space: the paper's, then each protocol, then the gap between them."""
+    """Accuracy per space for each protocol, then the gap between them.
+
+    The paper's accuracies stand beside them where the labels are the paper's eleven materials.
+    """
+    papers = _of_the_paper(result) and any(space.paper_accuracy is not None for space in result.spaces)
     counts = f"{len(result.names)} recordings, {len(result.labels)} classes, chance {percent(result.chance)}"
     kind = (
         "on SYNTHETIC recordings: says nothing about real materials"
         if result.synthetic
         else "on these recordings"
     )
-    header = ["space", "paper*"]
+    header = ["space", "paper*"] if papers else ["space"]
     for protocol, partitions in result.partitions.items():
         if protocol == "chronological":
             header += [partition.description for partition in partitions]
@@ -76,7 +83,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
         header.append("gap")
     rows = []
     for space in result.spaces:
-        row = [space.name, percent(space.paper_accuracy, 2)]
+        row = [space.name, percent(space.paper_accuracy, 2)] if papers else [space.name]
         for protocol in result.partitions:
             values = result.accuracies(space.name, protocol)
             if protocol == "chronological":
@@ -89,7 +96,7 @@ def accuracy_table(result: EvaluationResult) -> Table:
         if both:
             row.append(f"{100 * (result.gap(space.name) or 0.0):.1f}")
         rows.append(tuple(row))
-    notes = [PAPER_NOTE] if any(space.paper_accuracy is not None for space in result.spaces) else []
+    notes = [PAPER_NOTE] if papers else []
     title = f"Accuracy {kind} ({counts})"
     return Table(title, tuple(header), tuple(rows), (*notes, *gap_lines(result), *result.notes))
 
@@ -174,9 +181,12 @@ def plain_text(result: EvaluationResult) -> str:
 
 
 def _cell(share: float, count: int) -> str:
-    if count == 0:
-        return ""
-    return f"{share:.0f}" if share >= 0.5 else "<1"
+    return whole_percent(share) if count else ""
+
+
+def _of_the_paper(result: EvaluationResult) -> bool:
+    """Whether the paper's accuracies may stand beside these: same materials, so the same task by name."""
+    return set(result.labels) == {material.name for material in PAPER_MATERIALS}
 
 
 def _marked(result: EvaluationResult) -> str:
