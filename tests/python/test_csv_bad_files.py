@@ -161,8 +161,10 @@ def test_nothing_readable_is_an_error_even_with_skip(tmp_path):
 def test_a_name_without_a_label(tmp_path):
     for name in ("rice.csv", "_1.csv", "rice_.csv"):
         (tmp_path / name).write_bytes(GOOD)
-        with pytest.raises(RecordingFileError, match=f"the name '{name}' gives no label"):
+        with pytest.raises(RecordingFileError, match=f"the name '{name}' gives no label") as caught:
             load(tmp_path)
+        assert str(caught.value).count("label_*.csv") == 1
+        assert caught.value.skippable
         (tmp_path / name).unlink()
 
 

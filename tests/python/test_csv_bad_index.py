@@ -80,3 +80,14 @@ def test_good_lines_of_a_partly_bad_index_load_with_skip(tmp_path):
     data = load(tmp_path, on_error="skip")
     assert data.y.tolist() == ["rice"]
     assert [row["name"] for row in data.history[-1].rows] == ["index.csv", "lost.csv"]
+
+
+def test_an_index_without_labels_says_so(tmp_path):
+    (tmp_path / "index.csv").write_bytes(b"file,material\ngood.csv,rice\n")
+    (tmp_path / "good.csv").write_bytes(b"time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
+    data = load(tmp_path)
+    assert "index.csv has no column label (found: file, material)" in data.history[-1].notes
+    (tmp_path / "index.csv").write_bytes(b"label\nrice\n")
+    with pytest.raises(RecordingFileError, match="no column 'file'") as caught:
+        load(tmp_path, on_error="skip")
+    assert not caught.value.skippable

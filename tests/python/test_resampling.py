@@ -116,6 +116,13 @@ def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
         ValueError, match=re.escape("'holed' has a gap of 0.39 s after sample 1 (at 0.010 s)")
     ):
         data.resample(100)
+    worse = Recording(np.zeros((2, 6)), time_s=[0, 0.7], name="worse")
+    many = "2 of 3 recordings have such gaps, the largest 0.7 s"
+    with pytest.raises(ValueError, match=f"'holed' .*beyond max_gap_s=0.25; {many}: raise max_gap_s"):
+        Dataset([*data, worse]).resample(100)
+    for unlimited in (None, np.inf):
+        report = data.resample(100, max_gap_s=unlimited).history[-1]
+        assert report.parameters["max_gap_s"] is None
     out = data.resample(100, on_gap="skip")
     assert out.names == ("sound",)
     assert out.history[-1].rows == ({"name": "holed", "skipped": "gap of 0.39 s"},)

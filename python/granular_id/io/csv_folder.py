@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from granular_id.io.csv_file import CsvSource, read_csv
-from granular_id.io.csv_index import INDEX_NAME, read_index
+from granular_id.io.csv_index import INDEX_COLUMNS, INDEX_NAME, read_index
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, refuse_outside
 from granular_id.io.options import LoadOptions
 from granular_id.recording import Dataset, Recording, StepReport
 
-LAYOUTS = "label/*.csv, label/session/*.csv, label_*.csv, or an index.csv with the columns file and label"
+_FOLDERS, _INDEX = "label/*.csv, label/session/*.csv", "or an index.csv with the columns file and label"
+LAYOUTS = f"{_FOLDERS}, label_*.csv, {_INDEX}"
 
 
 def is_csv_file(path: Path) -> bool:
@@ -50,7 +51,7 @@ def load_csv_folder(root: Path, options: LoadOptions) -> Dataset:
     """
     found = _find(root, options)
     if options.on_error == "raise" and found.problems:
-        raise found.problems[0]
+        raise _skippable(found.problems[0])
     recordings: list[Recording] = []
     rows: list[dict[str, Any]] = []
     problems = list(found.problems)
@@ -61,13 +62,18 @@ def load_csv_folder(root: Path, options: LoadOptions) -> Dataset:
             if result[1]:
                 rows.append({"name": source.name, **result[1]})
         elif options.on_error == "raise":
-            raise problems[-1]
+            raise _skippable(problems[-1])
         if options.progress is not None:
             options.progress(done, len(found.sources))
     if not recordings:
         problem = f"none of {len(problems)} recordings could be read; the first problem: {problems[0]}"
         raise RecordingFileError(root, problem) from problems[0]
     return Dataset(recordings, [_report(found, options, recordings, rows, problems)])
+
+
+def _skippable(problem: RecordingFileError) -> RecordingFileError:
+    problem.skippable = True
+    return problem
 
 
 class _Found:
@@ -85,7 +91,10 @@ def _find(root: Path, options: LoadOptions) -> _Found:
     csv_files = [path for path in files if is_csv_file(path)]
     if any(path.name == INDEX_NAME for path in csv_files):
         found = _Found("index.csv")
-        found.sources, found.problems, extra = read_index(root, options.max_file_bytes)
+        found.sources, found.problems, columns = read_index(root, options.max_file_bytes)
+        if "label" not in columns:
+            found.notes.append(f"index.csv has no column label (found: {', '.join(columns)})")
+        extra = [column for column in columns if column not in INDEX_COLUMNS]
         if extra:
             found.notes.append(f"columns of index.csv kept in meta: {', '.join(extra)}")
         listed = {source.path for source in found.sources}
@@ -115,9 +124,8 @@ def _find_flat(csv_files: list[Path]) -> _Found:
         if label and rest:
             found.sources.append(CsvSource(path, path.name, label=label))
         else:
-            problem = (
-                f"the name {path.name!r} gives no label; wanted label_*.csv, or another layout: {LAYOUTS}"
-            )
+            wanted = f"label_*.csv, or another layout: {_FOLDERS}, {_INDEX}"
+            problem = f"the name {path.name!r} gives no label; wanted {wanted}"
             found.problems.append(RecordingFileError(path, problem))
     return found
 

@@ -38,8 +38,8 @@ def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[Record
         In the order of the index.
     problems : list of RecordingFileError
         Lines that cannot be used.
-    extra : list of str
-        Columns that went into ``meta``.
+    columns : list of str
+        Of the header; those beyond `INDEX_COLUMNS` went into ``meta``.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[Record
         source = attempt(problems, _listed, root, columns, cells, line, seen)
         if source is not None:
             sources.append(source)
-    return sources, problems, [c for c in columns if c not in INDEX_COLUMNS]
+    return sources, problems, columns
 
 
 def _rows(data: bytes, start: int, path: Path) -> list[tuple[int, list[str]]]:

@@ -24,6 +24,11 @@ class RecordingFileError(ValueError):
     column : str or None
         Name of the column, or its 1-based number where there is no name.
 
+    Attributes
+    ----------
+    skippable : bool
+        Whether ``on_error="skip"`` would pass over the fault and read the rest.
+
     Examples
     --------
     >>> from granular_id.io import RecordingFileError
@@ -39,11 +44,12 @@ class RecordingFileError(ValueError):
         self.problem = problem
         self.line = line
         self.column = column
+        self.skippable = False
         place = ("" if line is None else f", line {line}") + ("" if column is None else f", column {column}")
         super().__init__(f"{self.path}{place}: {problem}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild, (self.path, self.problem, self.line, self.column))
+        return (_rebuild, (self.path, self.problem, self.line, self.column), {"skippable": self.skippable})
 
 
 def _rebuild(path: str, problem: str, line: int | None, column: str | None) -> RecordingFileError:

@@ -184,7 +184,7 @@ class Dataset:
             uniform input and a rational ratio only.
         max_gap_s : float or None
             Longest gap that is interpolated over; 0.25 s by default, in which the paper's tool moves 7.5 mm,
-            less than half its width. None: no limit.
+            less than half its width. None or infinity: no limit.
         on_gap : {"raise", "skip"}
             What to do with a recording whose gap is longer: refuse, or leave it out and say so.
 

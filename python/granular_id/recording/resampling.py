@@ -40,6 +40,8 @@ def resample_recordings(
         raise ValueError(f"method={method!r}; wanted 'linear' or 'polyphase'")
     if on_gap not in ("raise", "skip"):
         raise ValueError(f"on_gap={on_gap!r}; wanted 'raise' or 'skip'")
+    if isinstance(max_gap_s, (float, np.floating)) and max_gap_s == np.inf:
+        max_gap_s = None
     limit = np.inf if max_gap_s is None else checked_number(max_gap_s, "max_gap_s")
     if limit <= 0:
         raise ValueError(f"max_gap_s must be positive (or None for no limit), got {limit:g}")
@@ -50,7 +52,7 @@ def resample_recordings(
         gap = largest_gap_s(recording)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
-                raise ValueError(_gap_message(recording, gap, limit))
+                raise ValueError(_gap_message(recording, recordings, limit))
             rows.append({"name": recording.name, "skipped": f"gap of {gap:.3g} s"})
             skipped += 1
         elif recording.rate_hz == rate:
@@ -98,12 +100,18 @@ def _notes(recordings: Sequence[Recording], rate: float, method: Method) -> list
     return []
 
 
-def _gap_message(recording: Recording, gap: float, limit: float) -> str:
+def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> str:
+    """Describe the first gap, and all together: a limit is chosen with this, so the largest is rounded up."""
     first = int(np.argmax(np.diff(recording.times())))
+    gaps = [largest_gap_s(r) for r in recordings if r.rate_hz is None]
+    beyond = sum(gap > limit for gap in gaps)
+    such = "has such a gap" if beyond == 1 else "have such gaps"
+    largest = np.ceil(1000 * max(gaps)) / 1000
     return (
-        f"recording {recording.name!r} has a gap of {gap:.3g} s after sample {first} (at "
-        f"{recording.times()[first]:.3f} s), beyond max_gap_s={limit:g}; raise max_gap_s (None: no "
-        "limit) to interpolate over it, or pass on_gap='skip' to leave such recordings out"
+        f"recording {recording.name!r} has a gap of {largest_gap_s(recording):.3g} s after sample {first} (at "
+        f"{recording.times()[first]:.3f} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
+        f"recordings {such}, the largest {largest:g} s: raise max_gap_s (None: no limit) to interpolate over "
+        "it, or pass on_gap='skip' to leave such recordings out"
     )
 
 
