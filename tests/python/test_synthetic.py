@@ -303,3 +303,9 @@ def test_examples_in_docstrings_run(module):
     result = doctest.testmod(importlib.import_module(f"granular_id.synthetic.{module}"))
     assert result.attempted > 0
     assert result.failed == 0
+
+
+def test_the_signature_stays_readable():
+    import inspect
+
+    assert len(str(inspect.signature(synthesize))) < 400

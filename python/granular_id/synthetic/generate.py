@@ -34,7 +34,7 @@ _CONDITIONS, _PUSH = 0, 1
 
 
 def synthesize(
-    materials: str | Material | Iterable[str | Material] = PAPER_MATERIALS,
+    materials: str | Material | Iterable[str | Material] | None = None,
     n_per_class: int = 62,
     sessions: int | None = None,
     *,
@@ -52,8 +52,8 @@ def synthesize(
 
     Parameters
     ----------
-    materials : iterable of str or Material, default `PAPER_MATERIALS`
-        Names of the paper's materials, or descriptions of your own.
+    materials : iterable of str or Material, optional
+        Names of the paper's materials, or descriptions of your own. Default: the eleven of `PAPER_MATERIALS`.
     n_per_class : int, default 62
         Recordings per material; the paper's 50 for training and 12 for testing.
     sessions : int, optional
@@ -95,7 +95,7 @@ def synthesize(
     >>> data[0].meta["synthetic"]
     True
     """
-    chosen = resolve_materials(materials)
+    chosen = resolve_materials(PAPER_MATERIALS if materials is None else materials)
     n_per_class = _checks.count("n_per_class", n_per_class, minimum=1)
     if sessions is None:
         sessions = min(DEFAULT_SESSIONS, n_per_class)
