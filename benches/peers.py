@@ -1,7 +1,8 @@
 """Extraction beside what a user could write instead, all in one run: `make bench-peers`.
 
 682 recordings of 1600 x 6 (the paper's number), noise on a random walk. Every row is the median of alternating
-rounds, so that a change in the machine's speed meets all rows alike. Ratios are the result; single times are not.
+rounds, so that a change in the machine's speed meets all rows alike; numba's threads come late in a round, because they
+spin for a while after their work. Ratios are the result; single times are not.
 """
 
 from __future__ import annotations
@@ -104,10 +105,10 @@ def main() -> None:
         "scipy + numpy, loop": lambda: scipy_loop(wrench, sos, out),
         "scipy + numpy, vectorised": lambda: scipy_vectorised(wrench, sos, out),
         "numba, 1 thread": lambda: numba_batch(wrench, sos, out),
-        "numba, 2 threads": lambda: numba_parallel(wrench, sos, out),
         "transposing copy (floor)": lambda: np.copyto(axis_major, wrench.transpose(0, 2, 1)),
         "granular_id, 1 thread": lambda: gid.extract_features(wrench, threads=1, out=out),
         "granular_id, 2 threads": lambda: gid.extract_features(wrench, threads=2, out=out),
+        "numba, 2 threads": lambda: numba_parallel(wrench, sos, out),
         "transposing copy, new array": lambda: wrench.transpose(0, 2, 1).copy(),
         "granular_id, 1 thread, new array": lambda: gid.extract_features(wrench, threads=1),
     }

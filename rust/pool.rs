@@ -4,7 +4,7 @@
 //! threads, so waiting for them would hang. The pool is therefore remembered together with the process id, and
 //! a child makes its own.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, OnceLock};
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -15,12 +15,18 @@ struct Owned {
     pool: Arc<ThreadPool>,
 }
 
+/// Cores that this process may use. Asked once: the answer takes longer than filtering a recording.
+pub(crate) fn cores() -> usize {
+    static CORES: OnceLock<usize> = OnceLock::new();
+    *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, Into::into))
+}
+
 static CURRENT: Mutex<Option<Owned>> = Mutex::new(None);
 
 /// A pool of `threads`, but of no more than the machine has cores: the work never waits, so more would only cost. `None`
 /// for one thread, and where the system gives no threads: the caller then works alone.
 pub(crate) fn of(threads: usize) -> Option<Arc<ThreadPool>> {
-    let threads = threads.min(std::thread::available_parallelism().map_or(1, Into::into));
+    let threads = threads.min(cores());
     if threads <= 1 {
         return None;
     }

@@ -19,6 +19,9 @@ const MAGIC_HIGH: u32 = 0x4130_0000;
 /// All cells of a row fit in the twenty integer bits below [`MAGIC`].
 const _: () = assert!(MAX_WIDTH * LANES * (MAX_BINS + 2) < 1 << 20);
 
+/// Rows whose cells are found before any of them is counted: arithmetic and counting then overlap.
+const ROWS: usize = 4;
+
 /// One row of `MAGIC + cell`, as bits.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -116,15 +119,19 @@ impl Tally {
             bins.stride == self.stride && self.counts.len() >= W * LANES * self.stride,
             "histograms must fit"
         );
-        let mut cells = Cells([[0; LANES]; W]);
+        let mut cells = [Cells([[0; LANES]; W]); ROWS];
         // The high word of a cell counts from `MAGIC_HIGH`. Hidden from the compiler, which would subtract it again for
         // every value.
         let origin = std::hint::black_box(self.counts.as_mut_ptr().wrapping_sub(MAGIC_HIGH as usize));
-        for row in rows {
-            if I::cells(bins, row, &mut cells) {
-                settle(bins, row, &mut cells);
+        for rows in rows.chunks(ROWS) {
+            for (row, cells) in rows.iter().zip(&mut cells) {
+                if I::cells(bins, row, cells) {
+                    settle(bins, row, cells);
+                }
             }
-            add_cells(origin, &cells);
+            for cells in &cells[..rows.len()] {
+                add_cells(origin, cells);
+            }
         }
     }
 }

@@ -56,7 +56,7 @@ pub(super) fn extract_features<'py>(
     let threads = match threads {
         Some(threads) => count(threads, "threads", usize::MAX)?,
         None if single => 1,
-        None => std::thread::available_parallelism().map_or(1, Into::into),
+        None => crate::pool::cores(),
     };
     let wanted = if single { vec![n_features] } else { vec![shape.n_recordings, n_features] };
     let out = match out {
