@@ -9,6 +9,8 @@ import pytest
 
 from cli_cases import SMALL, ended_well, make, saved
 
+FIGURES = ("mean_forces.png", "confusion_paper.png", "confusion_chronological.png")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -32,14 +34,15 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path):
         assert figures["accuracies"] == pytest.approx(shares, abs=0)
         mean, sd = 100 * np.mean(shares), 100 * np.std(shares, ddof=1)
         assert re.search(rf"^{re.escape(space['name'])} .* {mean:.2f} ± {sd:.2f} %", out, re.M)
-    assert "recordings: 30" in out
+    assert out.startswith("30 recordings, 3 materials, 60 samples at 125 Hz\n")
+    assert "paper*" not in out
     assert "in percent of the true class" in out
     assert "training" in out
     assert "chronological: by start time" in out
     assert result["synthetic"] is False
-    assert result["command"].startswith("granular-id ")
+    assert result["command"].startswith("python -m granular_id.cli ")
     assert result["data"]["history"][0]["step"] == "load"
-    for figure in ("mean_forces.png", "confusion.png"):
+    for figure in FIGURES:
         assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
         assert f"wrote {tmp_path / 'new' / 'figures' / figure}" in out
 
@@ -77,8 +80,38 @@ def test_learned_ranges_and_one_protocol(folder):
 
 def test_quiet_prints_accuracies_only(folder):
     out = ended_well("evaluate", folder, *SMALL, "--quiet")
-    assert out.strip().startswith("Accuracy on these recordings (30 recordings, 3 classes, chance 33.3 %)")
-    assert "Seconds" not in out
+    lines = out.strip().splitlines()
+    assert lines[0] == "Accuracy on these recordings (30 recordings, 3 classes, chance 33.3 %)"
+    assert [line.split()[0] for line in lines[3:]] == ["raw+hfmh", "hfmh", "raw"]
+
+
+def test_quiet_still_names_files_written_and_skipped(tmp_path):
+    data = saved(make(), tmp_path / "x")
+    (data / "oat" / "oat_01.csv").write_text("nonsense\n", encoding="utf-8")
+    words = ("--quiet", "--on-error", "skip", "--csv", tmp_path / "p.csv")
+    out = ended_well("evaluate", data, *SMALL, *words)
+    assert out.startswith("1 file skipped:\n  ")
+    assert out.endswith(f"\nwrote {tmp_path / 'p.csv'}\n")
+    assert "repeat with" not in out
+
+
+def test_excluded_materials_are_counted(folder):
+    out = ended_well("evaluate", folder, *SMALL, "--exclude", "oat")
+    assert "--exclude left out oat (10 recordings); 20 recordings, 2 materials remain\n" in out
+
+
+def test_both_protocols_get_their_own_confusion_in_the_figures(folder, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "granular_id.plotting.plot_confusion", lambda counts, labels, **more: drawn.append((counts, more))
+    )
+    out = tmp_path / "r.json"
+    ended_well("evaluate", folder, *SMALL, "--figures", tmp_path, "--spaces", "raw", "--json", out)
+    (space,) = json.loads(out.read_text(encoding="utf-8"))["spaces"]
+    assert [more["path"].name for _, more in drawn] == list(FIGURES[1:])
+    for (counts, more), protocol in zip(drawn, ("paper", "chronological"), strict=True):
+        assert counts.tolist() == space["protocols"][protocol]["confusion"]
+        assert more["title"] == f"raw, {protocol} protocol"
 
 
 def test_many_classes_on_a_narrow_terminal_become_a_list_of_mistakes(folder):
@@ -111,7 +144,9 @@ def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path):
     assert out.startswith("SYNTHETIC data: 132 simulated pushes through 11 materials")
     assert "Accuracy on SYNTHETIC recordings: says nothing about real materials" in out
     files = {path.name for path in (tmp_path / "demo").iterdir()}
-    assert files == {"result.json", "predictions.csv", "mean_forces.png", "confusion.png"}
+    assert files == {"result.json", "predictions.csv", *FIGURES}
+    assert all(name in ended_well("demo", "--help") for name in files)
+    assert "paper*" in out
     result = json.loads((tmp_path / "demo" / "result.json").read_text(encoding="utf-8"))
     assert result["synthetic"] is True
     assert len(result["labels"]) == 11

@@ -87,7 +87,7 @@ def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
         env=ENVIRONMENT,
     )
     try:
-        assert running.stdout.readline().startswith("load:")
+        assert running.stdout.readline().startswith("30 recordings, 3 materials")
         running.send_signal(signal.SIGINT)
         _, errors = running.communicate(timeout=30)
     finally:
@@ -95,6 +95,43 @@ def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
     assert running.returncode == 130
     assert errors == "Interrupted: no file was left half-written.\n"
     assert list(Path(tmp_path).iterdir()) == []
+
+
+def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
+    running = subprocess.Popen(
+        [sys.executable, "-m", "granular_id", "demo", "-o", str(tmp_path / "new" / "demo")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=ENVIRONMENT,
+    )
+    try:
+        assert running.stdout.readline().startswith("SYNTHETIC data")
+        running.send_signal(signal.SIGINT)
+        _, errors = running.communicate(timeout=30)
+    finally:
+        running.kill()
+    assert running.returncode == 130
+    assert errors == "Interrupted: no file was left half-written.\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("started", ["module", "script"])
+def test_the_line_to_repeat_names_how_the_program_was_started(folder, tmp_path, started):
+    words = [str(word) for word in ("evaluate", folder, *SMALL, "--spaces", "raw", "--protocol", "paper")]
+    script = tmp_path / "granular-id"
+    script.write_text("from granular_id.cli import main\nmain()\n", encoding="utf-8")
+    way = [str(script)] if started == "script" else ["-m", "granular_id"]
+    done = subprocess.run(
+        [sys.executable, *way, *words],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+        timeout=60,
+        check=True,
+    )
+    name = str(script) if started == "script" else "python -m granular_id"
+    assert done.stdout.endswith(f"repeat with: {name} {shlex.join(words)}\n")
 
 
 class Terminal:
@@ -146,7 +183,14 @@ def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
     assert "raw: paper, partition" in terminal.shown
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
-    assert f"repeat with: granular-id {shlex.join(words)}\n" in out
+    assert f"repeat with: python -m granular_id.cli {shlex.join(words)}\n" in out
+
+
+@needs_terminal
+def test_the_demo_shows_that_it_simulates(tmp_path):
+    with Terminal(["demo", "--quick", "-o", str(tmp_path)]) as terminal:
+        terminal.read_until("simulating 132 pushes")
+        assert "simulating 132 pushes" in terminal.shown
 
 
 @needs_terminal

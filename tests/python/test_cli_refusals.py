@@ -50,7 +50,7 @@ def test_gaps_and_short_recordings_are_left_out_when_asked(tmp_path):
     words = ("evaluate", tmp_path / "x", *SMALL, "--rate-hz", 100, "--protocol", "paper")
     line = refused(*words)
     assert "'oat/oat_90.csv' has a gap of 1" in line
-    assert "--max-gap-s 0.25" in line
+    assert "beyond --max-gap-s 0.25; 1 of 32 recordings has such a gap, the largest 1.0" in line
     assert "--on-gap skip" in line
     line = refused(*words, "--on-gap", "skip", "--n-samples", 40)
     assert "'rice/rice_91.csv' is too short" in line
@@ -78,9 +78,11 @@ def test_broken_files_are_refused_or_listed(folder, tmp_path):
     data = saved(make(), tmp_path / "x")
     bad = min((data / "rice").glob("*.csv"))
     bad.write_text(bad.read_text(encoding="utf-8").replace("fx", "fq", 1), encoding="utf-8")
-    assert str(bad) in refused("evaluate", data, *SMALL)
+    line = refused("evaluate", data, *SMALL)
+    assert str(bad) in line
+    assert line.endswith("; add --on-error skip to leave such files out")
     out = ended_well("evaluate", data, *SMALL, "--on-error", "skip")
-    assert "skipped: 1" in out
+    assert "1 file skipped:\n" in out
     assert bad.name in out
 
 
@@ -95,7 +97,16 @@ def test_backward_time_is_refused_or_repaired(tmp_path):
     assert str(bad) in line
     assert "--on-time-error repair" in line
     out = ended_well(*words, "--on-time-error", "repair")
-    assert "moved_samples: 1" in out
+    assert "time repaired in 1 recording (1 sample moved): oat/oat_02.csv\n" in out
+    assert "30 recordings, 3 materials, 60 samples, irregular in time\n" in out
+
+
+def test_a_file_that_may_be_cut_off_is_mentioned(tmp_path):
+    data = saved(make(), tmp_path / "x")
+    cut = data / "oat" / "oat_03.csv"
+    cut.write_text(cut.read_text(encoding="utf-8").rstrip("\n"), encoding="utf-8")
+    out = ended_well("evaluate", data, *SMALL)
+    assert "may be cut off, in 1 recording: oat/oat_02.csv\n" in out
 
 
 def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
@@ -111,36 +122,79 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--train", "50"], r"class 'oat' has 10 recordings, wanted 53 \(50 to train, 3 to test\)"),
-        (["--train", "0"], "--train must be at least 1, got 0"),
-        (["--partitions", "0"], "--partitions must be at least 1, got 0"),
-        (["--seed", "-1"], "--seed must not be negative, got -1"),
+        (["--train", "50"], r"class 'oat' has 10 recordings, wanted 53 \(50 .*: add --train 9 --test 1$"),
         (["--spaces", "raw,dft"], "there is no feature space 'dft'; there are raw"),
-        (["--spaces", ","], "--spaces must name at least one feature space"),
-        (["--confusion", "dft"], "there is no feature space 'dft'"),
-        (
-            ["--spaces", "raw", "--confusion", "hfmh"],
-            "--confusion hfmh is not among the spaces evaluated: raw",
-        ),
         (["--bin-range", "wide"], "--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got 'wide'"),
         (["--n-samples", "few"], "--n-samples must be a whole number or 'shortest', got 'few'"),
-        (["--n-samples", "10", "--duration-s", "1"], "give one of --duration-s and --n-samples, not both"),
         (["--n-samples", "999"], "too short"),
         (["--exclude", "salt"], "--exclude names 'salt', which is no label here; there are oat, rice, sugar"),
         (["--exclude", "oat,rice,sugar"], "--exclude leaves no recording"),
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
         (["--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
         (["--C", "0"], r"--C must be positive and finite, got 0$"),
-        (["--C", "inf"], r"--C must be positive and finite, got inf$"),
-        (["--order", "0"], "--order must be"),
-        (["--threads", "0"], "--threads must be"),
-        (["--spaces", "raw,raw"], "--spaces must name each feature space once, got 'raw,raw'"),
         (["--rate-hz", "-5"], "--rate-hz"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
     ],
 )
 def test_bad_options_end_in_one_line(folder, words, message):
     assert re.search(message, refused("evaluate", folder, *SMALL, *words))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--train", "0"], "--train must be at least 1, got 0"),
+        (["--test", "0"], "--test must be at least 1, got 0"),
+        (["--partitions", "0"], "--partitions must be at least 1, got 0"),
+        (["--seed", "-1"], "--seed must not be negative, got -1"),
+        (["--threads", "0"], "--threads must be at least 1, got 0"),
+        (["--spaces", "raw,dft"], "there is no feature space 'dft'"),
+        (["--spaces", ","], "--spaces must name at least one feature space, got ','"),
+        (["--spaces", "raw,raw"], "--spaces must name each feature space once"),
+        (["--confusion", "dft"], "there is no feature space 'dft'"),
+        (["--spaces", "raw", "--confusion", "hfmh"], "--confusion hfmh is not among"),
+        (["--cutoff-hz", "0"], "--cutoff-hz must be positive and finite, got 0"),
+        (["--cutoff-hz", "80", "--rate-hz", "100"], "--cutoff-hz must be in .*, got 80"),
+        (["--order", "0"], "--order must be an integer from 1 to 32, got 0"),
+        (["--n-bins", "0"], "--n-bins must be an integer"),
+        (["--bin-range", "2,1"], "--bin-range must be finite with low < high"),
+        (["--C", "nan"], "--C must be positive and finite, got nan"),
+        (["--rate-hz", "inf"], "--rate-hz must be positive and finite, got inf"),
+        (["--recorded-hz", "0"], "--recorded-hz must be positive and finite, got 0"),
+        (["--max-gap-s", "nan"], "--max-gap-s must be positive, got nan"),
+        (["--n-samples", "0"], "--n-samples must be at least 1, got 0"),
+        (["--duration-s", "-1"], "--duration-s must be positive and finite, got -1"),
+        (["--n-samples", "10", "--duration-s", "1"], "one of --duration-s and --n-samples, not both"),
+    ],
+)
+def test_options_are_checked_before_any_file_is_read(tmp_path, words, message):
+    assert re.search(message, refused("evaluate", tmp_path / "absent", *words))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"), [(["--seed", "-1"], "--seed must not"), (["--threads", "0"], "at least 1")]
+)
+def test_demo_checks_its_options_too(tmp_path, words, message):
+    assert message in refused("demo", "-o", tmp_path / "new", *words)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_file_and_an_index_without_labels_are_told(tmp_path):
+    file = tmp_path / "x.csv"
+    file.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n", encoding="utf-8")
+    assert f"{file} is a file; evaluate wants a folder of recordings" in refused("evaluate", file)
+    (tmp_path / "index.csv").write_text("file,material\nx.csv,rice\n", encoding="utf-8")
+    line = refused("evaluate", tmp_path)
+    assert line.endswith(f"{tmp_path}: index.csv has no column label (found: file, material)")
+
+
+def test_folders_that_cannot_be_are_told_and_those_made_in_vain_removed(tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    for words in (("evaluate", tmp_path, "--figures", file), ("demo", "-o", file)):
+        assert f"{file} is or lies in a file, wanted a folder" in refused(*words)
+    refused("evaluate", tmp_path / "absent", "--figures", tmp_path / "new" / "deeper")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_bad_folders_end_in_one_line(folder, tmp_path):

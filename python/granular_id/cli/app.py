@@ -12,12 +12,14 @@ from granular_id.cli.evaluate import evaluate
 
 __all__ = ["app"]
 
+PURPOSE = "Measures how well granular materials are told apart by force-torque recordings."
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
-    help="Names the granular material under a robot's tool from a 6-axis force-torque signal.",
+    help=PURPOSE,
 )
 app.command()(evaluate)
 app.command()(demo)
@@ -29,11 +31,11 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(help=PURPOSE)
 def root(
     *,
     version: Annotated[
         bool, typer.Option("--version", help="Print the version and exit.", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Names the granular material under a robot's tool from a 6-axis force-torque signal."""
+    """See `PURPOSE`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.session import Outputs, Run, evaluate_and_show
+from granular_id.cli.settings import at_least
 
 __all__ = ["demo"]
 
@@ -18,7 +18,8 @@ TEXT = """
 Evaluate the built-in SYNTHETIC recordings: 11 simulated materials, 62 pushes of each.
 
 The recordings come from a physical model, not from a sensor. The accuracies show that the program works; they
-say nothing about real materials. Writes result.json, predictions.csv, mean_forces.png and confusion.png.
+say nothing about real materials. Writes result.json, predictions.csv, mean_forces.png, confusion_paper.png and
+confusion_chronological.png.
 
 Examples:
 
@@ -44,34 +45,33 @@ def demo(
     ] = None,
 ) -> None:
     """Evaluate simulated recordings; see `TEXT`."""
-    output.mkdir(parents=True, exist_ok=True)
-    outputs = Outputs(
-        json=output / "result.json",
-        csv=output / "predictions.csv",
-        mean_forces=output / "mean_forces.png",
-        confusion=output / "confusion.png",
-    )
-    outputs.check()
+    at_least("--seed", seed, 0)
+    at_least("--threads", threads, 1)
+    outputs = Outputs(json=output / "result.json", csv=output / "predictions.csv", figures=output)
+    with outputs.ready():
+        _run(outputs, QUICK if quick else FULL, seed, threads)
 
+
+demo.__doc__ = TEXT
+
+
+def _run(outputs: Outputs, counts: dict[str, int], seed: int, threads: int | None) -> None:
     from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
     from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import: --help must not wait for it)
     from granular_id.synthetic import PAPER_MATERIALS, synthesize  # noqa: PLC0415
 
-    counts = QUICK if quick else FULL
     n_per_class = counts["train_per_class"] + counts["test_per_class"]
     n = n_per_class * len(PAPER_MATERIALS)
     Console(highlight=False).print(
         f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
         "figures below show that the program works, not how well it knows real materials."
     )
-    data = synthesize(n_per_class=n_per_class, seed=seed)
+    with Console(stderr=True).status(f"simulating {n} pushes"):
+        data = synthesize(n_per_class=n_per_class, seed=seed)
     known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
     run = Run(
         spaces={name: known[name] for name in in_paper_order(known)},
         protocols=("paper", "chronological"),
         arguments={**counts, "random_state": seed, "n_jobs": threads if threads is not None else -1},
     )
-    evaluate_and_show(data, run, outputs, ["granular-id", *sys.argv[1:]], quiet=False)
-
-
-demo.__doc__ = TEXT
+    evaluate_and_show(data, run, outputs, quiet=False)

@@ -40,6 +40,8 @@ OPTIONS = {
     "spaces": "--spaces",
 }
 
+TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")
+
 P = ParamSpec("P")
 
 
@@ -90,6 +92,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     'raise --max-gap-s (inf: no limit), or pass --on-gap skip'
     """
     one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
+    one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation or a longer name, nor a column of a file.
         word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from granular_id.cli.errors import guarded, in_options
-from granular_id.cli.prepare import Preparation, prepare, step_text
+from granular_id.cli.prepare import Preparation, prepare
+from granular_id.cli.sentences import loaded_text, skipped_text
 from granular_id.cli.session import Outputs, Run, evaluate_and_show
+from granular_id.cli.settings import (
+    at_least,
+    bin_range_of,
+    chosen_spaces,
+    length_of,
+    method_fits,
+    names_in,
+    positive,
+)
+
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset
 
 __all__ = ["evaluate"]
 
@@ -126,119 +137,111 @@ def evaluate(
     json: Annotated[Path | None, _option("--json", OUTPUT, "Write figures, settings and partitions.")] = None,
     csv: Annotated[Path | None, _option("--csv", OUTPUT, "Write every prediction.")] = None,
     figures: Annotated[
-        Path | None, _option("--figures", OUTPUT, "Write mean_forces.png and confusion.png into this folder.")
+        Path | None,
+        _option("--figures", OUTPUT, "Write mean_forces.png and confusion_PROTOCOL.png into this folder."),
     ] = None,
     confusion: Annotated[
         str | None, _option("--confusion", OUTPUT, "Space of the confusion matrix. Default: the best.")
     ] = None,
-    quiet: Annotated[bool, _option("--quiet", OUTPUT, "Print accuracies only.")] = False,
+    quiet: Annotated[bool, _option("--quiet", OUTPUT, "Print the table of accuracies only.")] = False,
 ) -> None:
     """Print accuracies, confusions and seconds for a folder; see `EXAMPLES`."""
+    if duration_s is not None and n_samples is not None:
+        raise ValueError("give one of --duration-s and --n-samples, not both")
+    for option, value in (
+        ("--rate-hz", rate_hz),
+        ("--recorded-hz", recorded_hz),
+        ("--duration-s", duration_s),
+        ("--C", c),
+    ):
+        positive(option, value)
+    positive("--max-gap-s", max_gap_s, infinite=True)
+    for option, count, least in (
+        ("--train", train, 1),
+        ("--test", test, 1),
+        ("--partitions", partitions, 1),
+        ("--seed", seed, 0),
+        ("--threads", threads, 1),
+    ):
+        at_least(option, count, least)
+    method: dict[str, Any] = {
+        "cutoff_hz": cutoff_hz,
+        "order": order,
+        "n_bins": n_bins,
+        "bin_range": bin_range_of(bin_range),
+    }
+    method_fits(rate_hz=rate_hz, **method)
+    chosen = chosen_spaces(spaces, confusion)
     preparation = Preparation(
         rate_hz=rate_hz,
         max_gap_s=max_gap_s,
         duration_s=duration_s,
-        n_samples=_length(n_samples),
-        exclude=_names(exclude),
+        n_samples=length_of(n_samples),
+        exclude=names_in(exclude),
         on_gap=on_gap.value,
         on_short=on_short.value,
     )
-    ranges = _bin_range(bin_range)
-    if not (math.isfinite(c) and c > 0):
-        raise ValueError(f"--C must be positive and finite, got {c:g}")
-    if figures is not None:
-        figures.mkdir(parents=True, exist_ok=True)
-    outputs = Outputs(
-        json=json,
-        csv=csv,
-        mean_forces=None if figures is None else figures / "mean_forces.png",
-        confusion=None if figures is None else figures / "confusion.png",
-    )
-    outputs.check()
+    if folder.is_file():
+        raise ValueError(f"{folder} is a file; evaluate wants a folder of recordings")
+    outputs = Outputs(json=json, csv=csv, figures=figures)
+    with outputs.ready():
+        data = _prepared(
+            folder,
+            {"rate_hz": recorded_hz, "on_error": on_error.value, "on_time_error": on_time_error.value},
+            preparation,
+            quiet=quiet,
+        )
 
-    from granular_id._progress import showing  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.io import load  # noqa: PLC0415
+        from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
+        from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
+        from granular_id.spaces import feature_spaces  # noqa: PLC0415
 
-    console = Console(highlight=False)
-
-    def say(text: str) -> None:
-        if not quiet:
-            console.print(text, soft_wrap=True, markup=False)
-
-    with showing(not quiet) as callback:
-        try:
-            data = load(
-                folder,
-                rate_hz=recorded_hz,
-                on_error=on_error.value,
-                on_time_error=on_time_error.value,
-                progress=None if callback is None else lambda done, total: callback(done, total, "reading"),
-            )
-        except ValueError as error:
-            raise ValueError(in_options(str(error), rate_option="--recorded-hz")) from None
-    say(step_text(data.history[-1]))
-    data = prepare(data, preparation, say)
-
-    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
-    from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415
-
-    known = feature_spaces(
-        rate_hz=data.rate_hz,
-        cutoff_hz=cutoff_hz,
-        order=order,
-        n_bins=n_bins,
-        bin_range=ranges,
-        threads=threads,
-    )
-    chosen = in_paper_order(known) if spaces == "paper" else _names(spaces)
-    for name in (*chosen, *([confusion] if confusion else [])):
-        if name not in known:
-            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
-    if len(set(chosen)) < len(chosen):
-        raise ValueError(f"--spaces must name each feature space once, got {spaces!r}")
-    if confusion and confusion not in chosen:
-        raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
-    run = Run(
-        spaces={name: known[name] for name in chosen},
-        protocols=("paper",) if protocol is Protocol.both else (protocol.value,),
-        tried="chronological" if protocol is Protocol.both else None,
-        confusion_of=confusion,
-        arguments={
-            "n_partitions": partitions,
-            "train_per_class": train,
-            "test_per_class": test,
-            "classifier": ECOCClassifier(C=c),
-            "n_jobs": threads if threads is not None else -1,
-            "random_state": seed,
-        },
-    )
-    evaluate_and_show(data, run, outputs, ["granular-id", *sys.argv[1:]], quiet=quiet)
+        known = feature_spaces(rate_hz=data.rate_hz, threads=threads, **method)
+        run = Run(
+            spaces={name: known[name] for name in chosen or in_paper_order(known)},
+            protocols=("paper",) if protocol is Protocol.both else (protocol.value,),
+            tried="chronological" if protocol is Protocol.both else None,
+            confusion_of=confusion,
+            arguments={
+                "n_partitions": partitions,
+                "train_per_class": train,
+                "test_per_class": test,
+                "classifier": ECOCClassifier(C=c),
+                "n_jobs": threads if threads is not None else -1,
+                "random_state": seed,
+            },
+        )
+        evaluate_and_show(data, run, outputs, quiet=quiet)
 
 
 evaluate.__doc__ = EXAMPLES
 
 
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
+def _prepared(folder: Path, reading: dict[str, Any], preparation: Preparation, *, quiet: bool) -> Dataset:
+    """Read and prepare the recordings, saying what was done; when quiet, only what was skipped."""
+    from granular_id._progress import showing  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.io import RecordingFileError, load  # noqa: PLC0415
 
+    console = Console(highlight=False)
 
-def _length(text: str | None) -> int | Literal["shortest"] | None:
-    if text is None:
-        return None
-    if text == "shortest":
-        return "shortest"
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
+    def say(text: str, always: str) -> None:
+        shown = always if quiet else text
+        if shown:
+            console.print(shown, soft_wrap=True, markup=False)
 
-
-def _bin_range(text: str) -> Literal["auto"] | tuple[float, float]:
-    if text == "auto":
-        return "auto"
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got {text!r}") from None
-    return low, high
+    with showing(not quiet) as callback:
+        try:
+            data = load(
+                folder,
+                progress=None if callback is None else lambda done, total: callback(done, total, "reading"),
+                **reading,
+            )
+        except ValueError as error:
+            skippable = isinstance(error, RecordingFileError) and error.skippable
+            hint = "; add --on-error skip to leave such files out" if skippable else ""
+            raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
+    say(loaded_text(data), skipped_text(data.history[-1]))
+    if not data.labels:
+        notes = (note for note in data.history[-1].notes if "no column label" in note)
+        raise ValueError(f"{folder}: {next(notes, 'no recording has a label')}")
+    return prepare(data, preparation, say)

@@ -7,10 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
+from granular_id.cli.sentences import excluded_text, skipped_text
+
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport
 
-__all__ = ["Preparation", "prepare", "step_text"]
+__all__ = ["Preparation", "prepare"]
 
 Choice = Literal["raise", "skip"]
 
@@ -42,7 +44,7 @@ class Preparation:
     on_short: Choice = "raise"
 
 
-def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> Dataset:
+def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None]) -> Dataset:
     """Leave out labels, resample and crop as asked; say what each step did.
 
     Parameters
@@ -51,7 +53,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> D
         As loaded.
     wanted : Preparation
     say : callable
-        Gets one text per step.
+        Gets two texts per step: what it did, and what even a brief report must say (may be empty).
 
     Returns
     -------
@@ -64,8 +66,6 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> D
         Recordings are irregular, differ in rate or differ in length and no option says what to do; the
         message proposes the option.
     """
-    if wanted.duration_s is not None and wanted.n_samples is not None:
-        raise ValueError("give one of duration_s and n_samples, not both")
     if wanted.exclude:
         unknown = sorted(set(wanted.exclude) - set(data.labels))
         if unknown:
@@ -74,7 +74,8 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> D
         kept = [label for label in data.labels if label not in wanted.exclude]
         if not kept:
             raise ValueError("--exclude leaves no recording")
-        data = _told(data.select(labels=kept), say)
+        before, data = data, data.select(labels=kept)
+        say(excluded_text(before, data), "")
     if wanted.rate_hz is None:
         _refuse_unequal_rates(data)
     elif any(recording.rate_hz != wanted.rate_hz for recording in data):
@@ -88,19 +89,15 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str], None]) -> D
     return data
 
 
-def step_text(step: StepReport) -> str:
-    """Print a step with its totals and notes.
-
-    Reading names each recording that was repaired or left out; resampling and cropping change most of them
-    and name only those left out. All of them are in the JSON file.
-    """
-    rows = step.rows if step.step == "load" else [row for row in step.rows if "skipped" in row]
-    return str(replace(step, rows=rows))
-
-
-def _told(data: Dataset, say: Callable[[str], None]) -> Dataset:
-    say(step_text(data.history[-1]))
+def _told(data: Dataset, say: Callable[[str, str], None]) -> Dataset:
+    step = data.history[-1]
+    say(_step_text(step), skipped_text(step))
     return data
+
+
+def _step_text(step: StepReport) -> str:
+    """Print a step with its totals and notes, naming only the recordings left out; the JSON file has all."""
+    return str(replace(step, rows=[row for row in step.rows if "skipped" in row]))
 
 
 def _refuse_unequal_rates(data: Dataset) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich import box
@@ -10,6 +11,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from granular_id.evaluation.tables import (
+    PAPER_NOTE,
     Table,
     accuracy_table,
     confusion_table,
@@ -33,11 +35,14 @@ def print_result(console: Console, result: EvaluationResult, space: str | None, 
     space : str or None
         Whose confusion matrix; None: the space with the best mean accuracy of each protocol.
     brief : bool
-        Accuracies only.
+        The table of accuracies only, without gaps and notes.
     """
-    print_table(console, accuracy_table(result), strong=result.synthetic)
+    accuracies = accuracy_table(result)
     if brief:
+        footnotes = tuple(note for note in accuracies.notes if note == PAPER_NOTE)
+        print_table(console, replace(accuracies, notes=footnotes), strong=result.synthetic)
         return
+    print_table(console, accuracies, strong=result.synthetic)
     for protocol in result.protocols:
         chosen = space or result.best_space(protocol)
         matrix = confusion_table(result, chosen, protocol)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import shlex
-from collections.abc import Callable, Mapping
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,26 +22,33 @@ if TYPE_CHECKING:
 
 __all__ = ["Outputs", "Run", "evaluate_and_show"]
 
+MEAN_FORCES, CONFUSION = "mean_forces.png", "confusion_{protocol}.png"
+
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write; None leaves one out."""
+    """Files to write, and a folder for figures; None leaves one out."""
 
     json: Path | None = None
     csv: Path | None = None
-    mean_forces: Path | None = None
-    confusion: Path | None = None
+    figures: Path | None = None
 
-    def check(self) -> None:
-        """Refuse what could not be written, before any time is spent on it."""
-        from granular_id._files import check_target  # noqa: PLC0415 (slow to import)
+    @contextmanager
+    def ready(self) -> Iterator[None]:
+        """Refuse what could not be written, before any time is spent on it.
 
-        for path in (self.json, self.csv, self.mean_forces, self.confusion):
-            if path is not None:
-                check_target(path)
-        figures = self.mean_forces is not None or self.confusion is not None
-        if figures and importlib.util.find_spec("matplotlib") is None:
+        The folder for figures is made, and is removed again when the block raises and left it empty.
+        """
+        from granular_id._files import check_target, made_folder  # noqa: PLC0415 (slow to import)
+
+        if self.figures is not None and importlib.util.find_spec("matplotlib") is None:
             raise ImportError("figures need matplotlib: pip install 'granular-id[app]'")
+        with nullcontext() if self.figures is None else made_folder(self.figures):
+            drawn = [] if self.figures is None else [self.figures / MEAN_FORCES]
+            for path in (self.json, self.csv, *drawn):
+                if path is not None:
+                    check_target(path)
+            yield
 
 
 @dataclass(frozen=True)
@@ -55,7 +66,7 @@ class Run:
     arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
-def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, words: list[str], *, quiet: bool) -> None:
+def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool) -> None:
     """Evaluate, print the tables, write the files, say where they are.
 
     Parameters
@@ -64,9 +75,7 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, words: list[str
         Of one rate and length.
     run : Run
     outputs : Outputs
-        Already checked.
-    words : list of str
-        The command that repeats this, word by word.
+        Found ready.
     quiet : bool
         Accuracies only, no progress.
     """
@@ -82,14 +91,15 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, words: list[str
         except ValueError as why:
             notes.append(f"{run.tried} protocol left out: {why}")
     result = evaluate(data, run.spaces, protocols, progress=not quiet, **run.arguments)
-    result = replace(result, notes=(*result.notes, *notes), command=shlex.join(words))
+    result = replace(result, notes=(*result.notes, *notes), command=_command())
     console = Console(highlight=False)
     print_result(console, result, run.confusion_of, brief=quiet)
     written = _write(data, result, run.confusion_of, outputs)
-    if not quiet:
+    if written or not quiet:
         console.print()
-        for path in written:
-            console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    if not quiet:
         console.print(f"repeat with: {result.command}", soft_wrap=True, markup=False)
 
 
@@ -98,23 +108,38 @@ def _write(data: Dataset, result: EvaluationResult, space: str | None, outputs: 
         (outputs.json, result.to_json),
         (outputs.csv, result.to_csv),
     ]
-    if outputs.mean_forces is not None or outputs.confusion is not None:
-        from granular_id.plotting import plot_confusion, plot_mean_forces  # noqa: PLC0415 (matplotlib is an extra)
+    if outputs.figures is not None:
+        from granular_id.plotting import plot_mean_forces  # noqa: PLC0415 (matplotlib is an extra)
 
-        protocol = result.protocols[0]
-        chosen = space or result.best_space(protocol)
-        mark = ", SYNTHETIC recordings" if result.synthetic else ""
-        title = f"{chosen}, {protocol} protocol{mark}"
-        jobs += [
-            (outputs.mean_forces, lambda path: plot_mean_forces(data, path=path)),
-            (
-                outputs.confusion,
-                lambda path: plot_confusion(result.confusion(chosen), result.labels, title=title, path=path),
-            ),
-        ]
+        jobs.append((outputs.figures / MEAN_FORCES, lambda path: plot_mean_forces(data, path=path)))
+        for protocol in result.protocols:
+            target = outputs.figures / CONFUSION.format(protocol=protocol)
+            jobs.append((target, partial(_plot_confusion, result, space, protocol)))
     written = []
     for path, write in jobs:
         if path is not None:
             write(path)
             written.append(path)
     return written
+
+
+def _plot_confusion(result: EvaluationResult, space: str | None, protocol: str, path: Path) -> None:
+    from granular_id.plotting import plot_confusion  # noqa: PLC0415 (matplotlib is an extra)
+
+    chosen = space or result.best_space(protocol)
+    mark = ", SYNTHETIC recordings" if result.synthetic else ""
+    title = f"{chosen}, {protocol} protocol{mark}"
+    plot_confusion(result.confusion(chosen, protocol), result.labels, title=title, path=path)
+
+
+def _command() -> str:
+    """Return what to type to repeat this run, by the name under which the program was started."""
+    started = Path(sys.argv[0])
+    if started.name in {"granular-id", "granular-id.exe"}:
+        found = shutil.which(started.name)
+        elsewhere = started.exists() and not (found and Path(found).samefile(started))
+        program = [str(started) if elsewhere else started.name]
+    else:
+        by_package = started.name == "__main__.py" and started.parent.name == "granular_id"
+        program = ["python", "-m", "granular_id" if by_package else "granular_id.cli"]
+    return shlex.join([*program, *sys.argv[1:]])

@@ -1,0 +1,101 @@
+"""Values of options, checked before any file is read."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+__all__ = ["at_least", "bin_range_of", "chosen_spaces", "length_of", "method_fits", "names_in", "positive"]
+
+
+def at_least(option: str, value: int | None, minimum: int) -> None:
+    """Refuse a count below a minimum; None is no value at all."""
+    if value is not None and value < minimum:
+        wanted = "not be negative" if minimum == 0 else f"be at least {minimum}"
+        raise ValueError(f"{option} must {wanted}, got {value}")
+
+
+def positive(option: str, value: float | None, *, infinite: bool = False) -> None:
+    """Refuse what is not positive, or not finite unless it may be infinite; None is no value at all."""
+    if value is None or (value > 0 and (infinite or math.isfinite(value))):
+        return
+    raise ValueError(f"{option} must be positive{'' if infinite else ' and finite'}, got {value:g}")
+
+
+def names_in(text: str) -> list[str]:
+    """Split names at commas."""
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def length_of(text: str | None) -> int | Literal["shortest"] | None:
+    """Read ``--n-samples``."""
+    if text is None or text == "shortest":
+        return "shortest" if text else None
+    try:
+        length = int(text)
+    except ValueError:
+        raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
+    at_least("--n-samples", length, 1)
+    return length
+
+
+def bin_range_of(text: str) -> Literal["auto"] | tuple[float, float]:
+    """Read ``--bin-range``."""
+    if text == "auto":
+        return "auto"
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got {text!r}") from None
+    return low, high
+
+
+def method_fits(
+    *,
+    rate_hz: float | None,
+    cutoff_hz: float,
+    order: int,
+    n_bins: int,
+    bin_range: Literal["auto"] | tuple[float, float],
+) -> None:
+    """Refuse settings of the histogram that no recording could have.
+
+    Whether the cut-off lies below half the rate is only known here when the rate is asked for.
+    """
+    from granular_id.features import FeatureSpec  # noqa: PLC0415 (--help must not wait for numpy)
+
+    positive("--cutoff-hz", cutoff_hz)
+    settings: dict[str, Any] = {"order": order, "n_bins": n_bins}
+    if bin_range != "auto":
+        settings["bin_range"] = bin_range
+    if rate_hz is not None:
+        settings.update(rate_hz=rate_hz, cutoff_hz=cutoff_hz)
+    FeatureSpec(**settings)
+
+
+def chosen_spaces(spaces: str, confusion: str | None) -> list[str] | None:
+    """Read ``--spaces`` and ``--confusion``.
+
+    Returns
+    -------
+    list of str or None
+        Names in the order given; None: all of the paper.
+    """
+    if spaces == "paper" and confusion is None:
+        return None
+    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import, and rarely needed this early)
+
+    known = feature_spaces()
+    chosen = None if spaces == "paper" else names_in(spaces)
+    for name in (*(chosen or ()), *([] if confusion is None else [confusion])):
+        if name not in known:
+            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+    if chosen is None:
+        return None
+    if not chosen:
+        raise ValueError(f"--spaces must name at least one feature space, got {spaces!r}")
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(f"--spaces must name each feature space once, got {spaces!r}")
+    if confusion is not None and confusion not in chosen:
+        raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
+    return chosen
