@@ -18,7 +18,7 @@ help:
 	@echo "make test       lint, Rust tests, Python tests"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
-	@echo "make campaign   100,000 random filters against scipy, bit for bit (minutes)"
+	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind (minutes)"
 	@echo "make wheel      build a wheel into ./dist"
 
 toolchain:
@@ -80,6 +80,8 @@ bench-ecoc: $(PACKAGE)
 
 campaign: $(TOOLS)
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
+	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/test_features.py -k campaign -s
+	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/test_fork.py
 
 wheel: | toolchain $(BIN)/python
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
