@@ -1,7 +1,7 @@
 """Extraction beside what a user could write instead, all in one run: `make bench-peers`.
 
 682 recordings of 1600 x 6 (the paper's number), noise on a random walk. Every row is the median of alternating
-rounds, so that a change in the machine's speed meets all rows alike; numba's threads come late in a round, because they
+rounds, each after one untimed call, so that a change in the machine's speed meets all rows alike; numba's threads come late in a round, because they
 spin for a while after their work. Ratios are the result; single times are not.
 """
 
@@ -124,6 +124,8 @@ def main() -> None:
         for name, work in rows.items():
             if name == "scipy + numpy, loop" and number % 5:
                 continue  # slow, and steady enough
+            if name != "scipy + numpy, loop":
+                work()  # untimed: a core that slept through the other rows is awake again
             start = time.perf_counter()
             work()
             times[name].append(time.perf_counter() - start)
