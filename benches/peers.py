@@ -1,8 +1,8 @@
 """Extraction beside what a user could write instead, all in one run: `make bench-peers`.
 
 682 recordings of 1600 x 6 (the paper's number), noise on a random walk. Every row is the median of alternating
-rounds, each after one untimed call, so that a change in the machine's speed meets all rows alike; numba's threads come late in a round, because they
-spin for a while after their work. Ratios are the result; single times are not.
+rounds, each after one untimed call, so that a change in the machine's speed meets all rows alike. numba's threads
+come late in a round, because they spin for a while after their work. Ratios are the result; single times are not.
 """
 
 from __future__ import annotations
