@@ -170,9 +170,13 @@ def test_bad_recordings(kind):
     fitted = kind().fit(X)
     with pytest.raises(ValueError, match=r"shape \(n, 300, 6\) as in fit.*got \(5, 299, 6\)"):
         fitted.transform(X[:, :-1])
-    with pytest.raises(ValueError, match=r"X must have shape \(n, 300, 6\) as in fit, with any n, got \(5, 300, 5\)"):
+    with pytest.raises(
+        ValueError, match=r"X must have shape \(n, 300, 6\) as in fit, with any n, got \(5, 300, 5\)"
+    ):
         fitted.transform(X[:, :, :-1])
-    with pytest.raises(ValueError, match=r"X must have shape \(n, 300, 6\) as in fit, with any n, got \(5, 300\)"):
+    with pytest.raises(
+        ValueError, match=r"X must have shape \(n, 300, 6\) as in fit, with any n, got \(5, 300\)"
+    ):
         fitted.transform(X[:, :, 0])
     with pytest.raises(ValueError, match="got 4 dimensions"):
         kind().fit(X[None])
@@ -246,5 +250,7 @@ def test_one_recording_or_another_shape_is_refused_in_words() -> None:
     fitted = HFMH().fit(np.zeros((2, 40, 6)))
     with pytest.raises(ValueError, match=r"got one recording of shape \(40, 6\): pass X\[np.newaxis\]"):
         fitted.transform(np.zeros((40, 6)))
-    with pytest.raises(ValueError, match=r"X must have shape \(n, 40, 6\) as in fit, with any n, got \(2, 30, 6\)"):
+    with pytest.raises(
+        ValueError, match=r"X must have shape \(n, 40, 6\) as in fit, with any n, got \(2, 30, 6\)"
+    ):
         fitted.transform(np.zeros((2, 30, 6)))
