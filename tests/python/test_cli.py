@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -17,7 +18,8 @@ def folder(tmp_path_factory):
     return saved(make(), tmp_path_factory.mktemp("cli") / "uniform")
 
 
-def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path):
+def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["granular_id/__main__.py", "evaluate", "my folder"])
     out = ended_well(
         "evaluate", folder, *SMALL, "--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv",
         "--figures", tmp_path / "new" / "figures",
@@ -40,7 +42,7 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path):
     assert "training" in out
     assert "chronological: by start time" in out
     assert result["synthetic"] is False
-    assert result["command"].startswith("python -m granular_id.cli ")
+    assert result["command"] == "python -m granular_id.cli evaluate 'my folder'"
     assert result["data"]["history"][0]["step"] == "load"
     for figure in FIGURES:
         assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
