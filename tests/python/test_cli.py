@@ -42,7 +42,7 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
     assert "training" in out
     assert "chronological: by start time" in out
     assert result["synthetic"] is False
-    assert result["command"] == "python -m granular_id.cli evaluate 'my folder'"
+    assert result["command"] == "python -m granular_id evaluate 'my folder'"
     assert result["data"]["history"][0]["step"] == "load"
     for figure in FIGURES:
         assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
