@@ -17,7 +17,8 @@ const STRETCH: usize = 1024;
 /// Sections whose coefficients and states one loop keeps at hand.
 const WIDEST: usize = 8;
 
-/// One sample through one section: the one order of operations.
+/// One sample through one section: the one order of operations. `steps` below and `lanes::cascade::step` write the same
+/// operations out over arrays, for speed; tests hold all three to the same bits.
 #[inline(always)]
 #[allow(clippy::inline_always)] // a call in the innermost loop would cost more than the section
 fn advance(s: &Section, [z0, z1]: [f64; 2], x: f64) -> (f64, [f64; 2]) {

@@ -5,7 +5,7 @@
 #[non_exhaustive]
 pub enum Error {
     /// A filter order outside 1 to [`MAX_ORDER`](crate::butterworth::MAX_ORDER).
-    #[error("order must be from 1 to 32, got {order}")]
+    #[error("order must be from 1 to {}, got {order}", crate::butterworth::MAX_ORDER)]
     Order {
         /// The order asked for.
         order: usize,
