@@ -76,43 +76,34 @@ def test_the_library_evaluates_without_the_extra():
     assert done.stdout.startswith("Accuracy on SYNTHETIC recordings")
 
 
-def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
-    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000)
-    outputs = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
+def interrupted_after(first_line, module, *words):
+    """Start a command, press Ctrl-C after its first line, and check that it ends as promised."""
     running = subprocess.Popen(
-        [sys.executable, "-m", "granular_id.cli", *map(str, (*words, *outputs))],
+        [sys.executable, "-m", module, *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=ENVIRONMENT,
     )
     try:
-        assert running.stdout.readline().startswith("30 recordings, 3 materials")
+        assert running.stdout.readline().startswith(first_line)
         running.send_signal(signal.SIGINT)
         _, errors = running.communicate(timeout=30)
     finally:
         running.kill()
     assert running.returncode == 130
     assert errors == "Interrupted: no file was left half-written.\n"
+
+
+def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
+    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000)
+    outputs = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
+    interrupted_after("30 recordings, 3 materials", "granular_id.cli", *words, *outputs)
     assert list(Path(tmp_path).iterdir()) == []
 
 
 def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
-    running = subprocess.Popen(
-        [sys.executable, "-m", "granular_id", "demo", "-o", str(tmp_path / "new" / "demo")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=ENVIRONMENT,
-    )
-    try:
-        assert running.stdout.readline().startswith("SYNTHETIC data")
-        running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=30)
-    finally:
-        running.kill()
-    assert running.returncode == 130
-    assert errors == "Interrupted: no file was left half-written.\n"
+    interrupted_after("SYNTHETIC data", "granular_id", "demo", "-o", tmp_path / "new" / "demo")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal as scipy_signal
 
+from array_kinds import misaligned, read_only
 from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 SOS = butter(8, 23, "highpass", fs=500)
@@ -17,20 +18,6 @@ def same_bits(a, b):
 
 class Subclass(np.ndarray):
     pass
-
-
-def misaligned(x):
-    buffer = np.zeros(x.nbytes + 1, np.uint8)
-    view = buffer[1:].view(np.float64).reshape(x.shape)
-    view[...] = x
-    assert not view.flags.aligned
-    return view
-
-
-def read_only(x):
-    x = x.copy()
-    x.flags.writeable = False
-    return x
 
 
 def every_other(x):
