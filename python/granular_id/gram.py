@@ -1,7 +1,7 @@
 """Scalar products of many rows, made once.
 
 With 10,200 features and 550 rows all the work of a linear support vector machine sits in its scalar products.
-They are computed once here; every binary learner (`granular_id.learners`) trains on a slice. An evaluation
+They are computed once here; every binary learner (`granular_id.ecoc.learners`) trains on a slice. An evaluation
 over many partitions slices the same matrix again and again.
 """
 

@@ -14,8 +14,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
-from granular_id.coding import LOSSES, decode
 from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc.coding import LOSSES, decode
 
 
 @pytest.fixture(scope="module")

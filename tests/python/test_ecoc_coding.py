@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from granular_id.coding import DECODINGS, LOSSES, check_coding_matrix, decode, onevsone
+from granular_id.ecoc.coding import DECODINGS, LOSSES, check_coding_matrix, decode, onevsone
 
 
 @pytest.mark.parametrize("n_classes", [2, 3, 4, 11])

@@ -8,8 +8,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
 from granular_id import dual_svm
-from granular_id.dual_svm import NotSeparableError, solve_binary
 from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc.dual_svm import NotSeparableError, solve_binary
 from granular_id.gram import linear_gram
 
 

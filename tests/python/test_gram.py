@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from granular_id import gram as gram_module
-from granular_id.coding import onevsone
+from granular_id.ecoc.coding import onevsone
+from granular_id.ecoc.learners import fit_dual, fit_learners
 from granular_id.gram import linear_gram
-from granular_id.learners import fit_dual, fit_learners
 
 
 def rows(n=30, n_columns=700, seed=0):

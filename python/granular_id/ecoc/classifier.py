@@ -14,10 +14,10 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
-from granular_id.coding import DECODINGS, LOSSES, decode, named, onevsone
-from granular_id.learners import DualLearners, LinearLearner, fit_dual
-from granular_id.primal import fit_features
-from granular_id.training import checked_cost, checked_weights, class_indices
+from granular_id.ecoc.coding import DECODINGS, LOSSES, decode, named, onevsone
+from granular_id.ecoc.learners import DualLearners, LinearLearner, fit_dual
+from granular_id.ecoc.primal import fit_features
+from granular_id.ecoc.training import checked_cost, checked_weights, class_indices
 
 __all__ = ["ECOCClassifier"]
 
@@ -36,10 +36,10 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     decoding : {"loss_weighted", "loss_based"}, default "loss_weighted"
-        By what the summed loss of a class is divided; see `granular_id.coding.decode`. For one-vs-one both
+        By what the summed loss of a class is divided; see `granular_id.ecoc.coding.decode`. For one-vs-one both
         name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
     loss : str, default "hinge"
-        Binary loss, a key of `granular_id.coding.LOSSES`: "hinge" belongs to support vector machines and is
+        Binary loss, a key of `granular_id.ecoc.coding.LOSSES`: "hinge" belongs to support vector machines and is
         what the paper uses; "hamming" counts votes; "linear", "exponential", "logit", "binodeviance".
     C : float, default 1.0
         Cost of a violated margin, positive. 1 is the default of MATLAB and scikit-learn. With 10,200 raw

@@ -149,7 +149,7 @@ class RawSignal(RecordingTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.transformers import RawSignal
+    >>> from granular_id.spaces.transformers import RawSignal
     >>> X = np.arange(12.0).reshape(1, 2, 6)
     >>> RawSignal().fit_transform(X)
     array([[ 0.,  6.,  1.,  7.,  2.,  8.,  3.,  9.,  4., 10.,  5., 11.]])
@@ -201,7 +201,7 @@ class HFMH(RecordingTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.transformers import HFMH
+    >>> from granular_id.spaces.transformers import HFMH
     >>> X = np.random.default_rng(0).normal(scale=0.1, size=(3, 400, 6))
     >>> HFMH(n_bins=10).fit_transform(X).shape
     (3, 60)
@@ -291,7 +291,7 @@ class RawHFMH(HFMH):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.transformers import RawHFMH
+    >>> from granular_id.spaces.transformers import RawHFMH
     >>> X = np.random.default_rng(0).normal(size=(2, 1600, 6))
     >>> RawHFMH().fit_transform(X).shape
     (2, 10200)

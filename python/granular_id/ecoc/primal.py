@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from granular_id.coding import CodingMatrix
+from granular_id.ecoc.coding import CodingMatrix
+from granular_id.ecoc.learners import DualLearners, fit_dual, fit_learners
 from granular_id.gram import linear_gram
-from granular_id.learners import DualLearners, fit_dual, fit_learners
 
 __all__ = ["PrimalLearners", "fit_features"]
 
@@ -59,7 +59,7 @@ def fit_features(
     sample_weight : ndarray, shape (n,), or None
         Non-negative weights.
     **options
-        C, hard_margin, class_names of `granular_id.learners.fit_dual`.
+        C, hard_margin, class_names of `granular_id.ecoc.learners.fit_dual`.
 
     Returns
     -------

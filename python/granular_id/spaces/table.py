@@ -9,9 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from granular_id.transformers import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawSignal, RecordingTransformer
+from granular_id.spaces.transformers import (
+    DEFAULT_RANGE,
+    HFMH,
+    BinRange,
+    RawHFMH,
+    RawSignal,
+    RecordingTransformer,
+)
 
-__all__ = ["HFMH", "FeatureSpace", "RawHFMH", "RawSignal", "feature_spaces"]
+__all__ = ["FeatureSpace", "feature_spaces"]
 
 
 @dataclass(frozen=True)

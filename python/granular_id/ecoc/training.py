@@ -78,7 +78,7 @@ def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.training import class_indices
+    >>> from granular_id.ecoc.training import class_indices
     >>> class_indices(np.array(["rice", "oat", "rice"]), None)
     (array(['oat', 'rice'], dtype='<U4'), array([1, 0, 1]))
     """

@@ -51,7 +51,7 @@ def onevsone(n_classes: int) -> CodingMatrix:
 
     Examples
     --------
-    >>> from granular_id.coding import onevsone
+    >>> from granular_id.ecoc.coding import onevsone
     >>> onevsone(3)
     array([[ 1,  1,  0],
            [-1,  0,  1],
@@ -215,7 +215,7 @@ def decode(
 
     Examples
     --------
-    >>> from granular_id.coding import decode, onevsone
+    >>> from granular_id.ecoc.coding import decode, onevsone
     >>> decode([[2.0, 0.5, -1.0]], onevsone(3))
     array([[-0.125, -1.25 , -0.375]])
     """

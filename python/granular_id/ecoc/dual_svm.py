@@ -149,7 +149,7 @@ def one_vs_one_guess(gram: FloatArray, codes: npt.NDArray[np.intp], bounds: Floa
     Returns
     -------
     ndarray, shape (K (K - 1) / 2, n)
-        Non-negative; pairs in the order of `granular_id.coding.onevsone`. Rows of other classes hold 0.
+        Non-negative; pairs in the order of `granular_id.ecoc.coding.onevsone`. Rows of other classes hold 0.
     """
     centred, _, scale = _centred(gram)
     upper = np.full(len(codes), _HARD_BOUND) if bounds is None else bounds * scale

@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id.coding import CodingMatrix, check_coding_matrix, onevsone
-from granular_id.dual_svm import BinarySolution, NotSeparableError, one_vs_one_guess, solve_binary
-from granular_id.training import checked_cost, checked_weights
+from granular_id.ecoc.coding import CodingMatrix, check_coding_matrix, onevsone
+from granular_id.ecoc.dual_svm import BinarySolution, NotSeparableError, one_vs_one_guess, solve_binary
+from granular_id.ecoc.training import checked_cost, checked_weights
 
 __all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners"]
 
@@ -131,9 +131,9 @@ def fit_dual(
 
     Examples
     --------
-    >>> from granular_id.coding import onevsone
+    >>> from granular_id.ecoc.coding import onevsone
     >>> from granular_id.gram import linear_gram
-    >>> from granular_id.learners import fit_dual
+    >>> from granular_id.ecoc.learners import fit_dual
     >>> X = [[0.0], [1.0], [3.0], [4.0]]
     >>> learners = fit_dual(linear_gram(X), [0, 0, 1, 1], onevsone(2), hard_margin=True)
     >>> learners.scores(linear_gram([[2.0], [1.0]], X)).round(9)
