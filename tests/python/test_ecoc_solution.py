@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
-from granular_id.ecoc import dual_svm
-from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc import ECOCClassifier, dual_svm
 from granular_id.ecoc.dual_svm import NotSeparableError, solve_binary
 from granular_id.gram import linear_gram
 
