@@ -1,0 +1,59 @@
+"""What all figures share: colours, a figure without a backend, quiet axes, saving.
+
+matplotlib is loaded on first use (``pip install 'granular-id[app]'``), and only its ``Figure`` objects: no
+backend is chosen, no window opened and no global state touched, so plotting is safe in scripts,
+notebooks, servers and threads alike.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from granular_id._files import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["AXIS_COLOURS", "AXIS_DASHES", "FAINT", "INK", "new_figure", "quiet", "save"]
+
+AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
+"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
+
+AXIS_DASHES = ("-", ":", "--", ":", "-", "--")
+"""Dashes as well as colours: the lines must stay apart in black and white."""
+
+INK, FAINT = "#333333", "#BBBBBB"
+"""Text and marks; lines that only guide the eye."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make an empty figure of `width` x `height` inches, or raise the ImportError that says what to install."""
+    try:
+        from matplotlib.figure import Figure  # noqa: PLC0415  # an extra: only those who plot need it
+    except ImportError as error:
+        raise ImportError("plotting needs matplotlib: pip install 'granular-id[app]'") from error
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def quiet(panel: Any) -> None:
+    """Keep the two axes that carry numbers, faintly, and small tick labels."""
+    panel.tick_params(labelsize=8, colors=INK)
+    for side in ("top", "right"):
+        panel.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        panel.spines[side].set_color(FAINT)
+
+
+def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
+    """Save whole or not at all; the ending chooses the format. Nothing happens when `path` is None."""
+    if path is None:
+        return
+    target = Path(path)
+    form = target.suffix.removeprefix(".").lower()
+    supported = figure.canvas.get_supported_filetypes()
+    if form not in supported:
+        raise ValueError(f"path must end in one of {', '.join(sorted(supported))}, got {str(target)!r}")
+    with whole_file(target) as draft:
+        figure.savefig(draft, format=form, dpi=150)
