@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+OLDEST := .venv-oldest
 PACKAGE := $(VENV)/.package
 TOOLS   := $(VENV)/.tools
 BENCH_TOOLS := $(VENV)/.bench
@@ -11,13 +12,16 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc campaign wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
+	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
+	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
+	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind (minutes)"
 	@echo "make wheel      build a wheel into ./dist"
 
@@ -78,6 +82,18 @@ bench-peers: $(BENCH_TOOLS)
 bench-ecoc: $(PACKAGE)
 	$(BIN)/python benches/ecoc.py
 
+bench-table: $(PACKAGE)
+	$(BIN)/python benches/table.py
+
+false-positives: $(PACKAGE)
+	$(BIN)/python benches/false_positives.py
+
+# An environment of its own: the oldest versions that pyproject.toml admits.
+oldest: requirements-oldest.txt $(SOURCES) | toolchain
+	@$(PYTHON) -m venv $(OLDEST)
+	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-oldest.txt --editable '.[app]'
+	$(OLDEST)/bin/python -m pytest
+
 campaign: $(TOOLS)
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/test_features.py -k campaign -s
@@ -87,4 +103,4 @@ wheel: | toolchain $(BIN)/python
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 clean:
-	rm -rf $(VENV) target dist demo
+	rm -rf $(VENV) $(OLDEST) target dist demo
