@@ -1,0 +1,123 @@
+"""What a portrait holds, against plain numpy and scipy."""
+
+from __future__ import annotations
+
+import doctest
+import json
+from importlib import import_module
+
+import numpy as np
+import pytest
+from scipy import signal as scipy_signal
+from sklearn.decomposition import PCA
+
+from evaluation_cases import LABELS, make_data
+from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
+from granular_id.evaluation.gaze import weight_blocks
+from granular_id.evaluation.portrait import Portrait, portrait
+from granular_id.evaluation.thinning import POINTS, rounded, thinned
+
+SAMPLES = 450
+
+
+@pytest.fixture(scope="module")
+def data():
+    return make_data(n=4, samples=SAMPLES)
+
+
+@pytest.fixture(scope="module")
+def seen(data):
+    return portrait(data, {"raw+hfmh": RawHFMH(initial="steady", cutoff_hz=40.0, n_bins=20)})
+
+
+def test_means_and_spreads_are_those_of_numpy_in_windows(data, seen):
+    edges = np.arange(POINTS) * SAMPLES // POINTS
+    windows = [slice(a, b) for a, b in zip(edges, [*edges[1:], SAMPLES], strict=True)]
+    assert seen.labels == LABELS
+    for k, label in enumerate(LABELS):
+        own = data.X[data.y == label]
+        for axis in range(6):
+            for mine, whole in ((seen.mean, own.mean(axis=0)), (seen.sd, own.std(axis=0))):
+                expected = [whole[window, axis].mean() for window in windows]
+                np.testing.assert_allclose(mine[k, axis], expected, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(seen.time_s, [np.arange(SAMPLES)[w].mean() / 500 for w in windows], rtol=1e-4)
+
+
+def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
+    sos = scipy_signal.butter(8, 40.0, "highpass", fs=500.0, output="sos")
+    own = data.X[data.y == "peas"][:, :, 2]
+    state = scipy_signal.sosfilt_zi(sos)[:, None, :] * own[:, :1]
+    high, _ = scipy_signal.sosfilt(sos, own, axis=1, zi=state)
+    part = seen.high_pass
+    starts = np.arange(40) * SAMPLES // 40
+    pieces = np.split(high, starts[1:], axis=1)
+    np.testing.assert_allclose(
+        part.residual[1, 2], [np.sqrt((piece**2).mean()) for piece in pieces], rtol=1e-4
+    )
+    counts = np.mean([np.histogram(row, bins=20, range=(-1.5, 1.5))[0] for row in high], axis=0)
+    np.testing.assert_allclose(part.hfmh[1, 2], counts, rtol=1e-4)
+    assert part.settings["cutoff_hz"] == 40.0
+    assert part.bin_range.tolist() == [[-1.5, 1.5]] * 6
+    assert part.time_s[0] == pytest.approx((starts[1] - 1) / 2 / 500)
+
+
+def test_a_rate_too_low_for_the_filter_leaves_it_out():
+    slow = portrait(_slow(), {"raw": RawSignal()})
+    assert slow.high_pass is None
+    assert Portrait.from_dict(json.loads(json.dumps(slow.to_dict()))).high_pass is None
+
+
+def _slow():
+    from granular_id.recording import Dataset, Recording
+
+    return Dataset([Recording(r.wrench, rate_hz=10.0, label=r.label, name=r.name) for r in make_data(n=3)])
+
+
+def test_influence_equals_that_of_the_weights_themselves(data):
+    X, y = data.X, data.y
+    blocks = weight_blocks(X, y, RawHFMH(n_bins=30))
+    space = RawHFMH(n_bins=30).fit(X)
+    F = space.transform(X)
+    size = np.abs(ECOCClassifier().fit(F, y).coef_)
+    share = size * F.std(axis=0)
+    share = (share / share.sum(axis=1, keepdims=True)).mean(axis=0)
+    assert [block.kind for block in blocks] == ["time", "magnitude"]
+    for block, columns in zip(blocks, (slice(0, 6 * SAMPLES), slice(6 * SAMPLES, None)), strict=True):
+        expected = share[columns].reshape(6, -1)
+        np.testing.assert_allclose(block.shares, expected.sum(axis=1), rtol=1e-4)
+        np.testing.assert_allclose(block.influence, thinned(expected), rtol=1e-4, atol=1e-12)
+        means = thinned(size.mean(axis=0)[columns].reshape(6, -1))
+        np.testing.assert_allclose(block.weights, means, rtol=1e-4, atol=1e-9)
+        assert block.influence.shape[1] <= POINTS
+    assert sum(block.shares.sum() for block in blocks) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_first_space_with_a_link_to_the_recording_is_looked_at(data):
+    from sklearn.pipeline import make_pipeline
+
+    lost = make_pipeline(RawSignal(), PCA(3))
+    assert portrait(data, {"pca": lost, "hfmh": HFMH(n_bins=7)}).looked_at == "hfmh"
+    nowhere = portrait(data, {"pca": lost})
+    assert (nowhere.looked_at, nowhere.weights) == (None, ())
+    # the paper's filter stands in where no space has one
+    assert nowhere.high_pass.settings["cutoff_hz"] == 23.0
+
+
+def test_json_and_back_keeps_every_number(seen):
+    text = json.dumps(seen.to_dict(), allow_nan=False)
+    again = Portrait.from_dict(json.loads(text))
+    assert again.to_dict() == seen.to_dict()
+    assert again.weights[0].influence.dtype == np.float64
+    assert len(text) < 1_000_000
+
+
+def test_rounding_keeps_five_digits():
+    values = np.random.default_rng(0).normal(size=100) * 10.0 ** np.arange(-50, 50)
+    np.testing.assert_allclose(rounded(values), values, rtol=5e-5)
+
+
+@pytest.mark.parametrize("name", ["thinning", "gaze", "portrait"])
+def test_examples_in_docstrings_run(name):
+    result = doctest.testmod(import_module(f"granular_id.evaluation.{name}"))
+    assert result.attempted > 0
+    assert result.failed == 0
