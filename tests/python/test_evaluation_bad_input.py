@@ -37,9 +37,9 @@ def cut(data, **labels):
             r"'flat' must give an array \(n, D\), got shape",
         ),
         (
-            {"protocol": "session"},
+            {"protocol": "leave-one-out"},
             ValueError,
-            "protocol must be one of 'paper', 'chronological', got 'session'",
+            "protocol must be 'auto' or among 'paper', 'session', .*, got 'leave-one-out'",
         ),
         ({"protocol": []}, ValueError, "protocol must name one or more"),
         ({"protocol": ["paper", "paper"]}, ValueError, "each once"),

@@ -1,61 +1,45 @@
-"""Which recordings train and which are tested: the partitions of a protocol.
+"""Which recordings train and which are tested: the partitions of every protocol.
 
-Two protocols exist. ``paper`` draws random partitions with a fixed number of recordings of each class; it is
-what the paper reports. ``chronological`` trains on the first half of each class and tests on the second, then
-the reverse; it asks whether what was learned survives the passing of time. Recordings made minutes apart
-share tool, fill, zero offset and temperature, so random partitions flatter a method that has learned the
-session instead of the material. The difference between the two protocols shows whether that may be so; it
-also holds whatever else changed with time, and the smaller training half.
+``paper`` draws random partitions with a fixed number of recordings of each class; it is what the paper reports.
+``chronological`` trains on the first half of each class and tests on the second, then the reverse; it asks
+whether what was learned survives the passing of time. ``session`` holds out whole sessions, ``kfold`` random
+folds (`granular_id.evaluation.folds`). Recordings made minutes apart share tool, fill, zero offset and
+temperature, so random partitions flatter a method that has learned the session instead of the material. The
+difference between the protocols shows whether that may be so; it also holds whatever else changed with time,
+and the smaller training half.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from granular_id.evaluation.folds import block_partitions, kfold_partitions, session_partitions
+from granular_id.evaluation.partition import (
+    PROTOCOLS,
+    Partition,
+    positive_int,
+    rows_of_class,
+    splittable_rows,
+)
 
 __all__ = [
     "PROTOCOLS",
     "Partition",
+    "block_partitions",
     "chronological_partitions",
     "describe_order",
+    "kfold_partitions",
     "paper_partitions",
+    "positive_int",
+    "session_partitions",
 ]
-
-PROTOCOLS = {
-    "paper": "random partitions, fixed counts per class",
-    "chronological": "one half of each class in time order trains, the other is tested",
-}
 
 FORWARD = "1st->2nd half"
 BACKWARD = "2nd->1st half"
-
-
-@dataclass(frozen=True, eq=False)
-class Partition:
-    """One split of a data set into rows that train and rows that are tested.
-
-    Parameters
-    ----------
-    protocol : str
-        Name of the protocol that made it, a key of `PROTOCOLS`.
-    index : int
-        Position within its protocol, from 0.
-    description : str
-        What this split is, for a table: ``"partition 3"`` or ``"1st->2nd half"``.
-    train, test : (n_train,) and (n_test,) int arrays
-        Row numbers, ascending, without a row in both.
-    """
-
-    protocol: str
-    index: int
-    description: str
-    train: NDArray[np.intp]
-    test: NDArray[np.intp]
 
 
 def paper_partitions(
@@ -104,15 +88,15 @@ def paper_partitions(
     n_partitions = positive_int("n_partitions", n_partitions)
     train_per_class = positive_int("train_per_class", train_per_class)
     test_per_class = positive_int("test_per_class", test_per_class)
-    rows_of_class = _rows_of_class(y)
+    of_class = rows_of_class(y)
     wanted = train_per_class + test_per_class
-    short = {label: rows.size for label, rows in rows_of_class.items() if rows.size < wanted}
+    short = {label: rows.size for label, rows in of_class.items() if rows.size < wanted}
     if short:
         raise ValueError(_too_few(short, train_per_class, test_per_class))
     partitions = []
     for j in range(n_partitions):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(j,)))
-        drawn = [rng.permutation(rows)[:wanted] for rows in rows_of_class.values()]
+        drawn = [rng.permutation(rows)[:wanted] for rows in of_class.values()]
         train = np.sort(np.concatenate([rows[:train_per_class] for rows in drawn]))
         test = np.sort(np.concatenate([rows[train_per_class:] for rows in drawn]))
         partitions.append(Partition("paper", j, f"partition {j + 1}", train, test))
@@ -148,12 +132,7 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
     """
     rank = np.argsort(np.asarray(order, dtype=np.intp), kind="stable")
     firsts, seconds = [], []
-    for label, rows in _rows_of_class(y).items():
-        if rows.size < 2:
-            raise ValueError(
-                f"class {label!r} has 1 recording; the chronological protocol halves each class "
-                "and needs at least 2"
-            )
+    for rows in splittable_rows(y, "chronological").values():
         in_time = rows[np.argsort(rank[rows])]
         firsts.append(in_time[: rows.size // 2])
         seconds.append(in_time[rows.size // 2 :])
@@ -215,23 +194,6 @@ def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[st
                 "no order in time"
             )
     return "by start time"
-
-
-def positive_int(name: str, value: Any) -> int:
-    """Return `value` as an int, or say which argument is no whole number of at least 1."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be a whole number, got {type(value).__name__} {value!r}")
-    if value < 1:
-        raise ValueError(f"{name} must be at least 1, got {value}")
-    return int(value)
-
-
-def _rows_of_class(y: ArrayLike) -> dict[Any, NDArray[np.intp]]:
-    labels, codes = np.unique(np.asarray(y), return_inverse=True)
-    if labels.size < 2:
-        have = f"only {labels[0].item()!r}" if labels.size else "none"
-        raise ValueError(f"an evaluation needs recordings of at least 2 classes, got {have}")
-    return {label: np.flatnonzero(codes == k) for k, label in enumerate(labels.tolist())}
 
 
 def _too_few(short: dict[Any, int], train: int, test: int) -> str:

@@ -1,4 +1,4 @@
-"""From the arguments of `evaluate` to a checked plan: which spaces, which partitions, which seed."""
+"""From the arguments of `evaluate` to a checked plan: which spaces, which seed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,7 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from granular_id.evaluation.partitions import (
-    PROTOCOLS,
-    Partition,
-    chronological_partitions,
-    describe_order,
-    paper_partitions,
-)
-from granular_id.recording import Dataset
+from granular_id.evaluation.protocols import plan_partitions, plan_protocols
 from granular_id.spaces import FeatureSpace, feature_spaces
 
 __all__ = ["Space", "in_paper_order", "plan_partitions", "plan_protocols", "plan_seed", "plan_spaces"]
@@ -81,64 +74,6 @@ def plan_spaces(
     if not plan:
         raise ValueError("spaces must name at least one feature space, got none")
     return plan
-
-
-def plan_protocols(protocol: str | Sequence[str]) -> list[str]:
-    """Turn the `protocol` argument of `evaluate` into a list of known names."""
-    names = [protocol] if isinstance(protocol, str) else list(protocol)
-    known = ", ".join(map(repr, PROTOCOLS))
-    for name in names:
-        if name not in PROTOCOLS:
-            raise ValueError(f"protocol must be one of {known}, got {name!r}")
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"protocol must name one or more of {known}, each once, got {names!r}")
-    return names
-
-
-def plan_partitions(
-    data: Dataset,
-    protocol: str,
-    *,
-    n_partitions: int = 20,
-    train_per_class: int = 50,
-    test_per_class: int = 12,
-    seed: int = 0,
-) -> tuple[list[Partition], str]:
-    """Draw the partitions of one protocol, with a line on how they were drawn.
-
-    Parameters
-    ----------
-    data : Dataset
-        The recordings; only labels, names and start times are read.
-    protocol : str
-        ``"paper"`` or ``"chronological"``; the other arguments matter to ``"paper"`` only.
-    n_partitions, train_per_class, test_per_class, seed : int
-        See `paper_partitions`.
-
-    Returns
-    -------
-    partitions : list of Partition
-    note : str
-        For the reader of the result.
-
-    Raises
-    ------
-    ValueError
-        The data cannot be split this way; the message says why.
-    """
-    if protocol == "paper":
-        drawn = paper_partitions(
-            data.y,
-            n_partitions=n_partitions,
-            train_per_class=train_per_class,
-            test_per_class=test_per_class,
-            seed=seed,
-        )
-        counts = f"{train_per_class} recordings of each class train, {test_per_class} are tested"
-        return drawn, f"random: {counts}, seed {seed}"
-    note = describe_order(data.start_times, data.y, data.names)
-    order, _ = data.chronological_order()
-    return chronological_partitions(data.y, order), f"chronological: {note}"
 
 
 def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:

@@ -105,11 +105,10 @@ def evaluate(
     if not (isinstance(progress, bool) or callable(progress)):
         raise TypeError(f"progress must be True, False or callable, got {type(progress).__name__}")
     seed = plan_seed(random_state)
-    protocols = plan_protocols(protocol)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
+    protocols, notes = plan_protocols(protocol, data)
     planned = plan_spaces(spaces, data.rate_hz)
     partitions: dict[str, tuple[Partition, ...]] = {}
-    notes: list[str] = []
     for name in protocols:
         made, note = plan_partitions(
             data,

@@ -1,0 +1,220 @@
+"""Folds by session, by block in time and at random: what must hold whatever the data, and clear errors."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluation_cases import changed, make_data
+from granular_id.evaluation.partitions import block_partitions, kfold_partitions, session_partitions
+from granular_id.evaluation.protocols import plan_partitions, strictest
+from granular_id.recording import Dataset, Recording
+
+
+@st.composite
+def unbalanced(draw):
+    counts = draw(st.lists(st.integers(2, 12), min_size=2, max_size=5))
+    y = np.repeat([f"m{k}" for k in range(len(counts))], counts)
+    return np.random.default_rng(draw(st.integers(0, 99))).permutation(y)
+
+
+@st.composite
+def with_sessions(draw):
+    """Sessions nested in classes, crossing all of them, or drawn at random; two at least of each class."""
+    y = draw(unbalanced())
+    rng = np.random.default_rng(draw(st.integers(0, 999)))
+    n_sessions = draw(st.integers(2, 15))
+    kind = draw(st.sampled_from(["nested", "crossed", "any"]))
+    sessions = np.empty(y.size, dtype=object)
+    for k, label in enumerate(np.unique(y)):
+        rows = rng.permutation(np.flatnonzero(y == label))
+        drawn = np.arange(rows.size) if kind == "crossed" else rng.integers(0, n_sessions, rows.size)
+        drawn[:2] = (0, 1)
+        prefix = f"{label} " if kind == "nested" else ""
+        sessions[rows] = [f"{prefix}s{s % n_sessions}" for s in drawn]
+        if kind == "any" and k == 0:
+            sessions[rows] = [f"own {s % 2}" for s in range(rows.size)]
+    return y, sessions
+
+
+def check_folds(folds, y, protocol):
+    assert [fold.index for fold in folds] == list(range(len(folds)))
+    assert len(folds) >= 2
+    for fold in folds:
+        assert fold.protocol == protocol
+        assert fold.test.size > 0
+        assert sorted([*fold.train, *fold.test]) == list(range(y.size))
+        assert (np.diff(fold.train) > 0).all()
+        assert (np.diff(fold.test) > 0).all()
+        assert set(y[fold.train]) == set(y), "a class without training rows"
+    np.testing.assert_array_equal(np.sort(np.concatenate([f.test for f in folds])), np.arange(y.size))
+
+
+@given(with_sessions(), st.integers(2, 12))
+def test_whole_sessions_are_held_out_and_every_class_keeps_training_rows(case, max_folds):
+    y, sessions = case
+    folds = session_partitions(y, sessions, max_folds=max_folds)
+    check_folds(folds, y, "session")
+    for fold in folds:
+        assert not set(sessions[fold.train]) & set(sessions[fold.test])
+    again = session_partitions(y, sessions, max_folds=max_folds)
+    assert [f.test.tolist() for f in again] == [f.test.tolist() for f in folds]
+
+
+def test_sessions_that_span_all_classes_are_left_out_one_at_a_time():
+    y = np.tile(["oat", "rice"], 8)
+    sessions = np.repeat(["mon", "tue", "wed", "thu"], 4)
+    folds = session_partitions(y, sessions)
+    assert [fold.description for fold in folds] == ["mon", "tue", "wed", "thu"]
+    for fold, day in zip(folds, ("mon", "tue", "wed", "thu"), strict=True):
+        assert set(sessions[fold.test]) == {day}
+
+
+def test_sessions_nested_in_classes_are_left_out_one_of_each_class_at_a_time():
+    y = np.repeat(["oat", "rice", "peas"], 6)
+    sessions = np.array([f"{label} day {k % 3}" for k, label in enumerate(y)])
+    folds = session_partitions(y, sessions)
+    assert len(folds) == 3
+    for fold in folds:
+        held = sorted(set(sessions[fold.test]))
+        assert [name.split()[0] for name in held] == ["oat", "peas", "rice"]
+        assert fold.description == f"3 sessions: {held[0]}, ..."
+
+
+def test_many_sessions_are_grouped_into_ten_folds_of_like_size():
+    y = np.tile(["oat", "rice"], 50)
+    sessions = np.repeat([f"s{k}" for k in range(25)], 4)
+    folds = session_partitions(y, sessions)
+    assert len(folds) == 10
+    assert {fold.test.size for fold in folds} == {8, 12}
+    assert len(session_partitions(y, sessions, max_folds=25)) == 25
+
+
+def test_more_folds_are_made_where_fewer_would_leave_a_class_untrained():
+    y = np.array(["a"] * 20 + ["b"] * 20 + ["c", "c"])
+    sessions = np.array([f"s{k % 5}" for k in range(40)] + ["s0", "s1"])
+    for fold in session_partitions(y, sessions, max_folds=2):
+        assert "c" in y[fold.train]
+
+
+@given(unbalanced(), st.data())
+def test_blocks_are_contiguous_in_time_and_even(y, data):
+    order = np.random.default_rng(data.draw(st.integers(0, 99))).permutation(y.size)
+    largest = np.unique(y, return_counts=True)[1].max()
+    n_folds = data.draw(st.integers(2, int(largest)))
+    folds = block_partitions(y, order, n_folds=n_folds)
+    assert len(folds) == n_folds
+    check_folds(folds, y, "session")
+    when = np.argsort(order)
+    for label in np.unique(y):
+        sizes, latest = [], -1
+        for fold in folds:
+            block = np.sort(when[fold.test[y[fold.test] == label]])
+            sizes.append(block.size)
+            if block.size:
+                assert block[0] > latest, "an earlier recording in a later block"
+                latest = block[-1]
+        assert max(sizes) - min(sizes) <= 1
+
+
+@given(unbalanced(), st.data())
+def test_kfold_is_stratified_even_and_seeded(y, data):
+    counts = np.unique(y, return_counts=True)[1]
+    n_folds = data.draw(st.integers(2, int(counts.max())))
+    folds = kfold_partitions(y, n_folds=n_folds, seed=3)
+    check_folds(folds, y, "kfold")
+    sizes = [fold.test.size for fold in folds]
+    assert max(sizes) - min(sizes) <= 1
+    for label in np.unique(y):
+        of_class = [int((y[fold.test] == label).sum()) for fold in folds]
+        assert max(of_class) - min(of_class) <= 1
+    same = kfold_partitions(y, n_folds=n_folds, seed=3)
+    assert [f.test.tolist() for f in same] == [f.test.tolist() for f in folds]
+
+
+def test_kfold_depends_on_the_seed_and_mixes_rows_within_classes():
+    y = np.repeat(["a", "b"], 20)
+    one, other = (kfold_partitions(y, seed=seed)[0].test.tolist() for seed in (0, 1))
+    assert one != other
+    assert (kfold_partitions(y)[0].test < 20).any()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda y: kfold_partitions(y, n_folds=2), "class 'b' has 1 recording; the kfold protocol"),
+        (
+            lambda y: block_partitions(y, range(3), n_folds=2),
+            "class 'b' has 1 recording; the session protocol",
+        ),
+        (lambda y: session_partitions(y, list("stu")), "class 'b' has 1 recording; the session protocol"),
+        (lambda y: kfold_partitions(y[:2]), "at least 2 classes, got only 'a'"),
+        (lambda y: kfold_partitions([*y, "b"], n_folds=1), "n_folds must be at least 2, got 1"),
+        (
+            lambda y: kfold_partitions([*y, "b"], n_folds=3),
+            "n_folds must not exceed the 2 recordings of the largest class, 'a', got 3",
+        ),
+        (
+            lambda y: session_partitions([*y, "b"], list("stst"), max_folds=1),
+            "max_folds must be at least 2, got 1",
+        ),
+        (lambda y: session_partitions([*y, "b"], [None] * 4), "no recording says which session it is from"),
+        (
+            lambda y: session_partitions([*y, "b"], ["s", None, "s", "t"], names=list("wxyz")),
+            "recording 'x' has no session but 3 of 4 recordings have one",
+        ),
+        (
+            lambda y: session_partitions([*y, "b"], ["s", "t", "u", "u"]),
+            "class 'b' has recordings of one session only",
+        ),
+    ],
+)
+def test_what_cannot_be_split_is_refused(make, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make(["a", "a", "b"])
+
+
+def data_with(**fields):
+    return changed(make_data(n=4), **fields)
+
+
+def test_the_strictest_protocol_and_why_no_stricter_one():
+    assert strictest(make_data()) == ("session", "")
+    alone = data_with(session=lambda r: r.label)
+    assert strictest(alone) == (
+        "chronological",
+        "session protocol left out: class 'oat' has recordings of one session only; "
+        "holding it out would leave the class nothing to train on",
+    )
+    some = data_with(session=lambda r: None if r.name == "rice_1" else r.session)
+    assert strictest(some)[0] == "chronological"
+    assert "recording 'rice_1' has no session but 15 of 16" in strictest(some)[1]
+    half_timed = data_with(
+        session=lambda r: None, start_time=lambda r: None if r.name == "rice_1" else r.start_time
+    )
+    protocol, why = strictest(half_timed)
+    assert protocol is None
+    assert why.startswith("session protocol left out: no recording says")
+    assert "chronological protocol left out: recording 'rice_1' has no start time" in why
+    with pytest.raises(ValueError, match="have no label, the first is 'lost'"):
+        strictest(Dataset([*make_data(n=4), Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")]))
+
+
+def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():
+    _, note = plan_partitions(make_data(n=4), "session")
+    assert note == "session: 8 sessions held out whole, in 2 folds"
+    folds, note = plan_partitions(data_with(session=lambda r: None), "session", n_folds=2)
+    assert [fold.description for fold in folds] == ["block 1 of 2", "block 2 of 2"]
+    assert note == (
+        "session: no recording says which session it is from; "
+        "2 contiguous blocks of each class held out instead, by start time"
+    )
+    _, note = plan_partitions(data_with(session=lambda r: r.label), "session", n_folds=2)
+    assert note.startswith("session: class 'oat' has one session only; 2 contiguous blocks")
+    some = data_with(session=lambda r: None if r.name == "rice_1" else r.session)
+    with pytest.raises(
+        ValueError, match="recording 'rice_1' has no session but 15 of 16 recordings have one"
+    ):
+        plan_partitions(some, "session")
