@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.evaluation import export, tables
+from granular_id.evaluation.comparison import MIN_PARTITIONS
 from granular_id.evaluation.metrics import confusion_counts, macro_f1, recall_per_class, sample_sd
 from granular_id.evaluation.partitions import Partition
+from granular_id.evaluation.statistics import corrected_interval
 
 __all__ = ["EvaluationResult", "Prediction", "SpaceSummary"]
 
@@ -161,6 +163,18 @@ class EvaluationResult:
     def sd_accuracy(self, space: str, protocol: str | None = None) -> float:
         """Sample standard deviation of `accuracies` (divisor J - 1); NaN for one partition."""
         return sample_sd(self.accuracies(space, protocol))
+
+    def interval(self, space: str, protocol: str | None = None) -> tuple[float, float]:
+        """95 % interval of `mean_accuracy`, corrected for the recordings that partitions share.
+
+        NaN with fewer than three partitions and where all agree: see
+        `granular_id.evaluation.statistics.corrected_interval`.
+        """
+        partitions, _ = self._runs(space, protocol)
+        if len(partitions) < MIN_PARTITIONS:
+            return float("nan"), float("nan")
+        n_train, n_test = (np.mean([len(getattr(p, part)) for p in partitions]) for part in ("train", "test"))
+        return corrected_interval(self.accuracies(space, protocol), float(n_train), float(n_test))
 
     def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
         """Confusion matrix summed over the partitions of a protocol.
