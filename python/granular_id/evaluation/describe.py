@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from sklearn.base import BaseEstimator
 
-from granular_id.recording import Dataset, SampleFlag
+from granular_id.recording import Dataset, Recording, SampleFlag
 
-__all__ = ["describe_data", "describe_estimator", "is_synthetic", "warnings_in"]
+__all__ = ["describe_data", "describe_estimator", "is_simulated", "is_synthetic", "warnings_in"]
 
 MANY_FILLED = 0.05
 """Share of samples inside filled gaps from which on a reader is warned."""
@@ -48,7 +48,12 @@ def describe_data(data: Dataset) -> dict[str, Any]:
 
 def is_synthetic(data: Dataset) -> bool:
     """Whether any recording was simulated rather than measured."""
-    return any(bool(recording.meta.get("synthetic", False)) for recording in data)
+    return any(map(is_simulated, data))
+
+
+def is_simulated(recording: Recording) -> bool:
+    """Whether this recording was."""
+    return bool(recording.meta.get("synthetic", False))
 
 
 def warnings_in(data: Dataset) -> list[str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
 from granular_id._core import AXES
-from granular_id.evaluation.describe import describe_estimator
+from granular_id.evaluation.describe import describe_estimator, is_simulated
 from granular_id.evaluation.gaze import WeightBlock, weight_blocks
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
@@ -73,6 +73,10 @@ class Portrait:
     ----------
     labels : tuple of K str
         Materials, in the order of the first axis of the arrays.
+    counts : tuple of K int
+        Recordings of each.
+    n_synthetic : int
+        How many recordings were simulated.
     axes : tuple of C str
         Axes, in the order of the second.
     rate_hz : float
@@ -92,6 +96,8 @@ class Portrait:
     """
 
     labels: tuple[str, ...]
+    counts: tuple[int, ...]
+    n_synthetic: int
     axes: tuple[str, ...]
     rate_hz: float
     n_samples: int
@@ -106,6 +112,8 @@ class Portrait:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
         return {
             "labels": list(self.labels),
+            "counts": list(self.counts),
+            "n_synthetic": self.n_synthetic,
             "axes": list(self.axes),
             "rate_hz": self.rate_hz,
             "n_samples": self.n_samples,
@@ -123,6 +131,8 @@ class Portrait:
         high_pass = values["high_pass"]
         return cls(
             labels=tuple(values["labels"]),
+            counts=tuple(values["counts"]),
+            n_synthetic=int(values["n_synthetic"]),
             axes=tuple(values["axes"]),
             rate_hz=float(values["rate_hz"]),
             n_samples=int(values["n_samples"]),
@@ -174,6 +184,8 @@ def portrait(
     looked_at = next((name for name, space in spaces.items() if hasattr(space, "feature_blocks")), None)
     return Portrait(
         labels=tuple(labels.tolist()),
+        counts=tuple(map(len, groups)),
+        n_synthetic=sum(map(is_simulated, data)),
         axes=AXES,
         rate_hz=float(rate_hz),
         n_samples=X.shape[1],
