@@ -1,0 +1,113 @@
+"""What RICA minimises: reconstruction and contrast, each with its gradient."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["CONTRASTS", "Objective"]
+
+FloatArray = npt.NDArray[np.float64]
+Contrast = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+# A product of so many factors from 1 to 2 stays in the range of float64.
+_FACTORS = 1000
+
+
+def _logcosh(projections: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``log(cosh(2 z)) / 2`` and ``tanh(2 z)`` from one exponential, which cannot overflow.
+
+    With e = exp(-4 |z|) the value is |z| + log(1 + e) / 2 - log(2) / 2, and the slope has the size (1 - e) / (1 + e).
+    The logarithms of a column are taken together, as that of a product: a logarithm costs as much as all the rest.
+    """
+    size = np.abs(projections)
+    values = size.sum(axis=0)
+    size *= -4.0
+    small = np.exp(size, out=size)
+    factors = 1.0 + small
+    products = np.multiply.reduceat(factors, np.arange(0, len(factors), _FACTORS), axis=0)
+    values += 0.5 * np.log(products).sum(axis=0) - 0.5 * math.log(2.0) * len(factors)
+    slopes = np.subtract(1.0, small, out=small)
+    slopes /= factors
+    return values, np.copysign(slopes, projections, out=slopes)
+
+
+def _exp(projections: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``-exp(-z**2 / 2)`` and its slope."""
+    bell = np.exp(-0.5 * projections**2)
+    return -bell.sum(axis=0), projections * bell
+
+
+def _sqrt(projections: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """``sqrt(z**2 + 1e-8)``, an absolute value with a round corner, and its slope."""
+    roots = np.sqrt(projections**2 + 1e-8)
+    return roots.sum(axis=0), projections / roots
+
+
+CONTRASTS: dict[str, Contrast] = {"logcosh": _logcosh, "exp": _exp, "sqrt": _sqrt}
+"""From projections (n, p) to the sum over each column and the slope at each element."""
+
+
+class Objective:
+    """``alpha * ||X W W' - X||^2 + sum of signs * g(X W)`` for W of unit columns.
+
+    The reconstruction needs the rows only through S = X' X: it is ``<W'W, W'SW> - 2 trace(W'SW) + trace(S)``, which
+    never makes the n x D residual. With more features than rows S would be the larger, and S W is made from X W.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, D)
+        X.
+    alpha : float
+        Weight of the reconstruction.
+    contrast : str
+        Key of `CONTRASTS`.
+    signs : ndarray, shape (p,)
+        +1 or -1 per component.
+
+    Raises
+    ------
+    ValueError
+        The squares of X overflow.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.rica_objective import Objective
+    >>> value, gradient = Objective(np.eye(2), alpha=1.0, contrast="exp", signs=np.ones(2))(np.eye(2))
+    >>> round(value, 4), gradient.shape
+    (-3.2131, (2, 2))
+    """
+
+    def __init__(self, rows: FloatArray, *, alpha: float, contrast: str, signs: FloatArray) -> None:
+        with np.errstate(over="ignore"):
+            self._total = float(np.einsum("ij,ij->", rows, rows))
+        # Two more factors of p and a sum stand between the total and the objective.
+        if not self._total < 1e-20 * np.finfo(np.float64).max:
+            raise ValueError(
+                f"X is too large (up to {np.abs(rows).max():.3g}): its squares overflow; use other units"
+            )
+        self._rows = rows
+        self._scatter = rows.T @ rows if rows.shape[1] <= len(rows) else None
+        self._alpha = alpha
+        self._contrast = CONTRASTS[contrast]
+        self._signs = signs
+
+    def __call__(self, units: FloatArray) -> tuple[float, FloatArray]:
+        """Value, and gradient (D, p) with respect to W as if its columns were free."""
+        projections = self._rows @ units
+        contrasts, slopes = self._contrast(projections)
+        image = self._rows.T @ projections if self._scatter is None else self._scatter @ units
+        between = units.T @ units
+        energy = units.T @ image
+        rebuilt = float(np.vdot(between, energy)) - 2.0 * float(np.trace(energy)) + self._total
+        between.flat[:: len(between) + 1] -= 2.0
+        descent = image @ between
+        descent += units @ energy
+        descent *= 2.0 * self._alpha
+        slopes *= self._signs
+        descent += self._rows.T @ slopes
+        return self._alpha * rebuilt + float(contrasts @ self._signs), descent

@@ -1,0 +1,252 @@
+"""RICA as an estimator: golden ends, starts, options, refusals."""
+
+import pickle
+import warnings
+
+import joblib
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.estimator_checks import parametrize_with_checks
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from granular_id._blas import single_threaded_blas
+from granular_id.rica import RICA
+
+# Two known local ends of rica in MATLAB on these rows; random starts reach 192.709, 192.738, 194.717, 198.068.
+GOLDEN_ROWS = np.mod(np.arange(1, 61) * 7, 13).reshape(12, 5, order="F") - 6.0
+GOLDEN_START = np.mod(np.arange(1, 16) * 3, 7).reshape(5, 3, order="F") - 3.0
+
+
+@parametrize_with_checks(
+    [RICA(), RICA(3, contrast="exp", n_init=2, random_state=0), RICA(2, standardize=True)]
+)
+def test_sklearn_contract(estimator, check):
+    check(estimator)
+
+
+def sources(n_rows=2000, seed=0):
+    """Three independent signals with long tails, and an orthogonal mixing."""
+    random = np.random.default_rng(seed)
+    mixing = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    return random.laplace(size=(n_rows, 3)) @ mixing, mixing
+
+
+def fitted(*arguments, **options):
+    return RICA(*arguments, **{"random_state": 0, **options}).fit(GOLDEN_ROWS)
+
+
+def test_golden_end():
+    rica = RICA(3, init=GOLDEN_START.T).fit(GOLDEN_ROWS)
+    assert rica.objective_ == pytest.approx(194.5156, abs=1e-3)
+    closer = RICA(3, init=GOLDEN_START.T, tol=1e-10).fit(GOLDEN_ROWS)
+    assert closer.objective_ == pytest.approx(194.5156, abs=5e-5)
+    assert closer.converged_
+
+
+def test_random_starts_end_in_known_minima():
+    rica = fitted(3, n_init=40, tol=1e-10)
+    for known in (192.709, 194.717, 198.068):
+        assert np.abs(rica.objectives_ - known).min() < 1e-3
+    assert rica.objectives_.min() == rica.objective_ == pytest.approx(192.709, abs=1e-3)
+
+
+def test_start_k_is_the_same_however_many_there_are():
+    np.testing.assert_array_equal(fitted(3, n_init=4).objectives_, fitted(3, n_init=9).objectives_[:4])
+
+
+def test_threads_change_nothing():
+    alone = fitted(4, n_init=5)
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        together = fitted(4, n_init=5)
+    np.testing.assert_array_equal(alone.components_, together.components_)
+    np.testing.assert_array_equal(alone.objectives_, together.objectives_)
+
+
+@pytest.mark.parametrize("n_threads", [1, 2])
+def test_threads_of_blas_change_nothing(n_threads):
+    rows = np.random.default_rng(0).laplace(size=(500, 60))
+    with threadpool_limits(n_threads, user_api="blas"):
+        rica = RICA(40, random_state=1, tol=1e-3).fit(rows)
+    with single_threaded_blas():
+        alone = RICA(40, random_state=1, tol=1e-3).fit(rows)
+    np.testing.assert_array_equal(rica.components_, alone.components_)
+
+
+def test_one_thread_of_blas_ends_with_the_last_block():
+    def threads():
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        outer, inner = single_threaded_blas(), single_threaded_blas()
+        outer.__enter__()
+        inner.__enter__()
+        outer.__exit__(None, None, None)
+        assert set(threads()) == {1}
+        inner.__exit__(None, None, None)
+        assert threads() == before
+
+
+def test_finds_mixed_sources():
+    rows, mixing = sources()
+    rica = RICA(3, random_state=0).fit(rows)
+    found = np.abs(rica.components_ @ mixing.T)
+    np.testing.assert_allclose(found.max(axis=0), 1, atol=0.02)
+    assert rica.converged_
+
+
+def test_non_gaussianity_seeks_flat_signals():
+    random = np.random.default_rng(0)
+    rows = np.column_stack([random.uniform(-2, 2, 3000), random.laplace(size=3000)])
+    for sign, source in ((-1, 0), (1, 1)):
+        rica = RICA(1, alpha=0, non_gaussianity=[sign], random_state=0)
+        assert np.abs(rica.fit(rows / rows.std(axis=0)).components_[0, source]) > 0.95
+    both = RICA(2, non_gaussianity=[-1, 1], random_state=0).fit(rows / rows.std(axis=0))
+    np.testing.assert_allclose(np.abs(both.components_), np.eye(2), atol=0.05)
+    np.testing.assert_array_equal(
+        fitted(3, non_gaussianity=-1).components_, fitted(3, non_gaussianity=[-1] * 3).components_
+    )
+
+
+@pytest.mark.parametrize("contrast", ["logcosh", "exp", "sqrt"])
+def test_components_are_unit_rows_and_transform_projects(contrast):
+    rica = fitted(3, contrast=contrast)
+    np.testing.assert_allclose(np.linalg.norm(rica.components_, axis=1), 1, rtol=1e-12)
+    np.testing.assert_allclose(rica.transform(GOLDEN_ROWS), GOLDEN_ROWS @ rica.components_.T)
+    residual = GOLDEN_ROWS @ rica.components_.T @ rica.components_ - GOLDEN_ROWS
+    z = GOLDEN_ROWS @ rica.components_.T
+    g = {
+        "logcosh": 0.5 * np.log(np.cosh(2 * z)),
+        "exp": -np.exp(-(z**2) / 2),
+        "sqrt": np.sqrt(z**2 + 1e-8),
+    }
+    assert rica.objective_ == pytest.approx(np.sum(residual**2) + g[contrast].sum(), rel=1e-9)
+
+
+def test_more_components_than_features_and_none():
+    rica = fitted(8)
+    assert rica.components_.shape == (8, 5)
+    assert rica.transform(GOLDEN_ROWS[:2]).shape == (2, 8)
+    assert fitted().components_.shape == (5, 5)
+
+
+def test_more_features_than_rows():
+    wide = np.random.default_rng(0).normal(size=(6, 40))
+    rica = RICA(3, random_state=0).fit(wide)
+    assert rica.components_.shape == (3, 40)
+    # What the rows do not span can only cost: the components stay within it.
+    _, _, span = np.linalg.svd(wide, full_matrices=False)
+    np.testing.assert_allclose(rica.components_ @ span.T @ span, rica.components_, atol=0.02)
+
+
+def test_standardize_equals_scaling_first():
+    rows, _ = sources(200)
+    rows = rows * [1e-3, 1.0, 1e4] + [5.0, -2.0, 1e5]
+    inside = RICA(2, standardize=True, random_state=0).fit(rows)
+    outside = make_pipeline(StandardScaler(), RICA(2, random_state=0)).fit(rows)
+    np.testing.assert_allclose(inside.transform(rows), outside.transform(rows), rtol=1e-6, atol=1e-9)
+    assert inside.objective_ == pytest.approx(outside[-1].objective_)
+
+
+def test_constant_features():
+    rows, _ = sources(200)
+    with_constant = np.insert(rows, 1, 7.5, axis=1)
+    scaled = RICA(3, standardize=True, random_state=0).fit(with_constant)
+    np.testing.assert_array_equal((with_constant - scaled.mean_)[:, 1] / scaled.scale_[1], 0)
+    assert np.isfinite(scaled.transform(with_constant)).all()
+    # Not centred without standardize: the constant is a signal like any other.
+    assert np.isfinite(RICA(3, random_state=0).fit(with_constant).objective_)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_scale_of_the_input_does_no_harm(scale):
+    rica = RICA(3, random_state=0).fit(sources()[0] * scale)
+    assert np.isfinite(rica.components_).all()
+    np.testing.assert_allclose(np.linalg.norm(rica.components_, axis=1), 1)
+
+
+def test_max_iter_reached_is_said():
+    with pytest.warns(ConvergenceWarning, match=r"reached max_iter \(2\)"):
+        rica = fitted(3, max_iter=2)
+    assert not rica.converged_
+    assert rica.n_iter_ == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fitted(3).converged_
+
+
+def test_tol_and_gtol_stop():
+    assert fitted(3, tol=1e-2).n_iter_ < fitted(3, tol=1e-9).n_iter_
+    assert fitted(3, tol=0, gtol=10).n_iter_ < fitted(3, tol=0, gtol=1e-3).n_iter_
+
+
+def test_repeatable_clone_pickle_and_names():
+    rica = fitted(3)
+    again = clone(rica).fit(GOLDEN_ROWS)
+    np.testing.assert_array_equal(rica.components_, again.components_)
+    read = pickle.loads(pickle.dumps(rica))
+    np.testing.assert_array_equal(read.transform(GOLDEN_ROWS), rica.transform(GOLDEN_ROWS))
+    assert list(rica.get_feature_names_out()) == ["rica00", "rica01", "rica02"]
+    assert list(fitted(101).get_feature_names_out())[::50] == ["rica000", "rica050", "rica100"]
+
+
+def test_set_output_pandas():
+    pytest.importorskip("pandas")
+    frame = RICA(2, random_state=0).set_output(transform="pandas").fit_transform(GOLDEN_ROWS)
+    assert list(frame.columns) == ["rica00", "rica01"]
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"n_components": 0}, ValueError, "n_components == 0, must be >= 1"),
+        ({"n_components": 2.5}, TypeError, "n_components must be an instance of"),
+        ({"alpha": -1.0}, ValueError, "alpha == -1.0, must be >= 0"),
+        ({"alpha": float("nan")}, ValueError, "alpha must be finite"),
+        ({"tol": float("inf")}, ValueError, "tol must be finite"),
+        ({"gtol": "small"}, TypeError, "gtol must be an instance of"),
+        ({"max_iter": 0}, ValueError, "max_iter == 0, must be >= 1"),
+        ({"n_init": 0}, ValueError, "n_init == 0, must be >= 1"),
+        ({"contrast": "cube"}, ValueError, "contrast must be one of logcosh, exp, sqrt, got 'cube'"),
+        ({"standardize": "yes"}, TypeError, "standardize must be True or False, got 'yes'"),
+        ({"non_gaussianity": [1, -1]}, ValueError, "non_gaussianity must be one number or 3"),
+        ({"non_gaussianity": [1, 0, 1]}, ValueError, "non_gaussianity must hold 1 and -1 only"),
+        ({"init": np.ones((5, 3))}, ValueError, r"init must have shape \(3, 5\).*got \(5, 3\)"),
+        ({"init": np.zeros((3, 5))}, ValueError, "init must hold finite vectors, none of them zero"),
+        ({"init": np.ones((3, 5)), "n_init": 2}, ValueError, "n_init must be 1 where init says"),
+    ],
+)
+def test_bad_parameters(options, error, message):
+    with pytest.raises(error, match=message):
+        RICA(**{"n_components": 3, **options}).fit(GOLDEN_ROWS)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (np.where(np.eye(12, 5) > 0, np.nan, GOLDEN_ROWS), "Input X contains NaN"),
+        (np.zeros((4, 3)), r"every feature is zero \(n_samples = 4\)"),
+        (GOLDEN_ROWS * 1e160, "X is too large"),
+        (GOLDEN_ROWS[0], "Expected 2D array"),
+    ],
+)
+def test_bad_rows(rows, message):
+    with pytest.raises(ValueError, match=message):
+        RICA(2).fit(rows)
+
+
+def test_all_rows_equal():
+    with pytest.raises(ValueError, match=r"every feature is constant \(n_samples = 5\)"):
+        RICA(2, standardize=True).fit(np.ones((5, 3)))
+    assert np.isfinite(RICA(2, random_state=0).fit(np.ones((5, 3))).objective_)
+
+
+def test_not_fitted_and_other_width():
+    with pytest.raises(NotFittedError):
+        RICA(2).transform(GOLDEN_ROWS)
+    with pytest.raises(ValueError, match="expecting 5 features"):
+        fitted(2).transform(GOLDEN_ROWS[:, :3])
