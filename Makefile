@@ -92,7 +92,7 @@ false-positives: $(PACKAGE)
 oldest: requirements-oldest.txt $(SOURCES) | toolchain
 	@$(PYTHON) -m venv $(OLDEST)
 	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-oldest.txt --editable '.[app]'
-	$(OLDEST)/bin/python -m pytest
+	$(OLDEST)/bin/python -m pytest -o filterwarnings=default
 
 campaign: $(TOOLS)
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
