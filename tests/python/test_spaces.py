@@ -12,7 +12,7 @@ from sklearn.pipeline import make_pipeline
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.features import extract_features, feature_names
-from granular_id.spaces import HFMH, FeatureSpace, RawHFMH, RawSignal, feature_spaces
+from granular_id.spaces import HFMH, RawHFMH, RawSignal
 
 
 def recordings(n=5, n_samples=300, n_axes=6, seed=0):
@@ -215,24 +215,6 @@ def test_bad_recordings(kind):
 def test_bad_parameters(kind, parameters, message):
     with pytest.raises(ValueError, match=message):
         kind(**parameters).fit(recordings())
-
-
-def test_table_of_the_paper():
-    spaces = feature_spaces(rate_hz=100.0, cutoff_hz=9.0, order=4, n_bins=20, bin_range="auto", threads=1)
-    assert list(spaces) == ["raw", "hfmh", "raw+hfmh"]
-    assert [space.paper_accuracy for space in spaces.values()] == [0.7614, 0.8705, 0.9705]
-    assert [space.learns for space in spaces.values()] == [False, True, True]
-    assert [space.name for space in spaces.values()] == list(spaces)
-    assert all(isinstance(space, FeatureSpace) for space in spaces.values())
-    for space in list(spaces.values())[1:]:
-        parameters = space.transformer.get_params()
-        assert parameters["cutoff_hz"] == 9.0
-        assert parameters["threads"] == 1
-    assert not feature_spaces()["raw+hfmh"].learns
-    assert feature_spaces()["raw+hfmh"].transformer.fit_transform(recordings(n_samples=1600)).shape == (
-        5,
-        10_200,
-    )
 
 
 def test_recordings_are_not_changed_and_need_no_order():

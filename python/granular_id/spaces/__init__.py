@@ -1,14 +1,41 @@
 """Feature spaces: recordings to features, one scikit-learn transformer each, and the paper's table of them."""
 
+from granular_id.spaces.base import RecordingFilter, RecordingTransformer, learns
+from granular_id.spaces.blocks import FeatureBlock
+from granular_id.spaces.components import PrincipalComponents
+from granular_id.spaces.fourier import DFT
+from granular_id.spaces.gram_plan import GramPlan, block_key, gram_plan
+from granular_id.spaces.hfmh import HFMH, BinRange, RawHFMH
+from granular_id.spaces.histogram import RawHistogram
+from granular_id.spaces.links import feature_blocks
+from granular_id.spaces.permutation import TimePermutation
+from granular_id.spaces.raw import RangeNormalizer, RawSignal
 from granular_id.spaces.table import FeatureSpace, feature_spaces
-from granular_id.spaces.transformers import HFMH, BinRange, RawHFMH, RawSignal, RecordingTransformer
+from granular_id.spaces.tare import Tare
+from granular_id.spaces.union import BlockUnion
+from granular_id.spaces.weights import unit_weight
 
 __all__ = [
+    "DFT",
     "HFMH",
     "BinRange",
+    "BlockUnion",
+    "FeatureBlock",
     "FeatureSpace",
+    "GramPlan",
+    "PrincipalComponents",
+    "RangeNormalizer",
     "RawHFMH",
+    "RawHistogram",
     "RawSignal",
+    "RecordingFilter",
     "RecordingTransformer",
+    "Tare",
+    "TimePermutation",
+    "block_key",
+    "feature_blocks",
     "feature_spaces",
+    "gram_plan",
+    "learns",
+    "unit_weight",
 ]

@@ -1,0 +1,228 @@
+"""What all feature spaces share: how recordings come in, how features are named."""
+
+from __future__ import annotations
+
+import math
+from numbers import Real
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
+from sklearn.pipeline import Pipeline
+from sklearn.utils import Tags
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from granular_id.features import extract_features
+from granular_id.spaces.blocks import FeatureBlock
+
+__all__ = ["RecordingFilter", "RecordingTransformer", "axis_series", "check_rate", "learns", "real_steps"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Recordings (n, T, C) to one row of features each.
+
+    A subclass fills in `_learn` (checks parameters, learns what there is to learn), `_features`, `_names`, and
+    `feature_blocks`.
+    """
+
+    n_features_in_: int
+    n_axes_in_: int
+
+    without_effect: ClassVar[frozenset[str]] = frozenset()
+    """Parameters that change no feature: threads, or a rate that labels coordinates only."""
+
+    @property
+    def learns(self) -> bool:
+        """Whether `fit` takes anything from the data but their shape."""
+        return False
+
+    def fit(self, X: npt.ArrayLike, y: object = None) -> Any:  # noqa: ARG002 - scikit-learn passes y
+        """Check the parameters, remember the shape of a recording, and learn where there is something to learn.
+
+        Parameters
+        ----------
+        X : array-like, shape (n, T, C) or (n, T)
+            Recordings: n of T samples on C axes, in N and N m. Two dimensions are n signals of one axis.
+        y : ignored
+
+        Returns
+        -------
+        self
+        """
+        recordings = self._recordings(X, reset=True)
+        self.n_axes_in_ = recordings.shape[2]
+        self._learn(recordings)
+        return self
+
+    def transform(self, X: npt.ArrayLike) -> FloatArray:
+        """Features (n, D) of recordings of the shape given to `fit`.
+
+        Raises
+        ------
+        ValueError
+            Another shape, NaN or infinity.
+        """
+        check_is_fitted(self)
+        return self._features(self._recordings(X, reset=False))
+
+    def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
+        """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``.
+
+        Parameters
+        ----------
+        input_features : array-like of str, shape (T,), optional
+            Must equal the names seen by `fit`, if there were any. The names given out do not depend on it.
+        """
+        check_is_fitted(self)
+        if input_features is not None:
+            given = np.asarray(input_features, dtype=object)
+            if given.shape != (self.n_features_in_,):
+                raise ValueError(
+                    "input_features should have length equal to number of features "
+                    f"({self.n_features_in_}), got shape {given.shape}"
+                )
+            seen = getattr(self, "feature_names_in_", None)
+            if seen is not None and not np.array_equal(seen, given):
+                raise ValueError("input_features is not equal to feature_names_in_")
+        return np.asarray(self._names(), dtype=object)
+
+    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
+        """Say what the columns stand for: instants, bins or frequencies of each axis."""
+        raise NotImplementedError
+
+    def __sklearn_tags__(self) -> Tags:
+        """Tags: recordings are three-dimensional, and two dimensions are welcome."""
+        tags = super().__sklearn_tags__()
+        tags.input_tags.three_d_array = True
+        return tags
+
+    def _learn(self, recordings: FloatArray) -> None:
+        """Check parameters; a subclass that learns does so here."""
+
+    def _features(self, recordings: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+    def _names(self) -> list[str]:
+        raise NotImplementedError
+
+    def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
+        rank = np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
+        if rank > 3:
+            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {rank} dimensions")
+        if not reset and self.n_axes_in_ > 1:
+            self._same_shape(np.shape(X))
+        # In transform extract_features looks for NaN anyway, and names the place.
+        values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=reset)
+        if values.ndim == 2:
+            values = values[:, :, np.newaxis]
+        if values.shape[2] == 0:
+            raise ValueError(f"X must have at least one axis, got shape {values.shape}")
+        if not reset and values.shape[2] != self.n_axes_in_:
+            raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
+        recordings: FloatArray = values
+        return recordings
+
+    def _same_shape(self, shape: tuple[int, ...]) -> None:
+        fitted = (self.n_features_in_, self.n_axes_in_)
+        if shape == fitted:
+            raise ValueError(f"X must be a batch, got one recording of shape {shape}: pass X[np.newaxis]")
+        if len(shape) != 3 or shape[1:] != fitted:
+            wanted = f"(n, {fitted[0]}, {fitted[1]})"
+            raise ValueError(f"X must have shape {wanted} as in fit, with any n, got {shape}")
+
+
+class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: ignore[misc]
+    """Recordings to recordings of the same shape, to stand in front of any feature space of a pipeline.
+
+    A subclass fills in `_learn` and `_filtered`. The result is always an array, whatever `set_output` says: a
+    data frame has two dimensions.
+    """
+
+    keeps_time: ClassVar[bool] = True
+    """Whether sample t of the result still belongs to instant t."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(auto_wrap_output_keys=None, **keywords)
+
+    def set_output(self, *, transform: str | None = None) -> Any:  # noqa: ARG002
+        """Do nothing, so that a pipeline can set its steps behind; recordings stay arrays."""
+        return self
+
+    def transform(self, X: npt.ArrayLike) -> FloatArray:
+        """Filter recordings; the result has as many dimensions as `X`.
+
+        Raises
+        ------
+        ValueError
+            Another shape than in `fit`, NaN or infinity.
+        """
+        check_is_fitted(self)
+        recordings = self._recordings(X, reset=False)
+        flat = np.ndim(X) == 2
+        if not np.isfinite(recordings).all():
+            place = tuple(int(i) for i in np.argwhere(~np.isfinite(recordings))[0])
+            raise ValueError(
+                f"X must be finite, got {recordings[place]} at index {place[:2] if flat else place}"
+            )
+        filtered = self._filtered(recordings)
+        return filtered[:, :, 0] if flat else filtered
+
+    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
+        """Refused: recordings are no features yet."""
+        raise TypeError(
+            f"{type(self).__name__} gives recordings; ask the step behind it for its feature blocks"
+        )
+
+    def _filtered(self, recordings: FloatArray) -> FloatArray:
+        raise NotImplementedError
+
+
+def axis_series(recordings: FloatArray) -> FloatArray:
+    """Return a copy (n, C, T) in which each axis of each recording is contiguous; refuse NaN and infinity."""
+    n, n_samples, n_axes = recordings.shape
+    rows = extract_features(recordings, hfmh=False, threads=1)  # the transposing copy at memory speed
+    return rows.reshape(n, n_axes, n_samples)
+
+
+def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
+    """Refuse a rate that is no positive number."""
+    if rate_hz is None and optional:
+        return
+    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real):
+        wanted = "a number of hertz or None" if optional else "a number of hertz"
+        raise TypeError(f"rate_hz must be {wanted}, got {rate_hz!r}")
+    if not 0 < float(rate_hz) < math.inf:
+        raise ValueError(f"rate_hz must be positive and finite, got {rate_hz!r}")
+
+
+def learns(transformer: Any) -> bool:
+    """Whether fitting takes anything from the data but their shape.
+
+    A pipeline learns when one of its steps does. What does not say (no boolean ``learns``) counts as learning,
+    the safe side: it is then fitted on training rows only.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from sklearn.preprocessing import StandardScaler
+    >>> from granular_id.spaces import RawSignal
+    >>> learns(RawSignal()), learns(make_pipeline(RawSignal(), StandardScaler()))
+    (False, True)
+    """
+    if isinstance(transformer, Pipeline):
+        return any(learns(step) for step in real_steps(transformer))
+    return bool(getattr(transformer, "learns", True))
+
+
+def real_steps(pipeline: Pipeline) -> list[Any]:
+    """List the steps of a pipeline that do something, those of pipelines within it included."""
+    steps: list[Any] = []
+    for _, step in pipeline.steps:
+        if isinstance(step, Pipeline):
+            steps.extend(real_steps(step))
+        elif step is not None and step != "passthrough":
+            steps.append(step)
+    return steps

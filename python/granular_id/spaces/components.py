@@ -1,0 +1,229 @@
+"""Principal components of few rows with many columns, through the scalar products of the rows."""
+
+from __future__ import annotations
+
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.linalg
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from granular_id.gram import linear_gram
+
+__all__ = ["PrincipalComponents"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Scores this close to the largest of a component share the vote on its sign: rounding must not decide.
+_SIGN_MARGIN = 1e-6
+
+
+class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Scores on the principal components of the training rows.
+
+    Equal to ``sklearn.decomposition.PCA(n_components, svd_solver="full")`` up to signs. A few hundred rows of
+    10,000 columns have their components in the span of the rows: the eigenvectors of the (n, n) matrix of their
+    scalar products tell all. An evaluation over many partitions hands slices of one such matrix to `fit_gram`
+    and `transform_gram`, and never touches the columns again.
+
+    Parameters
+    ----------
+    n_components : int, default 100
+        Components to keep, those with the largest variance; the paper's number. Rows that do not have so many
+        give fewer: never more than ``min(n - 1, D)``, and none without variance.
+
+    Attributes
+    ----------
+    n_components_ : int
+        Components kept.
+    explained_variance_, explained_variance_ratio_, singular_values_ : ndarray, shape (n_components_,)
+        Of each component, largest first: variance of the scores over the training rows (divisor n - 1), its
+        share of the variance of all columns, and the square root of the sum of squared scores.
+    components_ : ndarray, shape (n_components_, D)
+        Unit rows. Only after `fit`.
+    mean_ : ndarray, shape (D,)
+        Mean of the training rows. Only after `fit`.
+    n_features_in_ : int
+        D. Only after `fit`.
+
+    Notes
+    -----
+    Signs are such that the largest score of each component over the training rows, by magnitude, is positive;
+    between scores that differ by rounding the first row decides. So both ways to fit give the same signs.
+
+    Scalar products hold squares: a component whose singular value is below ``sqrt(n * eps)`` (about 4e-7 for
+    550 rows) of the largest drowns in rounding and is left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.spaces import PrincipalComponents
+    >>> X = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [6.0, 8.0, 1.0]])
+    >>> pca = PrincipalComponents().fit(X)
+    >>> pca.n_components_
+    2
+    >>> np.allclose(pca.transform(X), PrincipalComponents().fit_gram(X @ X.T).transform_gram(X @ X.T))
+    True
+    """
+
+    n_components_: int
+    explained_variance_: FloatArray
+    explained_variance_ratio_: FloatArray
+    singular_values_: FloatArray
+    components_: FloatArray
+    mean_: FloatArray
+    n_features_in_: int
+
+    # What `transform_gram` needs: scores are centred products times the dual vectors.
+    _dual: FloatArray
+    _column_means: FloatArray
+    _grand_mean: float
+
+    def __init__(self, n_components: int = 100) -> None:
+        self.n_components = n_components
+
+    @property
+    def learns(self) -> bool:
+        """True: components come from the rows given to `fit`."""
+        return True
+
+    def fit(self, X: npt.ArrayLike, y: object = None) -> PrincipalComponents:  # noqa: ARG002
+        """Find the components of rows.
+
+        Parameters
+        ----------
+        X : array-like, shape (n, D)
+            Training rows, at least two of them.
+        y : ignored
+
+        Returns
+        -------
+        self
+
+        Raises
+        ------
+        ValueError
+            Fewer than two rows, all rows equal, NaN or infinity, or scalar products beyond float64.
+        """
+        rows, _ = self._fit_rows(X)
+        del rows
+        return self
+
+    def fit_transform(self, X: npt.ArrayLike, y: object = None) -> FloatArray:  # noqa: ARG002
+        """`fit` and `transform` of the same rows."""
+        rows, centred = self._fit_rows(X)
+        del rows
+        scores: FloatArray = centred @ self.components_.T
+        return scores
+
+    def transform(self, X: npt.ArrayLike) -> FloatArray:
+        """Scores (m, n_components_) of rows (m, D)."""
+        check_is_fitted(self, "n_components_")
+        if not hasattr(self, "components_"):
+            raise ValueError("PrincipalComponents was fitted on scalar products: use transform_gram")
+        rows = validate_data(self, X, reset=False, dtype=np.float64)
+        scores: FloatArray = (rows - self.mean_) @ self.components_.T
+        return scores
+
+    def fit_gram(self, gram: npt.ArrayLike, y: object = None) -> PrincipalComponents:  # noqa: ARG002
+        """Find the components from the scalar products of the training rows with each other.
+
+        Parameters
+        ----------
+        gram : array-like, shape (n, n)
+            Scalar products, about any origin: the mean is taken out here.
+        y : ignored
+
+        Returns
+        -------
+        self
+            Without `components_`, which only the rows themselves can tell.
+        """
+        products = _square(gram)
+        self._forget_rows()
+        self._fit_products(products, limit=len(products) - 1)
+        return self
+
+    def transform_gram(self, cross: npt.ArrayLike) -> FloatArray:
+        """Scores (m, n_components_) from the scalar products (m, n) of rows with the training rows.
+
+        Parameters
+        ----------
+        cross : array-like, shape (m, n)
+            About the same origin as the products given to `fit_gram`; training rows in the same order.
+        """
+        check_is_fitted(self, "n_components_")
+        products = np.asarray(cross, dtype=np.float64)
+        n = len(self._dual)
+        if products.ndim != 2 or products.shape[1] != n:
+            raise ValueError(
+                f"cross must have shape (m, {n}), one column per training row, got {products.shape}"
+            )
+        # The dual vectors sum to zero, but only up to rounding: the mean of each row goes first.
+        centred = products - self._column_means - products.mean(axis=1, keepdims=True) + self._grand_mean
+        scores: FloatArray = centred @ self._dual
+        return scores
+
+    def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
+        """Names ``pca_00 ...`` of the scores; they do not depend on those of the columns."""
+        check_is_fitted(self, "n_components_")
+        width = max(2, len(str(self.n_components_ - 1)))
+        return np.array([f"pca_{k:0{width}d}" for k in range(self.n_components_)], dtype=object)
+
+    def _fit_rows(self, X: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        rows = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
+        self.mean_ = rows.mean(axis=0)
+        centred = rows - self.mean_
+        self._fit_products(linear_gram(centred), limit=min(len(rows) - 1, rows.shape[1]))
+        self.components_ = self._dual.T @ centred
+        return rows, centred
+
+    def _fit_products(self, gram: FloatArray, *, limit: int) -> None:
+        wanted = self.n_components
+        if isinstance(wanted, bool) or not isinstance(wanted, Integral):
+            raise TypeError(f"n_components must be a whole number, got {wanted!r}")
+        if wanted < 1:
+            raise ValueError(f"n_components must be at least 1, got {wanted}")
+        n = len(gram)
+        self._column_means = gram.mean(axis=0)
+        self._grand_mean = float(gram.mean())
+        centred = gram - self._column_means - self._column_means[:, np.newaxis] + self._grand_mean
+        keep = min(int(wanted), limit)
+        squares, vectors = scipy.linalg.eigh(centred, subset_by_index=[n - keep, n - 1])
+        squares, vectors = squares[::-1], vectors[:, ::-1]
+        # What is left of equal rows is rounding of the products that were taken out.
+        noise = n * np.finfo(np.float64).eps * max(squares[0], np.abs(gram).max())
+        kept = int(np.count_nonzero(squares > noise))
+        if kept == 0:
+            raise ValueError("X must vary: all rows are equal, so that there is no component to find")
+        squares, vectors = squares[:kept], vectors[:, :kept]
+        vectors = vectors * _signs(vectors)
+        self.n_components_ = kept
+        self.singular_values_ = np.sqrt(squares)
+        self.explained_variance_ = squares / (n - 1)
+        self.explained_variance_ratio_ = squares / np.trace(centred)
+        self._dual = vectors / self.singular_values_
+
+    def _forget_rows(self) -> None:
+        for name in ("components_", "mean_", "n_features_in_", "feature_names_in_"):
+            if hasattr(self, name):
+                delattr(self, name)
+
+
+def _signs(vectors: FloatArray) -> FloatArray:
+    """+1 or -1 for each column: its first entry within rounding of the largest magnitude becomes positive."""
+    magnitude = np.abs(vectors)
+    first = (magnitude >= (1.0 - _SIGN_MARGIN) * magnitude.max(axis=0)).argmax(axis=0)
+    return np.where(vectors[first, np.arange(vectors.shape[1])] < 0, -1.0, 1.0)
+
+
+def _square(gram: npt.ArrayLike) -> FloatArray:
+    products = np.asarray(gram, dtype=np.float64)
+    if products.ndim != 2 or products.shape[0] != products.shape[1] or len(products) < 2:
+        raise ValueError(f"gram must have shape (n, n) with n >= 2, got {products.shape}")
+    if not np.isfinite(products).all():
+        raise ValueError("gram must be finite, got NaN or infinity")
+    return products

@@ -1,0 +1,52 @@
+"""From the columns of any fitted feature space, pipelines included, back to the recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sklearn.pipeline import Pipeline
+
+from granular_id.spaces.base import RecordingFilter, real_steps
+from granular_id.spaces.blocks import FeatureBlock
+
+__all__ = ["feature_blocks"]
+
+
+def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
+    """Say what the columns of a fitted feature space stand for.
+
+    Parameters
+    ----------
+    transformer : transformer or Pipeline
+        A fitted feature space; a pipeline may have steps in front that keep time, as `Tare` does.
+
+    Returns
+    -------
+    tuple of FeatureBlock
+
+    Raises
+    ------
+    TypeError
+        The columns do not stand for instants, bins or frequencies: a step mixes them (principal components), or
+        shuffles time in front, or is not from here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from granular_id.spaces import RawHFMH, Tare, feature_blocks
+    >>> pipeline = make_pipeline(Tare(), RawHFMH()).fit(np.zeros((2, 400, 6)))
+    >>> [(block.name, block.unit, block.columns) for block in feature_blocks(pipeline)]
+    [('raw', 's', slice(0, 2400, None)), ('hfmh', 'N, N m', slice(2400, 3000, None))]
+    """
+    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
+    while steps and isinstance(steps[0], RecordingFilter) and steps[0].keeps_time:
+        steps = steps[1:]
+    if len(steps) != 1 or not hasattr(steps[0], "feature_blocks"):
+        kinds = ", ".join(type(step).__name__ for step in steps) or "nothing behind filters"
+        raise TypeError(
+            "transformer must give columns that stand for instants, bins or frequencies: one feature space, with or "
+            f"without filters in front that keep time, got {kinds}"
+        )
+    blocks: tuple[FeatureBlock, ...] = steps[0].feature_blocks()
+    return blocks

@@ -1,0 +1,95 @@
+"""The paper's table of feature spaces."""
+
+import numpy as np
+import pytest
+
+from granular_id.spaces import BlockUnion, FeatureSpace, feature_spaces
+
+PAPER = {
+    "raw+hfmh": 0.9705,
+    "norm-raw+hfmh": 0.9303,
+    "norm-raw": 0.8731,
+    "hfmh": 0.8705,
+    "raw+dft": 0.7712,
+    "norm-raw+dft": 0.7686,
+    "dft": 0.7621,
+    "raw": 0.7614,
+    "pca": 0.7527,
+    "raw-histogram": 0.7072,
+}
+
+
+def recordings(n=5, n_samples=300, n_axes=6, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
+
+
+def test_rows_of_the_paper_best_first_and_the_control_last():
+    spaces = feature_spaces()
+    listed = {name: space.paper_accuracy for name, space in spaces.items() if not space.control}
+    assert listed == PAPER
+    assert list(listed) == list(PAPER)
+    assert list(spaces)[-1] == "time-permuted"
+    assert spaces["time-permuted"].paper_accuracy is None
+    assert "20 %" in spaces["time-permuted"].note
+    assert all(isinstance(space, FeatureSpace) and space.name == name for name, space in spaces.items())
+
+
+@pytest.mark.parametrize("tare_s", [None, 0.1])
+@pytest.mark.parametrize("name", [*PAPER, "time-permuted"])
+def test_each_space_gives_named_features_of_other_recordings(name, tare_s):
+    space = feature_spaces(tare_s=tare_s, threads=1)[name]
+    transformer = space.transformer.fit(recordings())
+    features = transformer.transform(recordings(n=2, seed=1))
+    names = transformer.get_feature_names_out()
+    assert features.shape == (2, len(names))
+    assert features.dtype == np.float64
+    assert len(set(names)) == len(names)
+
+
+def test_what_learns():
+    assert {name for name, space in feature_spaces().items() if space.learns} == {"pca", "raw-histogram"}
+    learning = {name for name, space in feature_spaces(bin_range="auto").items() if space.learns}
+    assert learning == {"pca", "raw-histogram", "raw+hfmh", "norm-raw+hfmh", "hfmh", "time-permuted"}
+    learning = {name for name, space in feature_spaces(block_weights="unit").items() if space.learns}
+    unions = {"raw+hfmh", "norm-raw+hfmh", "raw+dft", "norm-raw+dft", "time-permuted"}
+    assert learning == {"pca", "raw-histogram", *unions}
+
+
+def test_parameters_reach_every_space():
+    own = {"rate_hz": 100.0, "cutoff_hz": 9.0, "order": 4, "initial": "steady", "threads": 1}
+    ranges = [[-0.5, 0.5]] * 3 + [[-0.1, 0.1]] * 3
+    spaces = feature_spaces(**own, n_bins=20, bin_range=ranges, tare_s=0.3, block_weights=(1.0, 0.5))
+    seen = {key: set() for key in (*own, "n_bins", "tare_s")}
+    for space in spaces.values():
+        for name, value in space.transformer.get_params(deep=True).items():
+            key = name.rpartition("__")[2]
+            if key in seen:
+                seen[key].add(value)
+            if key == "bin_range":
+                assert value is ranges or value == "auto"
+            if key == "block_weights":
+                assert value == (1.0, 0.5)
+    assert seen == {key: {value} for key, value in {**own, "n_bins": 20, "tare_s": 0.3}.items()}
+
+
+def test_tare_takes_the_offset_out_of_every_space():
+    X = recordings()
+    offset = np.array([5.0, -3.0, 8.0, 0.25, 0.5, -0.25])
+    # Offsets and samples on a grid of 2**-20: sums and differences are exact, and so must be the features.
+    X = np.round(X * 2**20) / 2**20
+    X[:, :50] = 0.0
+    for name, space in feature_spaces(tare_s=0.1).items():
+        there = space.transformer.fit_transform(X + offset)
+        np.testing.assert_allclose(there, space.transformer.fit_transform(X), atol=1e-9, err_msg=name)
+
+
+def test_normalised_spaces_normalise_the_raw_block_only():
+    X = recordings()
+    spaces = feature_spaces()
+    for name, other in (("norm-raw+hfmh", "hfmh"), ("norm-raw+dft", "dft")):
+        union = spaces[name].transformer
+        assert isinstance(union, BlockUnion)
+        both = union.fit_transform(X)
+        np.testing.assert_array_equal(both[:, :1800], spaces["norm-raw"].transformer.fit_transform(X))
+        np.testing.assert_array_equal(both[:, 1800:], spaces[other].transformer.fit_transform(X))
