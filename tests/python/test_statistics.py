@@ -1,0 +1,201 @@
+"""Tests over overlapping partitions, against independent twins and worked examples."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy import integrate, optimize, special, stats
+
+from granular_id.evaluation.statistics import (
+    bayesian_correlated_t,
+    corrected_interval,
+    corrected_resampled_t,
+    holm,
+    mann_whitney,
+)
+
+DIFFERENCES = [0.031, -0.008, 0.015, 0.023, 0.008, 0.0, 0.038, -0.015, 0.023, 0.015]
+some_differences = arrays(
+    np.float64, st.integers(2, 25), elements=st.integers(-132, 132).map(lambda errors: errors / 132)
+)
+
+
+def student_tail(t, df):
+    """P(T > |t|), from the incomplete beta function instead of scipy.stats."""
+    return 0.5 * special.betainc(df / 2, 0.5, df / (df + t * t))
+
+
+def student_density(x, df, loc, scale):
+    z = (x - loc) / scale
+    log = special.gammaln((df + 1) / 2) - special.gammaln(df / 2) - 0.5 * math.log(df * math.pi)
+    return math.exp(log - (df + 1) / 2 * math.log1p(z * z / df)) / scale
+
+
+def test_corrected_t_of_the_papers_design_by_hand():
+    result = corrected_resampled_t(DIFFERENCES, n_train=550, n_test=132)
+    mean = sum(DIFFERENCES) / 10
+    variance = sum((d - mean) ** 2 for d in DIFFERENCES) / 9
+    error = math.sqrt((0.1 + 0.24) * variance)
+    assert result.mean == pytest.approx(mean, rel=1e-14)
+    assert result.standard_error == pytest.approx(error, rel=1e-14)
+    assert result.statistic == pytest.approx(mean / error, rel=1e-14)
+    assert result.df == 9
+    assert result.p_value == pytest.approx(2 * student_tail(mean / error, 9), rel=1e-12)
+
+
+def test_without_test_rows_to_share_the_corrected_t_is_the_paired_t():
+    vanishing = corrected_resampled_t(DIFFERENCES, n_train=1e12, n_test=1e-6)
+    assert vanishing.p_value == pytest.approx(stats.ttest_1samp(DIFFERENCES, 0.0).pvalue, rel=1e-9)
+    assert corrected_resampled_t(DIFFERENCES, 50, 12).p_value > vanishing.p_value
+
+
+def test_two_partitions_leave_one_degree_of_freedom():
+    result = corrected_resampled_t([0.1, 0.2], n_train=1, n_test=1)
+    # t = 0.15 / sqrt((1/2 + 1) * 0.005) = sqrt(3); Cauchy: p = 1 - 2 atan(sqrt 3) / pi = 1/3
+    assert result.statistic == pytest.approx(math.sqrt(3))
+    assert result.p_value == pytest.approx(1 / 3)
+
+
+@given(some_differences)
+def test_corrected_t_and_posterior_mirror_when_methods_swap(differences):
+    forth, back = (corrected_resampled_t(sign * differences, 550, 132) for sign in (1, -1))
+    assert forth.p_value == pytest.approx(back.p_value, nan_ok=True)
+    assert forth.statistic == pytest.approx(-back.statistic, nan_ok=True)
+    one, other = (bayesian_correlated_t(sign * differences, 132 / 682) for sign in (1, -1))
+    assert one.better == pytest.approx(other.worse, nan_ok=True, abs=1e-15)
+    assert one.equivalent == pytest.approx(other.equivalent, nan_ok=True, abs=1e-12)
+
+
+@given(some_differences, st.floats(0.0, 0.2), st.floats(0.0, 0.9))
+def test_posterior_adds_up_and_agrees_with_the_corrected_t(differences, rope, rho):
+    assume(np.ptp(differences) > 0)
+    posterior = bayesian_correlated_t(differences, rho, rope)
+    assert sum(posterior) == pytest.approx(1.0)
+    assert min(posterior) >= 0
+    no_rope = bayesian_correlated_t(differences, 132 / 682, rope=0.0)
+    p_value = corrected_resampled_t(differences, 550, 132).p_value
+    assert 2 * min(no_rope.worse, no_rope.better) == pytest.approx(p_value, rel=1e-9)
+
+
+def test_posterior_is_the_integral_of_the_student_density():
+    d = np.array(DIFFERENCES)
+    rho, rope = 0.1, 0.01
+    scale = math.sqrt((0.1 + rho / (1 - rho)) * d.var(ddof=1))
+
+    def mass(low, high):
+        return integrate.quad(student_density, low, high, args=(9, d.mean(), scale))[0]
+
+    got = bayesian_correlated_t(d, rho, rope)
+    want = (mass(-np.inf, -rope), mass(-rope, rope), mass(rope, np.inf))
+    assert got == pytest.approx(want, abs=1e-9)
+
+
+def test_interval_holds_the_means_that_the_test_does_not_reject():
+    shares = np.array([0.90, 0.94, 0.92, 0.88, 0.96])
+
+    def excess(mean):
+        return corrected_resampled_t(shares - mean, 40, 10).p_value - 0.1
+
+    low, high = corrected_interval(shares, 40, 10, confidence=0.9)
+    assert low == pytest.approx(optimize.brentq(excess, 0.5, 0.919))
+    assert high == pytest.approx(optimize.brentq(excess, 0.921, 1.5))
+
+
+def test_interval_stays_among_the_possible_accuracies():
+    assert corrected_interval([1.0, 1.0, 0.9], 8, 2)[1] == 1.0
+    assert corrected_interval([0.0, 0.0, 0.1], 8, 2)[0] == 0.0
+
+
+@pytest.mark.parametrize("n", [1, 2, 20])
+def test_no_difference_at_all_is_none(n):
+    result = corrected_resampled_t(np.zeros(n), 550, 132)
+    assert (result.mean, result.statistic, result.p_value) == (0.0, 0.0, 1.0)
+    assert bayesian_correlated_t(np.zeros(n), 0.2) == (0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize("differences", [[0.1], [0.1] * 20, [0.9 - 0.8, 0.7 - 0.6, 0.4 - 0.3]])
+def test_what_has_no_spread_tells_no_uncertainty(differences):
+    result = corrected_resampled_t(differences, 550, 132)
+    assert result.mean == pytest.approx(0.1)
+    assert math.isnan(result.p_value)
+    assert math.isnan(result.standard_error)
+    assert all(map(math.isnan, bayesian_correlated_t(differences, 0.2)))
+    assert all(map(math.isnan, corrected_interval(differences, 550, 132)))
+
+
+def test_rounding_of_equal_accuracies_is_no_difference():
+    result = corrected_resampled_t([1e-17, 0.0, -1e-17], 550, 132)
+    assert result.p_value == 1.0
+
+
+def test_holm_against_a_loop():
+    rng = np.random.default_rng(3)
+    for m in range(1, 9):
+        p = rng.uniform(0, 0.3, m).round(2)  # ties among them
+        want = np.empty(m)
+        running = 0.0
+        for rank, i in enumerate(np.argsort(p, kind="stable")):
+            running = max(running, min(1.0, (m - rank) * p[i]))
+            want[i] = running
+        assert holm(p) == pytest.approx(want)
+
+
+@given(arrays(np.float64, st.integers(0, 12), elements=st.floats(0, 1)))
+def test_holm_only_raises_and_keeps_the_order(p):
+    adjusted = holm(p)
+    assert (adjusted >= p).all()
+    assert (adjusted <= np.minimum(1.0, max(1, len(p)) * p + 1e-15)).all()
+    assert (np.diff(adjusted[np.argsort(p, kind="stable")]) >= 0).all()
+
+
+def test_holm_leaves_out_what_was_not_tested():
+    adjusted = holm([0.01, math.nan, 0.04])
+    assert adjusted[[0, 2]].tolist() == [0.02, 0.04]
+    assert math.isnan(adjusted[1])
+
+
+def test_mann_whitney_counts_the_ways_to_deal_the_ranks():
+    # No overlap of 4 and 4 values: 2 of the C(8, 4) = 70 ways are as extreme
+    assert mann_whitney([1, 2, 3, 4], [5, 6, 7, 8]) == pytest.approx(2 / 70)
+
+
+def test_mann_whitney_with_ties_is_the_normal_approximation():
+    rng = np.random.default_rng(1)
+    a, b = rng.integers(110, 125, 20) / 132, rng.integers(112, 127, 20) / 132
+    both = np.concatenate((a, b))
+    u = float((a[:, None] > b).sum() + 0.5 * (a[:, None] == b).sum())
+    _, counts = np.unique(both, return_counts=True)
+    variance = 20 * 20 / 12 * (41 - (counts**3 - counts).sum() / (40 * 39))
+    z = (abs(u - 200) - 0.5) / math.sqrt(variance)
+    assert mann_whitney(a, b) == pytest.approx(math.erfc(z / math.sqrt(2)))
+
+
+def test_mann_whitney_of_equal_values_is_one():
+    assert mann_whitney([0.5] * 20, [0.5] * 20) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: corrected_resampled_t([], 1, 1), r"differences must have shape \(J,\) with J >= 1"),
+        (lambda: corrected_resampled_t([[0.1]], 1, 1), r"differences must have shape \(J,\).*\(1, 1\)"),
+        (lambda: corrected_resampled_t([0.1, math.nan], 1, 1), "differences must be finite, got nan"),
+        (lambda: corrected_resampled_t([0.1, 0.2], 0, 1), "n_train must be positive, got 0"),
+        (lambda: corrected_resampled_t([0.1, 0.2], 1, -2), "n_test must be positive, got -2"),
+        (lambda: corrected_resampled_t([0.1, 0.2], 1, math.inf), "n_test must be positive, got inf"),
+        (lambda: bayesian_correlated_t([0.1, 0.2], 1.0), r"rho must lie in \[0, 1\), got 1.0"),
+        (lambda: bayesian_correlated_t([0.1, 0.2], math.nan), r"rho must lie in \[0, 1\), got nan"),
+        (lambda: bayesian_correlated_t([0.1, 0.2], 0.2, -0.01), "rope must not be negative, got -0.01"),
+        (lambda: corrected_interval([0.9, 1.1], 1, 1), r"accuracies must lie in \[0, 1\], got 0.9 to 1.1"),
+        (lambda: corrected_interval([0.9, 0.8], 1, 1, 95), "confidence must lie between 0 and 1, got 95"),
+        (lambda: holm([0.1, 1.2]), r"p_values must lie in \[0, 1\], got 0.1 to 1.2"),
+        (lambda: holm(0.1), r"p_values must have one dimension, got shape \(\)"),
+        (lambda: mann_whitney([0.1], [math.inf]), "second must be finite, got inf"),
+    ],
+)
+def test_bad_input_is_one_clear_error(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -1,0 +1,172 @@
+"""Every pair of methods on the same partitions, and how often each test is wrong."""
+
+import importlib.util
+import json
+import math
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from granular_id.evaluation.comparison import compare
+from granular_id.evaluation.statistics import holm
+
+NAMES = ("raw", "hfmh", "raw+hfmh", "dft")
+
+
+def some_accuracies(n=20, seed=0):
+    rng = np.random.default_rng(seed)
+    return {name: rng.integers(100, 110, n) / 132 + 0.02 * k for k, name in enumerate(NAMES)}
+
+
+def test_every_pair_with_the_same_figures_as_scipy():
+    shares = some_accuracies()
+    comparison = compare(NAMES, shares, n_train=550, n_test=132, protocol="paper")
+    assert [(p.first, p.second) for p in comparison.pairs] == list(combinations(NAMES, 2))
+    for pair in comparison.pairs:
+        d = shares[pair.first] - shares[pair.second]
+        scale = math.sqrt((1 / 20 + 132 / 550) * d.var(ddof=1))
+        student = stats.t(19, d.mean(), scale)
+        assert pair.difference == pytest.approx(d.mean())
+        assert pair.corrected_p == pytest.approx(2 * stats.t.sf(abs(d.mean()) / scale, 19))
+        assert (pair.worse, pair.better) == pytest.approx((student.cdf(-0.01), student.sf(0.01)))
+        assert pair.equivalent == pytest.approx(student.cdf(0.01) - student.cdf(-0.01))
+        untied = stats.mannwhitneyu(shares[pair.first], shares[pair.second]).pvalue
+        assert pair.mann_whitney_p == pytest.approx(untied)
+    adjusted = holm([p.corrected_p for p in comparison.pairs]).tolist()
+    assert [p.holm_p for p in comparison.pairs] == adjusted
+    assert comparison.means["dft"] == pytest.approx(shares["dft"].mean())
+    low, high = comparison.intervals["raw"]
+    reach = stats.t.ppf(0.975, 19) * math.sqrt((1 / 20 + 132 / 550) * shares["raw"].var(ddof=1))
+    assert (low, high) == pytest.approx((shares["raw"].mean() - reach, shares["raw"].mean() + reach))
+
+
+def test_a_pair_can_be_asked_for_in_either_direction():
+    comparison = compare(NAMES, some_accuracies(), 550, 132)
+    forth, back = comparison.pair("raw", "dft"), comparison.pair("dft", "raw")
+    assert (back.first, back.second, back.difference) == ("dft", "raw", -forth.difference)
+    assert (back.worse, back.equivalent, back.better) == (forth.better, forth.equivalent, forth.worse)
+    assert (back.corrected_p, back.holm_p) == (forth.corrected_p, forth.holm_p)
+
+
+def test_partitions_of_different_size_count_by_their_mean():
+    shares = some_accuracies(4)
+    uneven = compare(NAMES, shares, [40, 40, 41, 41], [11, 11, 10, 10])
+    assert uneven.pairs == compare(NAMES, shares, 40.5, 10.5).pairs
+
+
+def test_table_marks_mann_whitney_and_explains_each_column():
+    text = str(compare(NAMES, some_accuracies(), 550, 132, protocol="paper"))
+    assert "on the same 20 partitions, paper protocol" in text
+    assert "Mann-Whitney†" in text
+    assert "† as the paper reports it, but far too small" in text
+    assert "Nadeau & Bengio 2003" in text
+    assert "adjusted for 6 pairs" in text
+    assert "within 1 percentage points" in text
+
+
+def test_table_of_one_method_against_the_others():
+    table = compare(NAMES, some_accuracies(), 550, 132).table("dft")
+    assert [row[:2] for row in table.rows] == [("dft", "raw"), ("dft", "hfmh"), ("dft", "raw+hfmh")]
+    assert all(row[2].startswith("+") for row in table.rows)
+
+
+@pytest.mark.parametrize(("n", "words"), [(1, "one partition"), (2, "two partitions")])
+def test_halves_in_time_give_differences_and_say_why_nothing_else(n, words):
+    comparison = compare(["raw", "dft"], some_accuracies(n), 340, 342, protocol="chronological")
+    (pair,) = comparison.pairs
+    assert not comparison.testable
+    assert math.isfinite(pair.difference)
+    figures = ("mann_whitney_p", "corrected_p", "holm_p", "worse", "equivalent", "better")
+    assert all(math.isnan(getattr(pair, name)) for name in figures)
+    assert all(map(math.isnan, comparison.intervals["raw"]))
+    assert comparison.table().header == ("first", "second", "points")
+    assert f"{words}: too few to tell a difference from chance" in str(comparison)
+
+
+def test_a_constant_difference_is_said_to_be_beyond_a_test():
+    shares = {"a": np.linspace(0.5, 0.6, 5), "b": np.linspace(0.6, 0.7, 5), "c": np.linspace(0.5, 0.6, 5)}
+    comparison = compare(["a", "b", "c"], shares, 40, 10)
+    assert math.isnan(comparison.pair("a", "b").corrected_p)
+    assert comparison.pair("a", "c").corrected_p == 1.0
+    assert comparison.pair("a", "c").equivalent == 1.0
+    assert comparison.why_not.startswith("a and b, b and c: the same difference in every partition")
+    row = next(row for row in comparison.table().rows if row[:2] == ("a", "b"))
+    assert row[4:] == ("-",) * 5
+
+
+def test_to_dict_is_json_with_none_for_what_cannot_be_said():
+    content = compare(["raw", "dft"], some_accuracies(2), 10, 10).to_dict()
+    again = json.loads(json.dumps(content, allow_nan=False))
+    assert again == content
+    assert again["pairs"][0]["corrected_p"] is None
+    assert again["intervals"]["raw"] == [None, None]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"names": ["raw"]}, "names must hold at least 2 methods"),
+        ({"names": "raw"}, "names must hold at least 2 methods"),
+        ({"names": ["raw", "raw"]}, "names must hold each method once"),
+        ({"names": ["raw", "none"]}, "accuracies has no values for 'none'"),
+        ({"dft": [0.5] * 3}, r"accuracies\['dft'\] holds 3 partitions, accuracies\['raw'\] holds 20"),
+        ({"dft": [[0.5]]}, r"accuracies\['dft'\] must hold one value per partition, got shape \(1, 1\)"),
+        ({"dft": [math.nan] * 20}, r"accuracies\['dft'\] must lie in \[0, 1\], got \[nan"),
+        ({"dft": [97.0] * 20}, r"accuracies\['dft'\] must lie in \[0, 1\], got \[97.0"),
+        ({"n_train": 0}, "n_train must be positive, got 0"),
+        ({"n_test": [1, 2]}, r"n_test must be a number or one per partition \(20\), got shape \(2,\)"),
+        ({"rope": -1}, "rope must not be negative"),
+    ],
+)
+def test_bad_input_is_one_clear_error(change, message):
+    arguments = {"names": ["raw", "dft"], "n_train": 550, "n_test": 132, **change}
+    shares = some_accuracies()
+    if "dft" in arguments:
+        shares["dft"] = arguments.pop("dft")
+    with pytest.raises(ValueError, match=message):
+        compare(accuracies=shares, **arguments)
+
+
+@pytest.mark.parametrize("names", [("raw", "none"), ("raw", "raw")])
+def test_an_unknown_pair_is_refused(names):
+    comparison = compare(NAMES, some_accuracies(), 550, 132)
+    with pytest.raises(
+        ValueError, match="first and second must be two of 'raw', 'hfmh', 'raw\\+hfmh', 'dft'"
+    ):
+        comparison.pair(*names)
+    with pytest.raises(ValueError, match=r"of must be one of .*, got 'none'"):
+        comparison.table("none")
+
+
+@pytest.fixture(scope="module")
+def false_positives():
+    path = Path(__file__).resolve().parents[2] / "benches" / "false_positives.py"
+    spec = importlib.util.spec_from_file_location("false_positives", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    yield module
+    del sys.modules[spec.name]
+
+
+def test_equally_good_methods_differ_for_mann_whitney_but_not_for_the_corrected_test(false_positives):
+    """1,000 data sets give 38 % and 4 %: of 100 at least 25 and at most 9 (both beyond chance to miss)."""
+    counts = false_positives.simulate(100, n_features=20)
+    assert counts.mann_whitney >= 25
+    assert counts.corrected <= 9
+    assert 0.85 < counts.accuracy < 0.97
+
+
+def test_the_simulations_classifier_is_the_nearest_mean(false_positives):
+    from sklearn.neighbors import NearestCentroid
+
+    rng = np.random.default_rng(0)
+    y = np.repeat(np.arange(11), 8)
+    X = rng.normal(size=(88, 5)) + np.eye(11, 5)[y]
+    partitions = false_positives.paper_partitions(y, n_partitions=3, train_per_class=5, test_per_class=3)
+    want = [NearestCentroid().fit(X[p.train], y[p.train]).score(X[p.test], y[p.test]) for p in partitions]
+    assert false_positives.accuracies(X, y, partitions).tolist() == want
