@@ -75,8 +75,8 @@ def _slow():
 
 def test_influence_equals_that_of_the_weights_themselves(data):
     X, y = data.X, data.y
-    blocks = weight_blocks(X, y, RawHFMH(n_bins=30))
     space = RawHFMH(n_bins=30).fit(X)
+    blocks = weight_blocks(X, y, space)
     F = space.transform(X)
     size = np.abs(ECOCClassifier().fit(F, y).coef_)
     share = size * F.std(axis=0)

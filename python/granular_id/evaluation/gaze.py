@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, clone
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.thinning import rounded, thinned
 from granular_id.gram import linear_gram
+from granular_id.spaces import feature_blocks
 
 __all__ = ["WeightBlock", "weight_blocks"]
 
@@ -73,7 +74,7 @@ class WeightBlock:
 
 
 def weight_blocks(
-    X: Floats, y: NDArray[Any], transformer: BaseEstimator, classifier: ECOCClassifier | None = None
+    X: Floats, y: NDArray[Any], fitted: Any, classifier: BaseEstimator | None = None
 ) -> tuple[WeightBlock, ...]:
     """Fit one linear model on all recordings and measure its weights.
 
@@ -85,35 +86,38 @@ def weight_blocks(
         Recordings, N and N m.
     y : (n,) array
         Labels.
-    transformer : estimator
-        Feature space whose fitted form has ``feature_blocks()``; not changed.
-    classifier : ECOCClassifier, optional
-        Its coding and C are used; default, and for one that needs more than scalar products,
-        ``ECOCClassifier()``. Not changed.
+    fitted : transformer
+        Feature space, fitted on these recordings.
+    classifier : estimator, optional
+        An `ECOCClassifier` lends its coding and C. Default, and for any other or one that needs more than
+        scalar products: ``ECOCClassifier()``. Not changed.
 
     Returns
     -------
     tuple of WeightBlock
         At most `granular_id.evaluation.thinning.POINTS` coordinates each.
 
+    Raises
+    ------
+    TypeError
+        The features have no link to instants, bins or frequencies, as principal components have none.
+
     Examples
     --------
     >>> from granular_id import RawSignal
     >>> X = np.zeros((4, 3, 6))
     >>> X[2:, 1, 0] = 1.0  # the classes differ in Fx, in the second of three samples
-    >>> (raw,) = weight_blocks(X, np.array(["a", "a", "b", "b"]), RawSignal())
+    >>> (raw,) = weight_blocks(X, np.array(["a", "a", "b", "b"]), RawSignal().fit(X))
     >>> raw.axes[raw.shares.argmax()], raw.influence[0].tolist()
     ('fx', [0.0, 1.0, 0.0])
     """
-    fitted = clone(transformer).fit(X, y)
+    blocks = feature_blocks(fitted)
     features = np.asarray(fitted.transform(X), dtype=np.float64)
     usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
     model = clone(classifier) if usable else ECOCClassifier()
     model.fit_gram(linear_gram(features, center=features.mean(axis=0)), y)
     size, influence = _sizes(model.dual_coef_, features)
-    return tuple(
-        _block(block, size[block.columns], influence[block.columns]) for block in fitted.feature_blocks()
-    )
+    return tuple(_block(block, size[block.columns], influence[block.columns]) for block in blocks)
 
 
 def _sizes(dual: Floats, features: Floats) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from granular_id.evaluation.gaze import WeightBlock, weight_blocks
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
 from granular_id.signal import butter, sosfilt, sosfilt_zi
-from granular_id.spaces import HFMH
+from granular_id.spaces import HFMH, feature_blocks
 
 __all__ = ["HighPass", "Portrait", "portrait"]
 
@@ -156,9 +156,9 @@ def portrait(
     data : Dataset
         Recordings of equal length and rate, with labels.
     spaces : mapping of str to estimator
-        Feature spaces, the one to look at first. The first that has ``feature_blocks`` (and so knows to which
-        instant, axis and bin a feature belongs) gives the weights; the first that holds an `HFMH` says how to
-        high-pass and count, else the paper's settings do.
+        Feature spaces, the one to look at first. The first whose features belong to instants, bins or
+        frequencies gives the weights; the first that holds an `HFMH` says how to high-pass and count, else the
+        paper's settings do.
     classifier : estimator, optional
         See `granular_id.evaluation.gaze.weight_blocks`.
 
@@ -181,7 +181,7 @@ def portrait(
     X, y, rate_hz = data.X, data.y, data.rate_hz
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
-    looked_at = next((name for name, space in spaces.items() if hasattr(space, "feature_blocks")), None)
+    looked_at, weights = _weights(X, y, spaces, classifier)
     return Portrait(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
@@ -194,8 +194,21 @@ def portrait(
         sd=_per_material(X, groups, np.std),
         high_pass=_high_pass(X, groups, _histogram_of(spaces, rate_hz)),
         looked_at=looked_at,
-        weights=() if looked_at is None else weight_blocks(X, y, spaces[looked_at], classifier),
+        weights=weights,
     )
+
+
+def _weights(
+    X: Floats, y: NDArray[Any], spaces: Mapping[str, BaseEstimator], classifier: BaseEstimator | None
+) -> tuple[str | None, tuple[WeightBlock, ...]]:
+    for name, space in spaces.items():
+        fitted = clone(space).fit(X, y)
+        try:
+            feature_blocks(fitted)
+        except TypeError:  # its features have no link to the recording: look at the next
+            continue
+        return name, weight_blocks(X, y, fitted, classifier)
+    return None, ()
 
 
 def _per_material(X: Floats, groups: list[NDArray[np.intp]], statistic: Any) -> Floats:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._percent import whole_percent
-from granular_id.plotting.style import INK, new_figure, save
+from granular_id.plotting.style import FAINT, INK, new_figure, save, short
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_confusion"]
+__all__ = ["as_percent", "draw_confusion", "plot_confusion"]
+
+_CELL = "#0072B2"
 
 
 def plot_confusion(
@@ -57,17 +59,30 @@ def plot_confusion(
     ['90', '10', '100']
     """
     counts = _checked_counts(matrix, labels)
-    totals = counts.sum(axis=1, keepdims=True)
-    percent = 100.0 * np.divide(counts, totals, out=np.zeros_like(counts), where=totals > 0)
-
+    percent = as_percent(counts)
     k = len(labels)
     side = 1.8 + 0.5 * k
     figure = new_figure(side + 0.8, side)
-    panel = figure.subplots()
-    # Light to dark in one hue: order survives any colour vision and a grey print.
-    panel.imshow(percent, cmap="Blues", vmin=0.0, vmax=100.0)
-    for row, column in np.argwhere(counts > 0):
-        value = percent[row, column]
+    draw_confusion(figure.subplots(), percent, labels)
+    heading = "" if title is None else f"{title}\n"
+    figure.axes[0].set_title(
+        f"{heading}per cent of each true class", fontsize=10, color=INK, parse_math=False
+    )
+    save(figure, path)
+    return figure
+
+
+def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[str]) -> None:
+    """Draw a matrix of per cent (K, K) with the numbers in its cells."""
+    from matplotlib.patches import Rectangle  # noqa: PLC0415  # an extra
+
+    for row, column in np.argwhere(percent > 0):
+        value = float(percent[row, column])
+        # Faint to full in one hue: order survives any colour vision, a grey print and a dark page.
+        corner = (column - 0.47, row - 0.47)
+        panel.add_patch(
+            Rectangle(corner, 0.94, 0.94, color=_CELL, alpha=0.08 + 0.92 * value / 100, linewidth=0)
+        )
         panel.text(
             column,
             row,
@@ -77,20 +92,32 @@ def plot_confusion(
             fontsize=9,
             color="white" if value > 55 else INK,
         )
-    panel.set_xticks(range(k), labels, rotation=45, ha="right", rotation_mode="anchor", fontsize=9)
-    panel.set_yticks(range(k), labels, fontsize=9)
+    k = len(labels)
+    names = [short(label) for label in labels]
+    # A label with $ in it is a label, no mathematics.
+    panel.set_xticks(
+        range(k), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=9, parse_math=False
+    )
+    panel.set_yticks(range(k), names, fontsize=9, parse_math=False)
     panel.set_xticks(np.arange(k + 1) - 0.5, minor=True)
     panel.set_yticks(np.arange(k + 1) - 0.5, minor=True)
-    panel.grid(which="minor", color="white", linewidth=1.5)
+    panel.grid(which="minor", color=FAINT, linewidth=0.4, alpha=0.6)
     panel.tick_params(which="both", length=0, colors=INK)
     for spine in panel.spines.values():
         spine.set_visible(False)
+    panel.set_xlim(-0.5, k - 0.5)
+    panel.set_ylim(k - 0.5, -0.5)
+    panel.set_aspect("equal")
     panel.set_xlabel("predicted", color=INK)
     panel.set_ylabel("true", color=INK)
-    heading = "" if title is None else f"{title}\n"
-    panel.set_title(f"{heading}per cent of each true class", fontsize=10, color=INK)
-    save(figure, path)
-    return figure
+
+
+def as_percent(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each row as per cent of its sum; a row without counts stays zero."""
+    totals = counts.sum(axis=1, keepdims=True)
+    percent = np.zeros(counts.shape)
+    np.divide(100.0 * counts, totals, out=percent, where=totals > 0)
+    return percent
 
 
 def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.float64]:

@@ -4,30 +4,46 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular_id._core import AXES, UNITS
-from granular_id.plotting.style import AXIS_COLOURS, AXIS_DASHES, FAINT, INK, new_figure, quiet, save
+from granular_id.plotting.style import (
+    AXIS_COLOURS,
+    AXIS_DASHES,
+    FAINT,
+    INK,
+    new_figure,
+    pretty,
+    quiet,
+    save,
+    short,
+)
 from granular_id.recording import Dataset
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_mean_forces"]
+    from granular_id.evaluation.portrait import Portrait
+
+__all__ = ["Curves", "curves_in", "draw_mean_forces", "plot_mean_forces"]
 
 
 def plot_mean_forces(
-    dataset: Dataset, *, axes: Sequence[str] = ("fx", "fz"), path: str | os.PathLike[str] | None = None
+    dataset: Dataset | Portrait,
+    *,
+    axes: Sequence[str] = ("fx", "fz"),
+    path: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Plot the mean and spread over time of each material, one panel a material.
 
     Parameters
     ----------
-    dataset : Dataset
-        Recordings of equal length and rate, with labels.
+    dataset : Dataset or granular_id.evaluation.portrait.Portrait
+        Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
     axes : sequence of str, default ("fx", "fz")
         Which of fx fy fz (N) or of tx ty tz (N m); not both kinds, their units differ.
     path : path-like, optional
@@ -56,35 +72,18 @@ def plot_mean_forces(
     ['rice', 'fine sugar']
     """
     columns, unit = _chosen_axes(axes)
-    X, y = dataset.X, dataset.y
-    time_s = np.arange(X.shape[1]) / dataset.rate_hz
-    # In the order in which materials first appear: the user's own order, not the alphabet's.
-    labels = list(dict.fromkeys(y.tolist()))
-
-    n_columns = min(4, len(labels))
-    n_rows = math.ceil(len(labels) / n_columns)
+    curves = curves_of(dataset, columns) if isinstance(dataset, Dataset) else curves_in(dataset, columns)
+    n_columns = min(4, len(curves))
+    n_rows = math.ceil(len(curves) / n_columns)
     figure = new_figure(1.2 + 2.5 * n_columns, 1.4 + 1.9 * n_rows)
     panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
-    handles: list[Any] = []
-    for label, panel in zip(labels, panels, strict=False):
-        recordings = X[y == label]
-        handles = []
-        for axis, column in columns.items():
-            colour, dash = AXIS_COLOURS[column], AXIS_DASHES[column]
-            mean, spread = recordings[:, :, column].mean(axis=0), recordings[:, :, column].std(axis=0)
-            panel.fill_between(time_s, mean - spread, mean + spread, color=colour, alpha=0.25, linewidth=0)
-            style = {"color": colour, "linestyle": dash, "linewidth": 1.3}
-            (line,) = panel.plot(time_s, mean, label=_pretty(axis), **style)
-            handles.append(line)
-        panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-        panel.set_title(label, fontsize=10, color=INK)
-        panel.margins(x=0)
-        quiet(panel)
-    for unused in panels[len(labels) :]:
+    for curve, panel in zip(curves, panels, strict=False):
+        handles = draw_mean_forces(panel, curve)
+    for unused in panels[len(curves) :]:
         unused.remove()
     # The lowest panel of each column carries the time axis, also where the last row is not full.
-    for index, panel in enumerate(panels[: len(labels)]):
-        panel.tick_params(labelbottom=index + n_columns >= len(labels))
+    for index, panel in enumerate(panels[: len(curves)]):
+        panel.tick_params(labelbottom=index + n_columns >= len(curves))
     quantity = "force" if unit == "N" else "torque"
     figure.supxlabel("time, s", fontsize=10, color=INK)
     figure.supylabel(f"{quantity}, {unit}", fontsize=10, color=INK)
@@ -92,6 +91,58 @@ def plot_mean_forces(
     figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
     save(figure, path)
     return figure
+
+
+class Curves(NamedTuple):
+    """Mean and standard deviation over time of one material, per axis name."""
+
+    label: str
+    time_s: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    sd: dict[str, NDArray[np.float64]]
+
+
+def curves_of(dataset: Dataset, columns: Mapping[str, int]) -> list[Curves]:
+    """Compute the curves of recordings, in the order in which materials first appear: the user's own."""
+    X, y = dataset.X, dataset.y
+    time_s = np.arange(X.shape[1]) / dataset.rate_hz
+    curves = []
+    for label in dict.fromkeys(y.tolist()):
+        own = X[y == label]
+        mean = {axis: own[:, :, column].mean(axis=0) for axis, column in columns.items()}
+        sd = {axis: own[:, :, column].std(axis=0) for axis, column in columns.items()}
+        curves.append(Curves(label, time_s, mean, sd))
+    return curves
+
+
+def curves_in(portrait: Portrait, columns: Mapping[str, int]) -> list[Curves]:
+    """Take the curves from a portrait, in the order of its labels."""
+    return [
+        Curves(
+            label,
+            portrait.time_s,
+            {axis: portrait.mean[k, column] for axis, column in columns.items()},
+            {axis: portrait.sd[k, column] for axis, column in columns.items()},
+        )
+        for k, label in enumerate(portrait.labels)
+    ]
+
+
+def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
+    """Draw one material; return the lines for a legend."""
+    lines = []
+    for axis, mean in curves.mean.items():
+        colour, dash = AXIS_COLOURS[AXES.index(axis)], AXIS_DASHES[AXES.index(axis)]
+        low, high = mean - curves.sd[axis], mean + curves.sd[axis]
+        panel.fill_between(curves.time_s, low, high, color=colour, alpha=0.25, linewidth=0)
+        style = {"color": colour, "linestyle": dash, "linewidth": 1.3}
+        lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
+    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    # A label with $ in it is a label, no mathematics.
+    panel.set_title(short(curves.label), fontsize=10, color=INK, parse_math=False)
+    panel.margins(x=0)
+    quiet(panel)
+    return lines
 
 
 def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
@@ -109,17 +160,17 @@ def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
     return columns, units.pop()
 
 
-def _title(dataset: Dataset, quantity: str) -> str:
-    synthetic = sum(bool(recording.meta.get("synthetic")) for recording in dataset)
+def _title(dataset: Dataset | Portrait, quantity: str) -> str:
+    if isinstance(dataset, Dataset):
+        synthetic = sum(bool(recording.meta.get("synthetic")) for recording in dataset)
+        total = len(dataset)
+    else:
+        synthetic, total = dataset.n_synthetic, sum(dataset.counts)
     if synthetic == 0:
         kind = ""
-    elif synthetic == len(dataset):
+    elif synthetic == total:
         kind = "Synthetic recordings: "
     else:
-        kind = f"{synthetic} of {len(dataset)} recordings synthetic: "
+        kind = f"{synthetic} of {total} recordings synthetic: "
     text = f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
     return text[0].upper() + text[1:]
-
-
-def _pretty(axis: str) -> str:
-    return f"${axis[0].upper()}_{axis[1]}$"

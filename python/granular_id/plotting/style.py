@@ -8,6 +8,7 @@ notebooks, servers and threads alike.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,19 @@ from granular_id._files import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["AXIS_COLOURS", "AXIS_DASHES", "FAINT", "INK", "new_figure", "quiet", "save"]
+__all__ = [
+    "AXIS_COLOURS",
+    "AXIS_DASHES",
+    "FAINT",
+    "INK",
+    "new_figure",
+    "pretty",
+    "quiet",
+    "row_names",
+    "save",
+    "share_axis",
+    "short",
+]
 
 AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
 """Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
@@ -57,3 +70,34 @@ def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
         raise ValueError(f"path must end in one of {', '.join(sorted(supported))}, got {str(target)!r}")
     with whole_file(target) as draft:
         figure.savefig(draft, format=form, dpi=150)
+
+
+def short(text: str, most: int = 24) -> str:
+    """Shorten a long name in the middle: names of a series differ at their ends.
+
+    Examples
+    --------
+    >>> short("sunflower seeds"), short("sunflower seeds, roasted and salted", 20)
+    ('sunflower seeds', 'sunflower …nd salted')
+    """
+    tail = (most - 1) // 2
+    return text if len(text) <= most else f"{text[: most - 1 - tail]}…{text[-tail:]}"
+
+
+def pretty(axis: str) -> str:
+    """Return the name of an axis as mathematics: ``$F_x$`` for fx."""
+    return f"${axis[0].upper()}_{axis[1]}$"
+
+
+def share_axis(panel: Any) -> None:
+    """Make the horizontal axis one of shares from 0 to 100 %."""
+    panel.set_xlim(0.0, 1.0)
+    panel.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+
+
+def row_names(panel: Any, names: Sequence[str]) -> None:
+    """Name the rows 0, 1, 2, ... of a panel, the first on top, with room above and below."""
+    # A name with $ in it is a name, no mathematics.
+    panel.set_yticks(range(len(names)), [short(name) for name in names], parse_math=False)
+    panel.set_ylim(len(names) - 0.5, -0.5)
+    panel.tick_params(axis="y", length=0)

@@ -1,0 +1,95 @@
+"""Where a linear model looks: influence over time, axis and bin."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, pretty, quiet, save
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from granular_id.evaluation.gaze import WeightBlock
+    from granular_id.evaluation.portrait import Portrait
+
+__all__ = ["draw_weights", "plot_weights"]
+
+_ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency"}
+
+
+def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot which instants, axes and bins weigh in the decisions of a linear model fitted on all recordings.
+
+    Parameters
+    ----------
+    portrait : granular_id.evaluation.portrait.Portrait
+        For instance ``result.portrait``.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column a block of features, one row an axis. Heights are the size of a weight times the standard
+        deviation of its feature, mean over the binary learners, on one scale within a block; the per cent are
+        the share of an axis in all decisions.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a portrait without weights: no feature space kept a link to time, axis and bin.
+
+    Examples
+    --------
+    >>> from granular_id import RawHFMH, synthesize
+    >>> from granular_id.evaluation.portrait import portrait
+    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> len(plot_weights(seen).axes)
+    12
+    """
+    blocks = portrait.weights
+    if not blocks:
+        raise ValueError("portrait has no weights: no feature space kept a link to time, axis and bin")
+    rows = max(len(block.axes) for block in blocks)
+    figure = new_figure(0.4 + 4.2 * len(blocks), 0.9 + 0.62 * rows)
+    for block, column in zip(blocks, figure.subplots(rows, len(blocks), squeeze=False).T, strict=True):
+        draw_weights(column, block)
+        column[0].set_title(block.name, fontsize=10, color=INK, parse_math=False)
+    synthetic = ", SYNTHETIC recordings" if portrait.n_synthetic else ""
+    title = f"Where the linear model of {portrait.looked_at} looks{synthetic}"
+    figure.suptitle(title, fontsize=11, color=INK, parse_math=False)
+    save(figure, path)
+    return figure
+
+
+def draw_weights(panels: Any, block: WeightBlock) -> None:
+    """Draw one block into a column of panels, one an axis; panels left over are removed."""
+    top = float(block.influence.max()) or 1.0
+    left, right = float(block.coordinates.min()), float(block.coordinates.max())
+    used = np.flatnonzero(block.influence.max(axis=0) > 1e-3 * top)
+    if block.kind == "magnitude" and used.size > 1:  # most bins of a wide range stay empty
+        left, right = block.coordinates[[used[0], used[-1]]].tolist()
+    for axis, panel in zip(block.axes, panels, strict=False):
+        number = block.axes.index(axis)
+        colour = AXIS_COLOURS[number % len(AXIS_COLOURS)]
+        panel.fill_between(block.coordinates, block.influence[number], color=colour, alpha=0.75, linewidth=0)
+        panel.set_xlim(left, right if right > left else left + 1.0)
+        panel.set_ylim(0.0, top)
+        quiet(panel)
+        panel.set_yticks([])
+        panel.spines["left"].set_visible(False)
+        share = 100 * float(block.shares[number])
+        panel.set_ylabel(
+            f"{pretty(axis)}\n{share:.1f} %", rotation=0, ha="right", va="center", fontsize=8.5, color=INK
+        )
+        panel.tick_params(labelbottom=number == len(block.axes) - 1, colors=INK)
+        panel.spines["bottom"].set_color(FAINT)
+    for unused in panels[len(block.axes) :]:
+        unused.remove()
+    what = _ACROSS.get(block.kind, block.kind)
+    panels[len(block.axes) - 1].set_xlabel(f"{what}, {block.unit}", fontsize=8, color=INK)
