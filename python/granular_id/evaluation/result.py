@@ -116,6 +116,16 @@ class EvaluationResult:
         return tuple(self.partitions)
 
     @property
+    def strictest(self) -> str | None:
+        """The strictest protocol that ran and held out a time or session of its own; None where none did."""
+        return next((name for name in ("session", "chronological") if name in self.partitions), None)
+
+    @property
+    def random(self) -> str | None:
+        """The protocol with random draws that ran, against which the strictest is held; None where none did."""
+        return next((name for name in ("paper", "kfold") if name in self.partitions), None)
+
+    @property
     def chance(self) -> float:
         """Accuracy of guessing when every class is equally frequent: 1 / K."""
         return 1 / len(self.labels)
@@ -204,13 +214,13 @@ class EvaluationResult:
         return macro_f1(self.confusion(space, protocol))
 
     def gap(self, space: str) -> float | None:
-        """Accuracy lost between random partitions and halves in time order; None unless both protocols ran.
+        """Accuracy lost between random draws and the strictest protocol; None unless both ran.
 
-        Mean accuracy of ``paper`` minus mean accuracy of ``chronological`` over both directions.
+        Mean accuracy of `random` minus that of `strictest`, each over its partitions.
         """
-        if {"paper", "chronological"} <= set(self.partitions):
-            return self.mean_accuracy(space, "paper") - self.mean_accuracy(space, "chronological")
-        return None
+        if self.random is None or self.strictest is None:
+            return None
+        return self.mean_accuracy(space, self.random) - self.mean_accuracy(space, self.strictest)
 
     def predictions(self) -> Iterator[Prediction]:
         """Every prediction: by protocol, space and partition, then row."""
