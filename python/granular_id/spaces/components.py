@@ -11,6 +11,7 @@ import scipy.linalg
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._blas import single_threaded_blas
 from granular_id.gram import linear_gram
 
 __all__ = ["PrincipalComponents"]
@@ -164,7 +165,8 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
             )
         # The dual vectors sum to zero, but only up to rounding: the mean of each row goes first.
         centred = products - self._column_means - products.mean(axis=1, keepdims=True) + self._grand_mean
-        scores: FloatArray = centred @ self._dual
+        with single_threaded_blas():  # the steps behind may start from these bits: see RICA
+            scores: FloatArray = centred @ self._dual
         return scores
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
@@ -192,7 +194,8 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         self._grand_mean = float(gram.mean())
         centred = gram - self._column_means - self._column_means[:, np.newaxis] + self._grand_mean
         keep = min(int(wanted), limit)
-        squares, vectors = scipy.linalg.eigh(centred, subset_by_index=[n - keep, n - 1])
+        with single_threaded_blas():
+            squares, vectors = scipy.linalg.eigh(centred, subset_by_index=[n - keep, n - 1])
         squares, vectors = squares[::-1], vectors[:, ::-1]
         # What is left of equal rows is rounding of the products that were taken out.
         noise = n * np.finfo(np.float64).eps * max(squares[0], np.abs(gram).max())

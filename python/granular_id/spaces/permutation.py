@@ -19,11 +19,10 @@ FloatArray = npt.NDArray[np.float64]
 class TimePermutation(RecordingFilter):
     """Put the instants of each recording into a random order of its own, all axes together.
 
-    A control, to stand in front of a feature space: what is still told apart does not come from the course in
-    time. One order for all recordings would be no control: to a linear classifier it is a renaming of columns.
-    So each recording has its own, drawn from the seed and from its samples. The same recording is shuffled in the
-    same way whatever batch it comes in, in training, in testing and in another process, and no two recordings
-    that differ share an order.
+    A control, to stand in front of `RawSignal`: what is still told apart does not come from the course in time.
+    One order for all recordings would be no control: to a linear classifier of raw samples it is a renaming of
+    columns. So each recording has its own, drawn from the seed and from its samples. The same recording is
+    shuffled in the same way whatever batch it comes in, in training, in testing and in another process.
 
     Parameters
     ----------
@@ -36,6 +35,18 @@ class TimePermutation(RecordingFilter):
         The seed in use.
     n_features_in_, n_axes_in_ : int
         Samples T of a recording, and its axes C.
+
+    Notes
+    -----
+    The paper reports about 20 % for permuted signals. What a linear classifier of permuted raw samples still has
+    are the mean levels of the axes, and how far it falls depends on what those tell: on synthetic recordings of the
+    paper's eleven materials from 77 % to 47 %, where six means alone give 51 %; with each recording's own means
+    subtracted first to 11 %, chance being 9 %. (Mean of 4 random partitions, 50 and 12 recordings of a class;
+    synthetic recordings say nothing about accuracy on real ones.)
+
+    In front of `HFMH` it is another experiment. Noise in random order has all its variance in the pass band, so
+    that the histogram of a permuted recording tells how its forces are distributed, which is a lot: raw+HFMH
+    falls from 99 % to 96 % only on the same recordings.
 
     Examples
     --------
