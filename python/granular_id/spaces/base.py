@@ -66,7 +66,12 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Another shape, NaN or infinity.
         """
         check_is_fitted(self)
-        return self._features(self._recordings(X, reset=False))
+        recordings = self._recordings(X, reset=False)
+        try:
+            return self._features(recordings)
+        except ValueError:  # the extraction looks for NaN; here it gets the name that the caller knows
+            _refuse_gaps(recordings)
+            raise
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``.
@@ -114,8 +119,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {rank} dimensions")
         if not reset and self.n_axes_in_ > 1:
             self._same_shape(np.shape(X))
-        # In transform extract_features looks for NaN anyway, and names the place.
-        values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=reset)
+        values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
         if values.ndim == 2:
             values = values[:, :, np.newaxis]
         if values.shape[2] == 0:
@@ -123,6 +127,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if not reset and values.shape[2] != self.n_axes_in_:
             raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
         recordings: FloatArray = values
+        if reset:  # in transform the extraction looks for NaN anyway
+            _refuse_gaps(recordings)
         return recordings
 
     def _same_shape(self, shape: tuple[int, ...]) -> None:
@@ -161,14 +167,9 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
         """
         check_is_fitted(self)
         recordings = self._recordings(X, reset=False)
-        flat = np.ndim(X) == 2
-        if not np.isfinite(recordings).all():
-            place = tuple(int(i) for i in np.argwhere(~np.isfinite(recordings))[0])
-            raise ValueError(
-                f"X must be finite, got {recordings[place]} at index {place[:2] if flat else place}"
-            )
+        _refuse_gaps(recordings)
         filtered = self._filtered(recordings)
-        return filtered[:, :, 0] if flat else filtered
+        return filtered[:, :, 0] if np.ndim(X) == 2 else filtered
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Refused: recordings are no features yet."""
@@ -196,6 +197,17 @@ def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
         raise TypeError(f"rate_hz must be {wanted}, got {rate_hz!r}")
     if not 0 < float(rate_hz) < math.inf:
         raise ValueError(f"rate_hz must be positive and finite, got {rate_hz!r}")
+
+
+def _refuse_gaps(recordings: FloatArray) -> None:
+    finite = np.isfinite(recordings)
+    if not finite.all():
+        recording, sample, axis = (int(i) for i in np.argwhere(~finite)[0])
+        value = recordings[recording, sample, axis]
+        got = "NaN" if np.isnan(value) else f"{value}"
+        raise ValueError(
+            f"X must be finite, got {got} at recording {recording}, sample {sample}, axis {axis}"
+        )
 
 
 def learns(transformer: Any) -> bool:

@@ -102,10 +102,11 @@ class DFT(RecordingTransformer):
         features = np.empty((n, sum(widths)))
         ends = np.cumsum(widths)
         twice = self._stands_for()
+        series = axis_series(recordings)
         for first in range(0, n, _ROWS):
             rows = slice(first, first + _ROWS)
             with np.errstate(over="ignore", invalid="ignore"):  # reported below
-                spectrum = np.fft.rfft(axis_series(recordings[rows]), axis=2)
+                spectrum = np.fft.rfft(series[rows], axis=2)
                 for (name, kept), width, end in zip(parts, widths, ends, strict=True):
                     block = features[rows, end - width : end].reshape(-1, n_axes, kept.stop - kept.start)
                     block[...] = self._value(name, spectrum[:, :, kept]) * twice[kept]

@@ -56,8 +56,8 @@ def gram_plan(transformer: Any) -> GramPlan | None:
     Returns
     -------
     GramPlan or None
-        None where it does not come apart like this: a block learns (``bin_range="auto"``), or a step behind the
-        features other than `PrincipalComponents` is the first to work on them.
+        None where it does not come apart like this: a block learns (``bin_range="auto"``), a step in front draws a
+        seed of its own at each fit, or a step other than `PrincipalComponents` is the first to work on features.
 
     Examples
     --------
@@ -78,6 +78,8 @@ def gram_plan(transformer: Any) -> GramPlan | None:
     blocks, weights = _apart(space)
     if any(learns(part) for part in (*filters, *(block for _, block in blocks))):
         return None
+    if any(getattr(step, "random_state", 0) is None for step in filters):
+        return None  # each block would see recordings shuffled in another way
     if filters:
         blocks = tuple((name, _behind(filters, block)) for name, block in blocks)
     return GramPlan(blocks, weights, after)
@@ -121,9 +123,9 @@ def _apart(space: Any) -> tuple[tuple[tuple[str, Any], ...], str | tuple[float, 
         raw = RawSignal(rate_hz=space.rate_hz, threads=space.threads)
         return (("raw", raw), ("hfmh", HFMH(**params))), weights
     if type(space) is BlockUnion:
-        blocks = tuple((name, block) for name, block in space.blocks)
-        return blocks, check_block_weights(space.block_weights, [name for name, _ in blocks])
-    return ((getattr(space, "name", type(space).__name__.lower()), space),), None
+        blocks = space.checked_blocks()
+        return tuple(blocks), check_block_weights(space.block_weights, [name for name, _ in blocks])
+    return ((type(space).__name__.lower(), space),), None
 
 
 def _behind(filters: list[Any], block: Any) -> Pipeline:

@@ -80,7 +80,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
     @property
     def learns(self) -> bool:
         """True with ``block_weights="unit"``, or when a block learns."""
-        return isinstance(self.block_weights, str) or any(learns(block) for _, block in self.blocks)
+        return isinstance(self.block_weights, str) or any(learns(block) for _, block in self.checked_blocks())
 
     def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Parameters, with ``deep`` those of the blocks too, as ``<block>__<parameter>``."""
@@ -126,13 +126,36 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         every = [part for _, inner in parts for part in inner]
         return tuple(part.renamed(name) for part, name in zip(every, names, strict=True))
 
+    def checked_blocks(self) -> list[tuple[str, Any]]:
+        """Return `blocks` as given, or refuse them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Not pairs of a name and a transformer, none of them, or names that are not unique or hold ``__``.
+        """
+        wanted = "blocks must be a list of (name, transformer)"
+        try:
+            pairs = [(name, block) for name, block in self.blocks]
+        except (TypeError, ValueError):
+            raise TypeError(f"{wanted}, got {self.blocks!r}") from None
+        if not pairs:
+            raise ValueError(f"{wanted} with at least one of them, got none")
+        for name, block in pairs:
+            if not isinstance(name, str) or not name:
+                raise TypeError(f"{wanted}: a name must be non-empty text, got {name!r}")
+            if isinstance(block, type) or not (hasattr(block, "fit") and hasattr(block, "transform")):
+                raise TypeError(f"{wanted}: {name!r} has no fit and transform, got {block!r}")
+        self._validate_names([name for name, _ in pairs])
+        return pairs
+
     def _fit(self, X: npt.ArrayLike, y: object) -> tuple[FloatArray, list[FloatArray] | None]:
-        names = self._checked_names()
-        weights = check_block_weights(self.block_weights, names)
+        blocks = self.checked_blocks()
+        weights = check_block_weights(self.block_weights, [name for name, _ in blocks])
         recordings = self._recordings(X, reset=True)
         self.n_axes_in_ = recordings.shape[2]
-        self.blocks_ = [(name, clone(block).fit(recordings, y)) for name, block in self.blocks]
-        fixed = fixed_weights(weights, len(names))
+        self.blocks_ = [(name, clone(block).fit(recordings, y)) for name, block in blocks]
+        fixed = fixed_weights(weights, len(blocks))
         features = self._each(recordings) if fixed is None else None
         if features is not None:
             fixed = np.array([unit_weight(row_norms(block)) for block in features])
@@ -163,23 +186,6 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
 
     def _names(self) -> list[str]:
         return _unique([(name, block.get_feature_names_out().tolist()) for name, block in self.blocks_])
-
-    def _checked_names(self) -> list[str]:
-        wanted = "blocks must be a list of (name, transformer)"
-        try:
-            pairs = [(name, block) for name, block in self.blocks]
-        except (TypeError, ValueError):
-            raise TypeError(f"{wanted}, got {self.blocks!r}") from None
-        if not pairs:
-            raise ValueError(f"{wanted} with at least one of them, got none")
-        for name, block in pairs:
-            if not isinstance(name, str) or not name:
-                raise TypeError(f"{wanted}: a name must be non-empty text, got {name!r}")
-            if isinstance(block, type) or not (hasattr(block, "fit") and hasattr(block, "transform")):
-                raise TypeError(f"{wanted}: {name!r} has no fit and transform, got {block!r}")
-        names = [name for name, _ in pairs]
-        self._validate_names(names)
-        return names
 
 
 def _unique(parts: list[tuple[str, list[str]]]) -> list[str]:
