@@ -1,0 +1,126 @@
+"""Which steps of a model lead from recordings to columns, and which on to the classifier, and the way back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.decomposition import PCA
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils.validation import check_is_fitted
+
+from granular_id.ecoc import ECOCClassifier
+from granular_id.rica import RICA
+from granular_id.spaces import FeatureBlock, PrincipalComponents, RecordingFilter, feature_blocks
+from granular_id.spaces.base import real_steps
+
+__all__ = ["Chain", "chain_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A fitted model in three parts.
+
+    Attributes
+    ----------
+    space : Pipeline
+        From recordings to columns with a meaning: filters and one feature space.
+    after : tuple of transformers
+        From columns to what the classifier sees; each an affine map.
+    classifier : ECOCClassifier
+        With linear learners.
+    blocks : tuple of FeatureBlock
+        What the columns stand for.
+    """
+
+    space: Pipeline
+    after: tuple[Any, ...]
+    classifier: ECOCClassifier
+    blocks: tuple[FeatureBlock, ...]
+
+    def columns_and_scores(
+        self, recordings: npt.NDArray[Any], factors: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Columns (n, D) of recordings (n, T, C), and weighted sums (n,) of the learners' scores."""
+        columns = features = self.space.transform(recordings)
+        for step in self.after:  # not as arrays: a step fitted on a data frame wants its names again
+            features = step.transform(features)
+        weights, offset = factors @ self.classifier.coef_, factors @ self.classifier.intercept_
+        scores: FloatArray = np.asarray(features, dtype=np.float64) @ weights + offset
+        return np.asarray(columns, dtype=np.float64), scores
+
+    def weights_of(self, factors: FloatArray) -> FloatArray:
+        """Weight (D,) of each column in the weighted sum of the learners' scores."""
+        weights = factors @ self.classifier.coef_
+        for step in reversed(self.after):
+            weights = _back(step, weights)
+        return np.asarray(weights, dtype=np.float64)
+
+
+def chain_of(model: Any) -> Chain:
+    """Take a fitted model apart.
+
+    Raises
+    ------
+    TypeError
+        Not a pipeline that ends in an `ECOCClassifier` with linear learners, or a step that mixes columns in a way
+        that cannot be followed back.
+    NotFittedError
+        Not fitted.
+    """
+    if not isinstance(model, Pipeline):
+        raise TypeError(
+            "model must be a Pipeline of a feature space and an ECOCClassifier, "
+            f"for instance make_pipeline(RawHFMH(), ECOCClassifier()), got {type(model).__name__}"
+        )
+    *steps, classifier = real_steps(model)
+    if not isinstance(classifier, ECOCClassifier):
+        raise TypeError(f"model must end in an ECOCClassifier, got {type(classifier).__name__}")
+    check_is_fitted(classifier, "classes_")
+    if not hasattr(classifier, "coef_"):
+        raise TypeError(
+            "model must have linear learners, for which a contribution of each feature exists: "
+            f"{classifier} has no coef_"
+        )
+    n_before = 0
+    while n_before < len(steps) and isinstance(steps[n_before], RecordingFilter):
+        n_before += 1
+    space, after = steps[: n_before + 1], steps[n_before + 1 :]
+    for step in after:
+        _check_followed(step)
+    before = Pipeline(
+        [(f"step{number}", step) for number, step in enumerate(space)] or [("none", "passthrough")]
+    )
+    try:
+        blocks = feature_blocks(before)
+    except TypeError as reason:
+        raise TypeError(f"model cannot be followed back to the recording: {reason}") from None
+    return Chain(before, tuple(after), classifier, blocks)
+
+
+def _back(step: Any, weights: FloatArray) -> FloatArray:
+    """Weights of a step's output turned into weights of its input."""
+    if isinstance(step, StandardScaler):
+        return weights if step.scale_ is None else weights / step.scale_
+    if isinstance(step, PCA) and step.whiten:
+        # As PCA.transform does it: a component without variance is not blown up.
+        scale = np.sqrt(step.explained_variance_)
+        smallest = np.finfo(scale.dtype).eps
+        weights = weights / np.where(scale < smallest, smallest, scale)
+    passed: FloatArray = weights @ step.components_
+    if isinstance(step, RICA) and step.scale_ is not None:
+        passed = passed / step.scale_
+    return passed
+
+
+def _check_followed(step: Any) -> None:
+    if not isinstance(step, (PrincipalComponents, RICA, PCA, StandardScaler)):
+        raise TypeError(
+            "model may have PrincipalComponents, RICA, PCA and StandardScaler between feature space and classifier, "
+            f"got {type(step).__name__}, which cannot be followed back to instants and bins"
+        )
