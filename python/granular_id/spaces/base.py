@@ -16,7 +16,15 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from granular_id.features import extract_features
 from granular_id.spaces.blocks import FeatureBlock
 
-__all__ = ["RecordingFilter", "RecordingTransformer", "axis_series", "check_rate", "learns", "real_steps"]
+__all__ = [
+    "RecordingFilter",
+    "RecordingTransformer",
+    "axis_series",
+    "check_input_names",
+    "check_rate",
+    "learns",
+    "real_steps",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -82,16 +90,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Must equal the names seen by `fit`, if there were any. The names given out do not depend on it.
         """
         check_is_fitted(self)
-        if input_features is not None:
-            given = np.asarray(input_features, dtype=object)
-            if given.shape != (self.n_features_in_,):
-                raise ValueError(
-                    "input_features should have length equal to number of features "
-                    f"({self.n_features_in_}), got shape {given.shape}"
-                )
-            seen = getattr(self, "feature_names_in_", None)
-            if seen is not None and not np.array_equal(seen, given):
-                raise ValueError("input_features is not equal to feature_names_in_")
+        check_input_names(self, input_features)
         return np.asarray(self._names(), dtype=object)
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
@@ -114,9 +113,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         raise NotImplementedError
 
     def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
-        rank = np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
-        if rank > 3:
-            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {rank} dimensions")
+        if _rank(X) > 3:
+            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
         if not reset and self.n_axes_in_ > 1:
             self._same_shape(np.shape(X))
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
@@ -169,7 +167,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
         recordings = self._recordings(X, reset=False)
         _refuse_gaps(recordings)
         filtered = self._filtered(recordings)
-        return filtered[:, :, 0] if np.ndim(X) == 2 else filtered
+        return filtered[:, :, 0] if _rank(X) == 2 else filtered
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Refused: recordings are no features yet."""
@@ -188,6 +186,21 @@ def axis_series(recordings: FloatArray) -> FloatArray:
     return rows.reshape(n, n_axes, n_samples)
 
 
+def check_input_names(estimator: Any, input_features: npt.ArrayLike | None) -> None:
+    """Refuse `input_features` of `get_feature_names_out` that are not those that `fit` saw."""
+    if input_features is None:
+        return
+    given = np.asarray(input_features, dtype=object)
+    if given.shape != (estimator.n_features_in_,):
+        raise ValueError(
+            "input_features should have length equal to number of features "
+            f"({estimator.n_features_in_}), got shape {given.shape}"
+        )
+    seen = getattr(estimator, "feature_names_in_", None)
+    if seen is not None and not np.array_equal(seen, given):
+        raise ValueError("input_features is not equal to feature_names_in_")
+
+
 def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
     """Refuse a rate that is no positive number."""
     if rate_hz is None and optional:
@@ -197,6 +210,11 @@ def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
         raise TypeError(f"rate_hz must be {wanted}, got {rate_hz!r}")
     if not 0 < float(rate_hz) < math.inf:
         raise ValueError(f"rate_hz must be positive and finite, got {rate_hz!r}")
+
+
+def _rank(X: Any) -> int:
+    # A data frame of single axes has ndim; what only knows how to become an array counts as one of two dimensions.
+    return np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
 
 
 def _refuse_gaps(recordings: FloatArray) -> None:

@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._blas import single_threaded_blas
 from granular_id.gram import linear_gram
+from granular_id.spaces.base import check_input_names
 
 __all__ = ["PrincipalComponents"]
 
@@ -109,15 +110,12 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         ValueError
             Fewer than two rows, all rows equal, NaN or infinity, or scalar products beyond float64.
         """
-        rows, _ = self._fit_rows(X)
-        del rows
+        self._fit_rows(X)
         return self
 
     def fit_transform(self, X: npt.ArrayLike, y: object = None) -> FloatArray:  # noqa: ARG002
         """`fit` and `transform` of the same rows."""
-        rows, centred = self._fit_rows(X)
-        del rows
-        scores: FloatArray = centred @ self.components_.T
+        scores: FloatArray = self._fit_rows(X) @ self.components_.T
         return scores
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
@@ -157,7 +155,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
             About the same origin as the products given to `fit_gram`; training rows in the same order.
         """
         check_is_fitted(self, "n_components_")
-        products = np.asarray(cross, dtype=np.float64)
+        products = _finite("cross", cross)
         n = len(self._dual)
         if products.ndim != 2 or products.shape[1] != n:
             raise ValueError(
@@ -169,19 +167,28 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
             scores: FloatArray = centred @ self._dual
         return scores
 
-    def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
-        """Names ``pca_00 ...`` of the scores; they do not depend on those of the columns."""
+    def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
+        """Names ``pca_00 ...`` of the scores.
+
+        Parameters
+        ----------
+        input_features : array-like of str, shape (D,), optional
+            Must equal the names seen by `fit`, if there were any. The names given out do not depend on it.
+        """
         check_is_fitted(self, "n_components_")
+        if hasattr(self, "n_features_in_"):
+            check_input_names(self, input_features)
         width = max(2, len(str(self.n_components_ - 1)))
         return np.array([f"pca_{k:0{width}d}" for k in range(self.n_components_)], dtype=object)
 
-    def _fit_rows(self, X: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def _fit_rows(self, X: npt.ArrayLike) -> FloatArray:
         rows = validate_data(self, X, dtype=np.float64, ensure_min_samples=2)
-        self.mean_ = rows.mean(axis=0)
-        centred = rows - self.mean_
+        with np.errstate(over="ignore", invalid="ignore"):  # their scalar products are refused below
+            self.mean_ = rows.mean(axis=0)
+            centred: FloatArray = rows - self.mean_
         self._fit_products(linear_gram(centred), limit=min(len(rows) - 1, rows.shape[1]))
         self.components_ = self._dual.T @ centred
-        return rows, centred
+        return centred
 
     def _fit_products(self, gram: FloatArray, *, limit: int) -> None:
         wanted = self.n_components
@@ -224,9 +231,14 @@ def _signs(vectors: FloatArray) -> FloatArray:
 
 
 def _square(gram: npt.ArrayLike) -> FloatArray:
-    products = np.asarray(gram, dtype=np.float64)
+    products = _finite("gram", gram)
     if products.ndim != 2 or products.shape[0] != products.shape[1] or len(products) < 2:
         raise ValueError(f"gram must have shape (n, n) with n >= 2, got {products.shape}")
+    return products
+
+
+def _finite(argument: str, values: npt.ArrayLike) -> FloatArray:
+    products = np.asarray(values, dtype=np.float64)
     if not np.isfinite(products).all():
-        raise ValueError("gram must be finite, got NaN or infinity")
+        raise ValueError(f"{argument} must be finite, got NaN or infinity")
     return products

@@ -1,0 +1,48 @@
+"""Recordings for the tests of feature spaces, and each transformer in the forms that matter."""
+
+import numpy as np
+
+from granular_id.spaces import (
+    DFT,
+    HFMH,
+    BlockUnion,
+    PrincipalComponents,
+    RangeNormalizer,
+    RawHFMH,
+    RawHistogram,
+    RawSignal,
+    Tare,
+    TimePermutation,
+)
+
+
+def recordings(n=5, n_samples=300, n_axes=6, seed=0):
+    """Noise around an offset, the first axis loudest."""
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
+
+
+def two_bands(**keywords):
+    slow, fast = HFMH(cutoff_hz=10.0, n_bins=10), HFMH(cutoff_hz=60.0, n_bins=10)
+    return BlockUnion([("slow", slow), ("fast", fast)], **keywords)
+
+
+# Tare: one sample of rest, so that recordings of scikit-learn's checks are long enough.
+SPACES = {
+    "raw": RawSignal(),
+    "range": RangeNormalizer(),
+    "hfmh": HFMH(),
+    "hfmh, own range": HFMH(bin_range="auto", initial="steady"),
+    "raw+hfmh": RawHFMH(),
+    "raw+hfmh, weighted": RawHFMH(block_weights="unit", bin_range="auto"),
+    "dft": DFT(),
+    "dft magnitude": DFT("magnitude"),
+    "dft log magnitude": DFT("log_magnitude", floor=0.5, rate_hz=500.0),
+    "histogram": RawHistogram(),
+    "histogram, own range": RawHistogram(bin_range=(-2.0, 2.0), outside="clip", n_bins=7),
+    "union": BlockUnion([("norm", RangeNormalizer()), ("dft", DFT())]),
+    "union, weighted": BlockUnion([("raw", RawSignal()), ("hist", RawHistogram())], block_weights="unit"),
+    "union of one kind": two_bands(block_weights=[0.5, 2.0]),
+}
+FILTERS = {"tare": Tare(0.002), "permutation": TimePermutation()}
+ROWS = {"components": PrincipalComponents(), "one component": PrincipalComponents(1)}

@@ -1,0 +1,168 @@
+"""Principal components through scalar products, against those of scikit-learn."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.decomposition import PCA
+from sklearn.exceptions import NotFittedError
+
+from granular_id.gram import linear_gram
+from granular_id.spaces import PrincipalComponents
+
+
+def walk(n, n_columns, seed=0):
+    """Smooth rows about a large common offset, as raw recordings are."""
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(size=(n, n_columns)), axis=1) + 100.0
+
+
+def same_up_to_sign(got, wanted):
+    signs = np.sign((got * wanted).sum(axis=0))
+    np.testing.assert_allclose(got * signs, wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
+
+
+@given(
+    n=st.integers(2, 30),
+    n_columns=st.integers(1, 60),
+    n_components=st.integers(1, 40),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=40)
+def test_equal_to_scikit_learn_up_to_sign(n, n_columns, n_components, seed):
+    X, other = walk(n, n_columns, seed), walk(4, n_columns, seed + 1000)
+    kept = min(n_components, n - 1, n_columns)
+    ours = PrincipalComponents(n_components).fit(X)
+    theirs = PCA(kept, svd_solver="full").fit(X)
+    assert ours.n_components_ == kept
+    same_up_to_sign(ours.transform(X), theirs.transform(X))
+    signs = np.sign((ours.components_ * theirs.components_).sum(axis=1))
+    np.testing.assert_allclose(ours.components_ * signs[:, None], theirs.components_, atol=1e-6)
+    np.testing.assert_allclose(ours.transform(other) * signs, theirs.transform(other), rtol=1e-6, atol=1e-5)
+    np.testing.assert_allclose(ours.mean_, theirs.mean_)
+    for name in ("explained_variance_", "explained_variance_ratio_", "singular_values_"):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=1e-8, err_msg=name)
+
+
+@given(n=st.integers(2, 30), n_columns=st.integers(1, 60), seed=st.integers(0, 99))
+@settings(max_examples=40)
+@pytest.mark.parametrize("origin", ["zero", "mean of all rows"])
+def test_both_ways_give_the_same_scores_and_signs(origin, n, n_columns, seed):
+    every = walk(n + 5, n_columns, seed)
+    X, other = every[:n], every[n:]
+    center = None if origin == "zero" else every.mean(axis=0)
+    rows = PrincipalComponents(10).fit(X)
+    products = PrincipalComponents(10).fit_gram(linear_gram(X, center=center))
+    kept = products.n_components_
+    assert kept == rows.n_components_
+    scale = np.abs(rows.transform(X)).max()
+    for one in (X, other):
+        scores = products.transform_gram(linear_gram(one, X, center=center))
+        np.testing.assert_allclose(scores, rows.transform(one), rtol=1e-6, atol=1e-6 * scale)
+    np.testing.assert_allclose(products.explained_variance_, rows.explained_variance_, rtol=1e-8)
+
+
+def test_the_largest_score_of_each_component_is_positive():
+    X = walk(20, 50)
+    pca = PrincipalComponents(8).fit(X)
+    scores = pca.transform(X)
+    assert (scores[np.abs(scores).argmax(axis=0), np.arange(8)] > 0).all()
+    two = PrincipalComponents().fit_transform([[1.0, 2.0], [3.0, 5.0]])  # both scores are equally large
+    np.testing.assert_allclose(two, [[np.sqrt(13) / 2], [-np.sqrt(13) / 2]])
+
+
+def test_components_are_unit_rows_at_right_angles():
+    X = walk(15, 40)
+    pca = PrincipalComponents(9)
+    scores = pca.fit_transform(X)
+    np.testing.assert_allclose(pca.components_ @ pca.components_.T, np.eye(9), atol=1e-10)
+    np.testing.assert_array_equal(scores, pca.transform(X))
+    np.testing.assert_allclose((scores**2).sum(axis=0), pca.singular_values_**2)
+    assert pca.get_feature_names_out().tolist() == [f"pca_0{k}" for k in range(9)]
+
+
+def test_no_more_components_than_the_rows_have():
+    X = walk(3, 50)
+    repeated = np.concatenate([X, X, X])
+    pca = PrincipalComponents(100).fit(repeated)
+    assert pca.n_components_ == 2
+    assert pca.transform(repeated).shape == (9, 2)
+    np.testing.assert_allclose(pca.explained_variance_ratio_.sum(), 1.0)
+    assert PrincipalComponents(100).fit_gram(linear_gram(repeated)).n_components_ == 2
+    assert PrincipalComponents().fit(walk(30, 4)).n_components_ == 4
+
+
+def test_an_offset_does_not_make_components():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(12, 1)) @ rng.normal(size=(1, 30)) + 1e6
+    assert PrincipalComponents().fit_gram(linear_gram(X)).n_components_ == 1
+
+
+def test_frames_and_float32():
+    pd = pytest.importorskip("pandas")
+    X = walk(12, 5)
+    pca = PrincipalComponents(3).fit(pd.DataFrame(X, columns=list("abcde")))
+    assert pca.feature_names_in_.tolist() == list("abcde")
+    with pytest.raises(ValueError, match="input_features is not equal to feature_names_in_"):
+        pca.get_feature_names_out(list("abcdf"))
+    halved = PrincipalComponents(3).fit_transform(X.astype(np.float32))
+    assert halved.dtype == np.float64
+    np.testing.assert_allclose(halved, PrincipalComponents(3).fit_transform(X), atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("n_components", "error", "message"),
+    [
+        (0, ValueError, "n_components must be at least 1, got 0"),
+        (2.5, TypeError, "n_components must be a whole number, got 2.5"),
+        (True, TypeError, "n_components must be a whole number"),
+        (None, TypeError, "n_components must be a whole number, got None"),
+    ],
+)
+def test_bad_number_of_components(n_components, error, message):
+    with pytest.raises(error, match=message):
+        PrincipalComponents(n_components).fit(walk(5, 5))
+    with pytest.raises(error, match=message):
+        PrincipalComponents(n_components).fit_gram(np.eye(5))
+
+
+def test_bad_rows():
+    for rows in (np.full((6, 9), 0.1), np.zeros((6, 9))):
+        with pytest.raises(ValueError, match="X must vary: all rows are equal"):
+            PrincipalComponents().fit(rows)
+        with pytest.raises(ValueError, match="X must vary: all rows are equal"):
+            PrincipalComponents().fit_gram(linear_gram(rows))
+    with pytest.raises(ValueError, match="NaN"):
+        PrincipalComponents().fit([[1.0, np.nan], [2.0, 3.0]])
+    with pytest.raises(ValueError, match="1 sample"):
+        PrincipalComponents().fit([[1.0, 2.0]])
+    with pytest.raises(ValueError, match="range of float64"):
+        PrincipalComponents().fit([[1e200, 0.0], [-1e200, 1.0]])
+
+
+def test_bad_products():
+    for gram in (np.ones((2, 3)), np.ones(4), np.ones((1, 1))):
+        with pytest.raises(ValueError, match=r"gram must have shape \(n, n\) with n >= 2, got"):
+            PrincipalComponents().fit_gram(gram)
+    with pytest.raises(ValueError, match="gram must be finite"):
+        PrincipalComponents().fit_gram([[1.0, np.nan], [np.nan, 1.0]])
+    pca = PrincipalComponents().fit_gram(np.eye(4))
+    with pytest.raises(ValueError, match=r"cross must have shape \(m, 4\)"):
+        pca.transform_gram(np.ones((2, 3)))
+    with pytest.raises(ValueError, match="cross must be finite"):
+        pca.transform_gram(np.full((2, 4), np.inf))
+
+
+def test_what_was_fitted_on_products_knows_no_columns():
+    X = walk(6, 9)
+    pca = PrincipalComponents()
+    with pytest.raises(NotFittedError):
+        pca.transform(X)
+    with pytest.raises(NotFittedError):
+        pca.transform_gram(X @ X.T)
+    pca.fit(X).fit_gram(X @ X.T)
+    assert not hasattr(pca, "components_")
+    with pytest.raises(ValueError, match="fitted on scalar products: use transform_gram"):
+        pca.transform(X)
+    assert len(pca.get_feature_names_out(["anything"])) == 5
+    assert pca.learns

@@ -1,0 +1,148 @@
+"""Recordings to recordings: removal of the offset at rest, destruction of the order in time."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.pipeline import make_pipeline
+
+from granular_id.gram import linear_gram
+from granular_id.spaces import HFMH, RawHistogram, RawSignal, Tare, TimePermutation
+from spaces_cases import FILTERS, recordings
+
+
+def test_tare_subtracts_the_mean_at_rest():
+    X = recordings()
+    tare = Tare(0.1, rate_hz=100.0).fit(X)
+    assert tare.n_tare_ == 10
+    np.testing.assert_array_equal(tare.transform(X), X - X[:, :10].mean(axis=1, keepdims=True))
+    assert not tare.learns
+
+
+@given(st.integers(1, 40), st.floats(1.0, 2000.0))
+def test_tare_rounds_to_whole_samples(n_tare, rate_hz):
+    X = recordings(n=1, n_samples=40)
+    assert Tare(n_tare / rate_hz, rate_hz=rate_hz).fit(X).n_tare_ == n_tare
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error", "message"),
+    [
+        ({"tare_s": 0.7}, ValueError, "tare_s=0.7 at rate_hz=500 is 350 samples, must be from 1 to the 300"),
+        ({"tare_s": 0.0001}, ValueError, "is 0 samples"),
+        ({"tare_s": 0.0}, ValueError, "tare_s must be positive and finite, got 0.0"),
+        ({"tare_s": np.nan}, ValueError, "tare_s must be positive"),
+        ({"tare_s": None}, TypeError, "tare_s must be a number of seconds, got None"),
+        ({"rate_hz": None}, TypeError, "rate_hz must be a number of hertz, got None"),
+        ({"rate_hz": -1}, ValueError, "rate_hz must be positive"),
+    ],
+)
+def test_bad_parameters_of_tare(parameters, error, message):
+    with pytest.raises(error, match=message):
+        Tare(**parameters).fit(recordings())
+
+
+def test_tare_beyond_float64():
+    X = np.array([[-1.7e308, 1.7e308, 0.0]])
+    with pytest.raises(ValueError, match="X must stay in the range of float64"):
+        Tare(1.0, rate_hz=1.0).fit_transform(X)
+
+
+def test_permutation_moves_whole_instants():
+    X = recordings()
+    shuffled = TimePermutation().fit_transform(X)
+    for before, after in zip(X, shuffled, strict=True):
+        assert not np.array_equal(before, after)
+        assert sorted(map(tuple, before)) == sorted(map(tuple, after))
+
+
+def test_each_recording_has_an_order_of_its_own():
+    times = np.tile(np.arange(300.0)[:, None], (20, 1, 6))
+    times[:, 0, 0] = -np.arange(20)  # the first instant tells them apart
+    orders = TimePermutation().fit_transform(times)[:, :, 1]
+    assert len({tuple(order) for order in orders}) == 20
+    # Every place is as likely for every instant: the mean place of 6,000 instants is near the middle.
+    assert abs(orders[:, :150].mean() - 149.5) < 5 * 300 / np.sqrt(12 * 3000)
+
+
+def test_the_order_belongs_to_the_recording_and_the_seed():
+    X = recordings(n=8)
+    shuffle = TimePermutation(random_state=3).fit(X)
+    expected = shuffle.transform(X)
+    np.testing.assert_array_equal(shuffle.transform(X[::-1])[::-1], expected)
+    np.testing.assert_array_equal(shuffle.transform(X[5:6]), expected[5:6])
+    np.testing.assert_array_equal(TimePermutation(random_state=3).fit(X[:2]).transform(X), expected)
+    np.testing.assert_array_equal(shuffle.transform(np.asfortranarray(X)), expected)
+    assert not np.array_equal(TimePermutation(random_state=4).fit_transform(X), expected)
+
+
+def test_the_order_does_not_hang_on_the_sign_of_zero_or_the_width_of_numbers():
+    X = np.round(recordings(n=2))
+    expected = TimePermutation().fit_transform(X + 0.0)
+    X[X == 0.0] = -0.0
+    np.testing.assert_array_equal(TimePermutation().fit_transform(X), expected)
+    np.testing.assert_array_equal(TimePermutation().fit_transform(X.astype(np.float32)), expected)
+
+
+def test_open_seed():
+    X = recordings()
+    shuffle = TimePermutation(random_state=None).fit(X)
+    first = shuffle.transform(X)
+    np.testing.assert_array_equal(shuffle.transform(X), first)
+    assert not np.array_equal(shuffle.fit(X).transform(X), first)
+    generators = [np.random.RandomState(5), np.random.RandomState(5)]
+    one, other = (TimePermutation(random_state=generator).fit_transform(X) for generator in generators)
+    np.testing.assert_array_equal(one, other)
+    with pytest.raises(ValueError, match="seed"):
+        TimePermutation(random_state="now").fit(X)
+
+
+def test_one_order_for_all_would_change_nothing_and_an_order_each_does():
+    X = recordings()
+    fixed = X[:, np.random.default_rng(0).permutation(300)]
+    gram = linear_gram(RawSignal().fit_transform(X))
+    np.testing.assert_allclose(linear_gram(RawSignal().fit_transform(fixed)), gram, rtol=1e-12)
+    slow = X + 5 * np.sin(np.linspace(0, 9, 300))[:, None]
+    gram = linear_gram(RawSignal().fit_transform(slow))
+    permuted = linear_gram(make_pipeline(TimePermutation(), RawSignal()).fit_transform(slow))
+    np.testing.assert_allclose(np.diag(permuted), np.diag(gram), rtol=1e-12)
+    off = ~np.eye(5, dtype=bool)
+    assert (permuted[off] < 0.5 * gram[off]).all()
+
+
+def test_histograms_of_samples_do_not_see_the_order_and_hfmh_does():
+    X = recordings()
+    histogram = RawHistogram().fit(X)
+    shuffled = TimePermutation().fit_transform(X)
+    np.testing.assert_array_equal(histogram.transform(shuffled), histogram.transform(X))
+    hfmh = HFMH().fit(X)
+    assert not np.array_equal(hfmh.transform(shuffled), hfmh.transform(X))
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_shapes_stay_and_input_is_not_changed(name):
+    X = recordings(n_axes=1)
+    kept = X.copy()
+    X.setflags(write=False)
+    step = FILTERS[name]
+    deep = step.fit_transform(X)
+    assert deep.shape == X.shape
+    flat = step.fit_transform(X[:, :, 0])
+    assert flat.shape == (5, 300)
+    np.testing.assert_array_equal(flat, deep[:, :, 0])
+    np.testing.assert_array_equal(step.fit(X).transform(X[:, :, 0]), flat)
+    np.testing.assert_array_equal(X, kept)
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_bad_recordings(name):
+    X = recordings()
+    step = FILTERS[name].fit(X)
+    with pytest.raises(ValueError, match=r"X must have shape \(n, 300, 6\) as in fit"):
+        step.transform(X[:, :-1])
+    X[2, 7, 1] = np.inf
+    for call in (step.fit, step.transform):
+        with pytest.raises(ValueError, match="X must be finite, got inf at recording 2, sample 7, axis 1"):
+            call(X)
+    with pytest.raises(TypeError, match="gives recordings; ask the step behind it"):
+        step.feature_blocks()

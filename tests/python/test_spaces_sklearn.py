@@ -1,0 +1,111 @@
+"""The contract of scikit-learn for every feature space: no expected failure."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+import sklearn
+from joblib import Parallel, delayed
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.pipeline import make_pipeline
+from sklearn.utils import estimator_checks
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, Tare, TimePermutation
+from spaces_cases import FILTERS, ROWS, SPACES, recordings
+
+EVERY = SPACES | FILTERS | ROWS
+
+
+@parametrize_with_checks([clone(estimator) for estimator in EVERY.values()])
+def test_sklearn_contract(estimator, check):
+    check(estimator)
+
+
+# scikit-learn runs these on its own estimators only.
+BY_HAND = [
+    "check_transformer_get_feature_names_out",
+    "check_transformer_get_feature_names_out_pandas",
+    "check_set_output_transform",
+    "check_set_output_transform_pandas",
+    "check_global_output_transform_pandas",
+    "check_dataframe_column_names_consistency",
+    "check_n_features_in_after_fitting",
+]
+
+
+@pytest.mark.filterwarnings("ignore:X .* feature names")  # the checks mix frames and arrays
+@pytest.mark.parametrize("check", BY_HAND)
+@pytest.mark.parametrize("name", [*SPACES, *ROWS])
+def test_names_and_frames(name, check):
+    getattr(estimator_checks, check)(name, clone(EVERY[name]))
+
+
+def rows_for(name):
+    return recordings()[:, :, 0] if name in ROWS else recordings()
+
+
+@pytest.mark.parametrize("name", [*SPACES, *ROWS])
+def test_pandas_output_has_the_names_as_columns(name):
+    transformer = clone(EVERY[name]).set_output(transform="pandas")
+    frame = transformer.fit_transform(rows_for(name))
+    assert isinstance(frame, pd.DataFrame)
+    assert frame.columns.tolist() == transformer.get_feature_names_out().tolist()
+    assert frame.columns.is_unique
+    np.testing.assert_array_equal(frame.to_numpy(), clone(EVERY[name]).fit_transform(rows_for(name)))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_pickle_clone_and_refit(name):
+    X = rows_for(name)
+    transformer = clone(EVERY[name]).fit(X)
+    expected = transformer.transform(X)
+    copy = pickle.loads(pickle.dumps(transformer))
+    np.testing.assert_array_equal(copy.transform(X), expected)
+    assert str(copy.get_params()) == str(transformer.get_params())
+    np.testing.assert_array_equal(clone(transformer).fit_transform(X), expected)
+    np.testing.assert_array_equal(transformer.fit(X[:3]).fit(X).transform(X), expected)
+
+
+@pytest.mark.parametrize("name", [*SPACES, *FILTERS])
+def test_not_fitted(name):
+    with pytest.raises(NotFittedError):
+        clone(EVERY[name]).transform(recordings())
+
+
+def test_two_processes_give_the_same_numbers():
+    X = recordings()
+    pipelines = [make_pipeline(Tare(), space) for space in SPACES.values()]
+    there = Parallel(n_jobs=2)(delayed(_features)(pipeline, X) for pipeline in pipelines)
+    for pipeline, features in zip(pipelines, there, strict=True):
+        np.testing.assert_array_equal(features, _features(pipeline, X))
+
+
+def _features(pipeline, X):
+    return clone(pipeline).fit(X).transform(X)
+
+
+@pytest.mark.parametrize("in_front", [Tare(0.1), TimePermutation()])
+def test_pipelines_with_recordings_between_steps(in_front):
+    X = recordings()
+    pipeline = make_pipeline(in_front, RawHFMH()).set_output(transform="pandas")
+    frame = pipeline.fit_transform(X)
+    assert frame.columns.tolist() == pipeline.get_feature_names_out().tolist()
+    with sklearn.config_context(transform_output="pandas"):
+        assert isinstance(clone(in_front).fit_transform(X), np.ndarray)  # three dimensions: no frame
+        union = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())])
+        np.testing.assert_array_equal(make_pipeline(in_front, union).fit_transform(X), frame)
+    assert in_front.fit(X).get_feature_names_out().shape == (300,)
+
+
+def test_parameters_of_blocks_are_reached_by_name():
+    union = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())])
+    assert union.get_params()["hfmh__n_bins"] == 100
+    assert set(union.get_params(deep=False)) == {"blocks", "block_weights"}
+    union.set_params(hfmh__n_bins=7, raw=TimePermutation(), block_weights=(1, 2))
+    assert union.blocks[1][1].n_bins == 7
+    assert isinstance(union.blocks[0][1], TimePermutation)
+    with pytest.raises(ValueError, match="Invalid parameter 'n_bins'"):
+        union.set_params(n_bins=3)
