@@ -100,8 +100,8 @@ def explain(
     weights = chain.weights_of(factors)
     contributions = weights * (means[0] - means[1])
     return Explanation(
-        first=classes[pair[0]],
-        second=classes[pair[1]],
+        first=classes.tolist()[pair[0]],
+        second=classes.tolist()[pair[1]],
         scores=(scores[0], scores[1]),
         counts=(len(rows[0]), len(rows[1])),
         factors=factors,

@@ -5,6 +5,7 @@ Each takes an optional `path`, saves whole or not at all, and returns the ``matp
 
 from granular_id.plotting.accuracy import plot_accuracy
 from granular_id.plotting.confusion import plot_confusion
+from granular_id.plotting.explanation import plot_explanation
 from granular_id.plotting.gap import plot_gap
 from granular_id.plotting.hfmh import plot_hfmh
 from granular_id.plotting.mean_forces import plot_mean_forces
@@ -15,6 +16,7 @@ from granular_id.plotting.weights import plot_weights
 __all__ = [
     "plot_accuracy",
     "plot_confusion",
+    "plot_explanation",
     "plot_gap",
     "plot_hfmh",
     "plot_mean_forces",

@@ -1,0 +1,296 @@
+"""explain: exact sums, planted differences found, models that cannot be explained refused."""
+
+import json
+
+import numpy as np
+import pytest
+from sklearn.decomposition import PCA
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
+
+from granular_id.ecoc import ECOCClassifier
+from granular_id.explanation import explain
+from granular_id.explanation.pairs import pair_factors
+from granular_id.rica import RICA
+from granular_id.spaces import (
+    DFT,
+    HFMH,
+    BlockUnion,
+    PrincipalComponents,
+    RangeNormalizer,
+    RawHFMH,
+    RawHistogram,
+    RawSignal,
+    Tare,
+    TimePermutation,
+)
+
+LABELS = ("oat", "peas", "rice")
+
+
+def recordings(labels=LABELS, n_each=12, n_samples=400, seed=0):
+    """Noise around offsets and vibrations that depend on the material."""
+    random = np.random.default_rng(seed)
+    y = np.repeat(np.array(labels), n_each)
+    X = random.normal(scale=0.1, size=(len(y), n_samples, 6))
+    for k, label in enumerate(labels):
+        X[y == label] *= 1 + 0.5 * k
+        X[y == label, :, k] += 0.3
+    return X, y
+
+
+@pytest.fixture(scope="module")
+def data():
+    return recordings()
+
+
+SPACES = {
+    "raw": RawSignal(rate_hz=500),
+    "raw+hfmh": RawHFMH(),
+    "unit weights": RawHFMH(block_weights="unit"),
+    "own ranges": HFMH(bin_range="auto"),
+    "raw histogram": RawHistogram(),
+    "tared": make_pipeline(Tare(0.1), RawHFMH()),
+    "dft": DFT(rate_hz=500),
+    "union": BlockUnion([("norm", RangeNormalizer()), ("dft", DFT("magnitude"))], block_weights=[2.0, 0.01]),
+    "pca": make_pipeline(RawHFMH(), PrincipalComponents(20)),
+    "pca of sklearn, whitened": make_pipeline(RawSignal(), PCA(15, whiten=True)),
+    "scaled": make_pipeline(RawSignal(), StandardScaler()),
+    "centred only": make_pipeline(RawSignal(), StandardScaler(with_std=False)),
+    "pca+rica": Pipeline(
+        [("raw", RawSignal()), ("pca", PrincipalComponents(20)), ("rica", RICA(8, random_state=0, tol=1e-3))]
+    ),
+    "rica standardised": make_pipeline(
+        RawSignal(), PrincipalComponents(10), RICA(12, standardize=True, random_state=0, tol=1e-3)
+    ),
+}
+
+
+def added_up(explanation):
+    return sum(part.contributions.sum() for part in explanation.blocks)
+
+
+def pair_scores(model, first, second, X):
+    """Scores of the learner of a pair, positive for `first`, by the model's own way."""
+    classifier = model[-1]
+    known = list(classifier.classes_)
+    a, b = known.index(first), known.index(second)
+    matrix = classifier.coding_matrix_
+    (learner,) = np.flatnonzero((matrix[a] != 0) & (matrix[b] != 0))
+    return matrix[a, learner] * classifier.binary_scores(model[:-1].transform(X))[:, learner]
+
+
+@pytest.mark.parametrize("name", SPACES)
+@pytest.mark.parametrize("pair", [("oat", "rice"), ("peas", "oat")])
+def test_contributions_add_up_to_the_difference(name, pair, data):
+    X, y = data
+    model = Pipeline([("space", SPACES[name]), ("ecoc", ECOCClassifier())]).fit(X[::2], y[::2])
+    test, labels = X[1::2], y[1::2]
+    seen = explain(model, *pair, test, labels)
+    scores = pair_scores(model, *pair, test)
+    wanted = [scores[labels == label].mean() for label in pair]
+    np.testing.assert_allclose(seen.scores, wanted, rtol=1e-9)
+    tolerance = 1e-10 * sum(np.abs(part.contributions).sum() for part in seen.blocks)
+    assert abs(added_up(seen) - (wanted[0] - wanted[1])) <= tolerance
+    for sums in (seen.by_axis(), seen.by_block()):
+        assert sum(sums.values()) == pytest.approx(added_up(seen))
+    assert seen.difference > 0
+    assert seen.counts == (6, 6)
+
+
+def test_weights_are_slopes_of_the_score(data):
+    """A newton more in one sample moves the score by the weight of that sample."""
+    X, y = data
+    model = make_pipeline(
+        RawSignal(),
+        PrincipalComponents(15),
+        RICA(10, standardize=True, random_state=0, tol=1e-3),
+        ECOCClassifier(),
+    ).fit(X, y)
+    (part,) = explain(model, "peas", "rice", X, y).blocks
+    for axis, sample in ((0, 0), (2, 211), (5, 399)):
+        moved = X[:1].copy()
+        moved[0, sample, axis] += 1.0
+        slope = pair_scores(model, "peas", "rice", moved) - pair_scores(model, "peas", "rice", X[:1])
+        assert part.weights[axis, sample] == pytest.approx(slope[0], rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("after", [(), (PrincipalComponents(15), RICA(15, random_state=0, tol=1e-4))])
+def test_planted_stretch_of_time_is_found(after):
+    random = np.random.default_rng(1)
+    X = random.normal(scale=0.05, size=(30, 1600, 6))
+    y = np.repeat(["oat", "rice"], 15)
+    X[y == "oat", 500:600, 2] += 0.5
+    seen = explain(
+        make_pipeline(RawSignal(rate_hz=500), *after, ECOCClassifier()).fit(X, y), "oat", "rice", X, y
+    )
+    (region,) = seen.regions(1)
+    assert (region.block, region.kind, region.axis, region.unit) == ("raw", "time", "fz", "s")
+    assert 0.99 <= region.low <= 1.05
+    assert 1.15 <= region.high <= 1.21
+    assert region.contribution > 0.7 * seen.difference
+    assert seen.by_axis()["fz"] > 0.9 * seen.difference
+    assert "fz of raw, 1." in seen.top(1)[0]
+
+
+@pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
+def test_planted_vibration_is_found(bin_range):
+    random = np.random.default_rng(2)
+    X = random.normal(scale=0.02, size=(20, 1600, 6))
+    y = np.tile(["oat", "rice"], 10)
+    X[y == "rice", :, 3] += random.normal(scale=0.3, size=(10, 1600))
+    model = make_pipeline(RawHFMH(bin_range=bin_range, block_weights="unit"), ECOCClassifier()).fit(
+        X[:10], y[:10]
+    )
+    # On recordings that are new to it: what it learned of the noise of others adds up to nothing there.
+    seen = explain(model, "rice", "oat", X[10:], y[10:])
+    assert set(seen.by_block()) == {"raw", "hfmh"}
+    assert seen.by_block()["hfmh"] > 0.95 * seen.difference
+    assert seen.by_axis()["tx"] > 0.95 * seen.difference
+    (region,) = seen.regions(1)
+    assert (region.axis, region.unit, region.either_sign) == ("tx", "N m", True)
+    assert 0 <= region.low < region.high
+    assert "from the histograms (hfmh): tx" in str(seen)
+
+
+def test_either_direction_is_the_other_with_the_opposite_sign(data):
+    X, y = data
+    model = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X, y)
+    there, back = explain(model, "oat", "rice", X, y), explain(model, "rice", "oat", X, y)
+    assert there.scores == pytest.approx((-back.scores[1], -back.scores[0]))
+    for one, other in zip(there.blocks, back.blocks, strict=True):
+        np.testing.assert_array_equal(one.weights, -other.weights)
+        np.testing.assert_allclose(one.contributions, other.contributions)
+
+
+def test_standardised_learners_have_weights_in_the_units_of_the_features(data):
+    X, y = data
+    X = X * [1.0, 10.0, 1e3, 1.0, 1e-3, 1.0]
+    model = make_pipeline(RawSignal(), ECOCClassifier(standardize=True)).fit(X, y)
+    seen = explain(model, "oat", "rice", X, y)
+    scores = pair_scores(model, "oat", "rice", X)
+    assert added_up(seen) == pytest.approx(scores[y == "oat"].mean() - scores[y == "rice"].mean())
+
+
+def test_two_classes(data):
+    X, y = data
+    two = y != "peas"
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X[two], y[two])
+    seen = explain(model, "rice", "oat", X, y)  # recordings of others are left out
+    np.testing.assert_array_equal(seen.factors, [-1.0])
+    decision = model.decision_function(X)
+    assert seen.difference > 0
+    assert np.sign(seen.scores[0]) == np.sign(decision[y == "rice"].mean())
+
+
+def test_labels_may_be_numbers():
+    X, y = recordings(labels=(7, 3))
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
+    seen = explain(model, 7, 3, X, y)
+    assert (seen.first, seen.second) == (7, 3)
+    json.dumps(seen.to_dict())
+
+
+def test_without_labels_recordings_count_for_what_the_model_names_them(data):
+    X, y = data
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
+    named, given = explain(model, "oat", "rice", X), explain(model, "oat", "rice", X, model.predict(X))
+    assert named.scores == given.scores
+    assert named.counts == given.counts
+
+
+def test_a_model_that_gives_data_frames_is_explained_too(data):
+    pytest.importorskip("pandas")
+    X, y = data
+    model = make_pipeline(RawSignal(), PrincipalComponents(5), ECOCClassifier())
+    plain = explain(model.fit(X, y), "oat", "rice", X, y)
+    framed = explain(model.set_output(transform="pandas").fit(X, y), "oat", "rice", X, y)
+    np.testing.assert_allclose(framed.blocks[0].contributions, plain.blocks[0].contributions)
+
+
+def test_to_dict_holds_all_and_is_json(data):
+    X, y = data
+    model = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X, y)
+    seen = explain(model, "oat", "rice", X, y)
+    read = json.loads(json.dumps(seen.to_dict()))
+    total = sum(np.sum(block["contributions"]) for block in read["blocks"])
+    assert total == pytest.approx(read["difference"])
+    assert [block["name"] for block in read["blocks"]] == ["raw", "hfmh"]
+    assert read["top"] == list(seen.top())
+
+
+def test_text_where_the_model_does_not_tell_them_apart(data):
+    X, y = data
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
+    swapped = y.copy()
+    swapped[y == "oat"], swapped[y == "rice"] = "rice", "oat"
+    text = str(explain(model, "oat", "rice", X, swapped))
+    assert "does not score oat above rice" in text
+    assert "%" not in text
+
+
+@pytest.mark.parametrize("decoding", ["loss_weighted", "loss_based"])
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        2 * np.eye(4) - 1,  # one against all
+        [[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [-1, -1, -1]],  # one after the other
+        [[1, 0, 1], [-1, 1, 0], [0, -1, 1], [1, 1, -1]],
+    ],
+)
+def test_factors_are_the_difference_of_decision_values_with_the_linear_loss(matrix, decoding):
+    matrix = np.asarray(matrix, dtype=np.int8)
+    scores = np.random.default_rng(0).normal(size=(5, matrix.shape[1]))
+    losses = (1 - matrix[None] * scores[:, None, :]) / 2 * np.abs(matrix)
+    divisors = np.abs(matrix).sum(axis=1) if decoding == "loss_weighted" else matrix.shape[1]
+    values = -losses.sum(axis=2) / divisors
+    for first, second in ((0, 3), (2, 1)):
+        if (np.abs(matrix).sum(axis=0) == 2)[(matrix[first] * matrix[second]) == -1].any():
+            continue
+        sums = scores @ pair_factors(matrix, first, second, decoding=decoding)
+        np.testing.assert_allclose(np.diff(values[:, first] - values[:, second]), np.diff(sums), atol=1e-12)
+
+
+def test_factors_of_several_learners_of_one_pair():
+    matrix = np.array([[1, -1, 1], [-1, 1, 0], [0, 0, -1]], dtype=np.int8)
+    np.testing.assert_array_equal(pair_factors(matrix, 0, 1, decoding="loss_weighted"), [0.5, -0.5, 0.0])
+
+
+def test_bad_arguments(data):
+    X, y = data
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
+    with pytest.raises(ValueError, match="second must be one of 'oat', 'peas', 'rice', got 'sand'"):
+        explain(model, "oat", "sand", X, y)
+    with pytest.raises(ValueError, match="first and second must be two materials, got 'oat' twice"):
+        explain(model, "oat", "oat", X, y)
+    with pytest.raises(ValueError, match="y has no 'rice'"):
+        explain(model, "oat", "rice", X[y != "rice"], y[y != "rice"])
+    with pytest.raises(ValueError, match="model names no recording of X 'rice'"):
+        explain(model, "oat", "rice", X[y == "oat"])
+    with pytest.raises(ValueError, match=r"y must have one label per recording of X, got 3 for X of shape"):
+        explain(model, "oat", "rice", X, y[:3])
+    with pytest.raises(ValueError, match=r"X must have shape \(n, 400, 6\) as in fit"):
+        explain(model, "oat", "rice", X[:, :300], y)
+    with pytest.raises(ValueError, match="n must not be negative"):
+        explain(model, "oat", "rice", X, y).regions(-1)
+
+
+def test_models_that_cannot_be_explained(data):
+    X, y = data
+    with pytest.raises(NotFittedError):
+        explain(make_pipeline(RawSignal(), ECOCClassifier()), "oat", "rice", X, y)
+    with pytest.raises(TypeError, match="model must be a Pipeline of a feature space and an ECOCClassifier"):
+        explain(ECOCClassifier(), "oat", "rice", X, y)
+    with pytest.raises(TypeError, match="model must end in an ECOCClassifier, got LogisticRegression"):
+        explain(make_pipeline(RawSignal(), LogisticRegression()).fit(X[:, :20], y), "oat", "rice", X, y)
+    flat = X[:, :, 0]
+    with pytest.raises(TypeError, match="nothing behind filters"):
+        explain(make_pipeline(ECOCClassifier()).fit(flat, y), "oat", "rice", flat, y)
+    for space, culprit in (
+        (make_pipeline(RawSignal(), MinMaxScaler()), "got MinMaxScaler, which cannot be followed back"),
+        (make_pipeline(TimePermutation(random_state=0), RawSignal()), "TimePermutation"),
+    ):
+        with pytest.raises(TypeError, match=culprit):
+            explain(make_pipeline(space, ECOCClassifier()).fit(X, y), "oat", "rice", X, y)
