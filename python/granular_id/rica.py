@@ -66,7 +66,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         `objectives_` shows how far apart they lie. Starts run in the threads of ``joblib.parallel_config``.
     max_iter : int, default 1000
         Iterations of L-BFGS. 550 rows of 100 principal components in newtons, reduced to 80, end by `tol` after
-        some 2,500 and 2 % lower than after 1000; after 500 the objective is 3 % higher, after 300 7 %.
+        some 3,000 and 2 % lower than after 1000; after 500 the objective is 3 % higher, after 300 7 %.
     gtol : float, default 1e-6
         Stop when no element of the gradient is larger.
     tol : float, default 1e-6

@@ -66,6 +66,17 @@ def test_threads_change_nothing():
     np.testing.assert_array_equal(alone.objectives_, together.objectives_)
 
 
+@pytest.mark.thread_unsafe(reason="starts processes")
+def test_processes_change_nothing():
+    alone = fitted(4, n_init=2)
+    pair = joblib.Parallel(n_jobs=2)(joblib.delayed(fitted)(4, n_init=2) for _ in range(2))
+    for other in pair:
+        np.testing.assert_array_equal(alone.components_, other.components_)
+    with joblib.parallel_config(backend="loky", n_jobs=2):  # starts share memory: threads all the same
+        np.testing.assert_array_equal(fitted(4, n_init=2).components_, alone.components_)
+
+
+@pytest.mark.thread_unsafe(reason="sets the threads of BLAS")
 @pytest.mark.parametrize("n_threads", [1, 2])
 def test_threads_of_blas_change_nothing(n_threads):
     rows = np.random.default_rng(0).laplace(size=(500, 60))
@@ -76,6 +87,7 @@ def test_threads_of_blas_change_nothing(n_threads):
     np.testing.assert_array_equal(rica.components_, alone.components_)
 
 
+@pytest.mark.thread_unsafe(reason="sets the threads of BLAS")
 def test_one_thread_of_blas_ends_with_the_last_block():
     def threads():
         return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]

@@ -78,13 +78,14 @@ def chain_of(model: Any) -> Chain:
             "model must be a Pipeline of a feature space and an ECOCClassifier, "
             f"for instance make_pipeline(RawHFMH(), ECOCClassifier()), got {type(model).__name__}"
         )
-    *steps, classifier = real_steps(model)
+    steps = real_steps(model)
+    classifier = steps.pop() if steps else None
     if not isinstance(classifier, ECOCClassifier):
         raise TypeError(f"model must end in an ECOCClassifier, got {type(classifier).__name__}")
     check_is_fitted(classifier, "classes_")
-    if not hasattr(classifier, "coef_"):
+    if getattr(classifier, "coef_", None) is None:
         raise TypeError(
-            "model must have linear learners, for which a contribution of each feature exists: "
+            "model must have linear learners, whose score is a sum over features, trained by fit: "
             f"{classifier} has no coef_"
         )
     n_before = 0
