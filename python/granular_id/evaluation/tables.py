@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular_id._percent import whole_percent
+from granular_id.plotting.protocols import protocol_name
 from granular_id.synthetic.materials import PAPER_MATERIALS
 
 if TYPE_CHECKING:
@@ -22,13 +23,21 @@ __all__ = [
     "Table",
     "accuracy_table",
     "confusion_table",
+    "controls_table",
     "gap_lines",
     "mistakes_table",
     "plain_text",
+    "recall_table",
     "seconds_table",
+    "shows_paper",
 ]
 
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
+SMALL_GAP = 0.01
+"""A gap below one point is called none."""
+
+_GAPS_IN_WORDS = 3
+
 STAGES = ("features", "gram", "training", "prediction")
 
 
@@ -61,11 +70,11 @@ def percent(share: float | None, digits: int = 1) -> str:
 
 
 def accuracy_table(result: EvaluationResult) -> Table:
-    """Accuracy per space for each protocol, then the gap between them.
+    """Accuracy per space for each protocol, then the gap between random draws and the strictest.
 
     The paper's accuracies stand beside them where the labels are the paper's eleven materials.
     """
-    papers = _of_the_paper(result) and any(space.paper_accuracy is not None for space in result.spaces)
+    papers = shows_paper(result)
     counts = f"{len(result.names)} recordings, {len(result.labels)} classes, chance {percent(result.chance)}"
     kind = (
         "on SYNTHETIC recordings: says nothing about real materials"
@@ -73,27 +82,17 @@ def accuracy_table(result: EvaluationResult) -> Table:
         else "on these recordings"
     )
     header = ["space", "paper*"] if papers else ["space"]
-    for protocol, partitions in result.partitions.items():
-        if protocol == "chronological":
-            header += [partition.description for partition in partitions]
-        else:
-            header += [f"{len(partitions)} random", "macro-F1"]
-    both = {"paper", "chronological"} <= set(result.partitions)
-    if both:
+    for protocol in result.protocols:
+        header += _columns(result, protocol)
+    with_gap = result.random is not None and result.strictest is not None
+    if with_gap:
         header.append("gap")
     rows = []
     for space in result.spaces:
         row = [space.name, percent(space.paper_accuracy, 2)] if papers else [space.name]
-        for protocol in result.partitions:
-            values = result.accuracies(space.name, protocol)
-            if protocol == "chronological":
-                row += [percent(value) for value in values.tolist()]
-            else:
-                sd = result.sd_accuracy(space.name, protocol)
-                spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
-                macro = f"{result.macro_f1(space.name, protocol):.3f}"
-                row += [f"{100 * values.mean():.2f}{spread} %", macro]
-        if both:
+        for protocol in result.protocols:
+            row += _accuracy_cells(result, space.name, protocol)
+        if with_gap:
             row.append(f"{100 * (result.gap(space.name) or 0.0):.1f}")
         rows.append(tuple(row))
     notes = [PAPER_NOTE] if papers else []
@@ -102,29 +101,52 @@ def accuracy_table(result: EvaluationResult) -> Table:
 
 
 def gap_lines(result: EvaluationResult) -> tuple[str, ...]:
-    """Say per space how far halves in time order fall below random partitions, and what else differs."""
-    lines = []
-    for space in result.spaces:
-        gap = result.gap(space.name)
-        if gap is None:
-            continue
-        forward, backward = result.accuracies(space.name, "chronological").tolist()
-        figures = (
-            f"{space.name}: {percent(result.mean_accuracy(space.name, 'paper'))} random, "
-            f"{percent(forward)} first half to second half, {percent(backward)} the reverse: "
+    """Say how far the strictest protocol falls below random draws, and what else differs.
+
+    One line a space; of more than three spaces only the best of either protocol, the table has them all.
+    """
+    random, strictest = result.random, result.strictest
+    if random is None or strictest is None:
+        return ()
+    names = [space.name for space in result.spaces]
+    if len(names) > _GAPS_IN_WORDS:
+        names = list(dict.fromkeys((result.best_space(random), result.best_space(strictest))))
+    lines = [_gap_line(result, name, random, strictest) for name in names]
+    sizes = {name: _train_per_class(result, name) for name in (random, strictest)}
+    if sizes[random] != sizes[strictest]:
+        lines.append(
+            f"({protocol_name(random, result.partitions[random])} train on {sizes[random]} recordings of each "
+            f"class, {protocol_name(strictest, result.partitions[strictest])} on {sizes[strictest]}: part of a "
+            "gap may be that)"
         )
-        if gap >= 0.01:
-            lines.append(f"{figures}{100 * gap:.1f} points less with training and test from different halves")
-        else:
-            lines.append(f"{figures}less than a point is lost")
-    if lines:
-        sizes = {name: _train_per_class(result, name) for name in ("paper", "chronological")}
-        if sizes["paper"] != sizes["chronological"]:
-            lines.append(
-                f"(random partitions train on {sizes['paper']} recordings of each class, "
-                f"halves in time order on {sizes['chronological']}: part of a gap may be that)"
-            )
     return tuple(lines)
+
+
+def _gap_line(result: EvaluationResult, space: str, random: str, strictest: str) -> str:
+    gap = result.gap(space) or 0.0
+    start = f"{space}: {percent(result.mean_accuracy(space, random))} random, "
+    if strictest == "chronological":
+        forward, backward = result.accuracies(space, strictest).tolist()
+        start += f"{percent(forward)} first half to second half, {percent(backward)} the reverse: "
+        what = "training and test from different halves"
+    else:
+        name = protocol_name(strictest, result.partitions[strictest])
+        start += f"{percent(result.mean_accuracy(space, strictest))} on {name}: "
+        what = f"{name.removeprefix('held-out ')} held out"
+    if gap >= SMALL_GAP:
+        return f"{start}{100 * gap:.1f} points less with {what}"
+    return f"{start}less than a point is lost"
+
+
+def controls_table(result: EvaluationResult) -> Table:
+    """Accuracy of each control under each protocol, with its verdict in the notes."""
+    header = ("control", *(protocol_name(name, drawn) for name, drawn in result.partitions.items()))
+    rows = tuple(
+        (control.name, *(percent(control.accuracies.get(protocol)) for protocol in result.protocols))
+        for control in result.controls
+    )
+    notes = tuple(f"{control.name}: {control.what}. {control.verdict}" for control in result.controls)
+    return Table(f"Controls (chance {percent(result.chance)}){_marked(result)}", header, rows, notes)
 
 
 def seconds_table(result: EvaluationResult) -> Table:
@@ -158,6 +180,18 @@ def confusion_table(result: EvaluationResult, space: str, protocol: str) -> Tabl
     return Table(title, header, rows)
 
 
+def recall_table(result: EvaluationResult, space: str) -> Table:
+    """Share of each class named rightly under each protocol, the worst under the strictest first."""
+    names = [protocol_name(name, drawn) for name, drawn in result.partitions.items()]
+    recalls = {protocol: result.recall(space, protocol) for protocol in result.protocols}
+    order = np.argsort(recalls[result.strictest or result.protocols[-1]], kind="stable")
+    rows = tuple(
+        (result.labels[k], *(percent(float(recall[k])) for recall in recalls.values()))
+        for k in order.tolist()
+    )
+    return Table(f"Recall of {space}{_marked(result)}", ("class", *names), rows)
+
+
 def mistakes_table(result: EvaluationResult, space: str, protocol: str, limit: int = 10) -> Table:
     """List the most frequent mistakes, for when the whole matrix would not fit."""
     counts = result.confusion(space, protocol)
@@ -180,13 +214,35 @@ def plain_text(result: EvaluationResult) -> str:
     return f"{accuracy_table(result)}\n\n{seconds_table(result)}"
 
 
+def _columns(result: EvaluationResult, protocol: str) -> list[str]:
+    """Column names of one protocol: the two halves by name, of others a mean, of the first also macro-F1."""
+    partitions = result.partitions[protocol]
+    if protocol == "chronological":
+        return [partition.description for partition in partitions]
+    blocks = partitions[0].description.startswith("block")
+    kinds = {"paper": "random", "kfold": "folds", "session": "blocks" if blocks else "session folds"}
+    names = [f"{len(partitions)} {kinds[protocol]}"]
+    return [*names, "macro-F1"] if protocol == result.protocols[0] else names
+
+
+def _accuracy_cells(result: EvaluationResult, space: str, protocol: str) -> list[str]:
+    values = result.accuracies(space, protocol)
+    if protocol == "chronological":
+        return [percent(value) for value in values.tolist()]
+    sd = result.sd_accuracy(space, protocol)
+    spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
+    cells = [f"{100 * values.mean():.2f}{spread} %"]
+    return [*cells, f"{result.macro_f1(space, protocol):.3f}"] if protocol == result.protocols[0] else cells
+
+
 def _cell(share: float, count: int) -> str:
     return whole_percent(share) if count else ""
 
 
-def _of_the_paper(result: EvaluationResult) -> bool:
+def shows_paper(result: EvaluationResult) -> bool:
     """Whether the paper's accuracies may stand beside these: same materials, so the same task by name."""
-    return set(result.labels) == {material.name for material in PAPER_MATERIALS}
+    same = set(result.labels) == {material.name for material in PAPER_MATERIALS}
+    return same and any(space.paper_accuracy is not None for space in result.spaces)
 
 
 def _marked(result: EvaluationResult) -> str:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["plot_accuracy"]
 
+_PAPER = "the paper, on its own recordings"
+
 
 def plot_accuracy(
     result: EvaluationResult, *, paper: bool = False, path: str | os.PathLike[str] | None = None
@@ -82,7 +84,7 @@ def plot_accuracy(
             markersize=11,
             markeredgewidth=1.6,
             color=INK,
-            label="the paper, on its own recordings",
+            label=_PAPER,
         )
     panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
     share_axis(panel)
@@ -92,7 +94,18 @@ def plot_accuracy(
     panel.set_xlabel("accuracy", fontsize=9, color=INK)
     panel.grid(axis="x", color=FAINT, linewidth=0.4)
     panel.set_axisbelow(True)
-    figure.legend(loc="outside upper left", ncols=2, frameon=False, fontsize=8, labelcolor=INK)
+    handles, words = panel.get_legend_handles_labels()
+    # The protocols first: matplotlib puts lines before bars.
+    order = sorted(range(len(words)), key=lambda i: words[i] in {"chance", _PAPER})
+    figure.legend(
+        [handles[i] for i in order],
+        [words[i] for i in order],
+        loc="outside upper left",
+        ncols=2,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+    )
     save(figure, path)
     return figure
 

@@ -94,9 +94,11 @@ def _draw_row(panel: Any, result: EvaluationResult, space: str, protocol: str, r
     low, high = result.interval(space, protocol)
     if np.isfinite(low):
         panel.plot([low, high], [row, row], color=look.colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
-    dots = {"linestyle": "none", "marker": ".", "markersize": 5, "markeredgewidth": 0}
+    dots = {"linestyle": "none", "marker": ".", "markersize": 5, "markeredgewidth": 0, "clip_on": False}
     panel.plot(values, np.full(values.shape, float(row)), color=INK, alpha=0.55, **dots)
-    panel.plot([mean], [row], linestyle="none", marker=look.marker, markersize=8, color=look.colour)
+    panel.plot(
+        [mean], [row], linestyle="none", marker=look.marker, markersize=8, color=look.colour, clip_on=False
+    )
     # The number stands on the side that has room.
     left = mean > 0.5
     panel.annotate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -67,9 +68,21 @@ def draw_heat(
     bar = panel.figure.colorbar(image, ax=panel, pad=0.02, aspect=25)
     bar.solids.set_rasterized(True)  # else a path for each of 256 colours
     bar.outline.set_visible(False)
+    bar.set_ticks(ticks := _ticks(limits), labels=[f"{tick:g}" for tick in ticks])
     bar.ax.minorticks_off()
     bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
     bar.set_label(key, fontsize=8, color=INK)
+
+
+def _ticks(limits: tuple[float, float]) -> list[float]:
+    """Powers of ten within limits; where there are fewer than three, 1, 2 and 5 times those."""
+    low, high = limits
+    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in ((1,), (1, 2, 5)):
+        inside = [step * 10.0**e for e in exponents for step in steps if low <= step * 10.0**e <= high]
+        if len(inside) > 2:
+            break
+    return inside
 
 
 def shared_limits(values: NDArray[np.float64], decades: float) -> tuple[float, float]:

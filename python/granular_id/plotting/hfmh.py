@@ -74,4 +74,5 @@ def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
         limits=shared_limits(values, 4),
         key="density" if part.settings.get("density") else "samples in a bin",
     )
+    panel.locator_params(axis="x", nbins=5)
     panel.set_xlabel(f"bin, {axis_unit(portrait.axes[axis])}", fontsize=8, color=INK)

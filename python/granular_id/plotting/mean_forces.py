@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from granular_id.evaluation.portrait import Portrait
 
-__all__ = ["Curves", "curves_in", "draw_mean_forces", "plot_mean_forces"]
+__all__ = ["AXIS_LINES", "Curves", "curves_in", "draw_mean_forces", "plot_mean_forces"]
 
 
 def plot_mean_forces(
@@ -91,6 +91,13 @@ def plot_mean_forces(
     figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
     save(figure, path)
     return figure
+
+
+AXIS_LINES = tuple(
+    (axis, axis[1], AXES.index(axis), {"-": "", "--": "6 4", ":": "2 3"}[AXIS_DASHES[AXES.index(axis)]])
+    for axis in ("fx", "fz")
+)
+"""The lines of the default axes for a legend outside a figure: name, index, colour number, dashes of SVG."""
 
 
 class Curves(NamedTuple):

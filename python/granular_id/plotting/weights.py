@@ -71,7 +71,7 @@ def draw_weights(panels: Any, block: WeightBlock) -> None:
     """Draw one block into a column of panels, one an axis; panels left over are removed."""
     top = float(block.influence.max()) or 1.0
     left, right = float(block.coordinates.min()), float(block.coordinates.max())
-    used = np.flatnonzero(block.influence.max(axis=0) > 1e-3 * top)
+    used = np.flatnonzero(block.influence.max(axis=0) > 0.01 * top)
     if block.kind == "magnitude" and used.size > 1:  # most bins of a wide range stay empty
         left, right = block.coordinates[[used[0], used[-1]]].tolist()
     for axis, panel in zip(block.axes, panels, strict=False):
@@ -87,9 +87,12 @@ def draw_weights(panels: Any, block: WeightBlock) -> None:
         panel.set_ylabel(
             f"{pretty(axis)}\n{share:.1f} %", rotation=0, ha="right", va="center", fontsize=8.5, color=INK
         )
-        panel.tick_params(labelbottom=number == len(block.axes) - 1, colors=INK)
+        last = number == len(block.axes) - 1
+        panel.tick_params(labelbottom=last, length=3 if last else 0, colors=INK)
         panel.spines["bottom"].set_color(FAINT)
     for unused in panels[len(block.axes) :]:
         unused.remove()
     what = _ACROSS.get(block.kind, block.kind)
-    panels[len(block.axes) - 1].set_xlabel(f"{what}, {block.unit}", fontsize=8, color=INK)
+    panels[len(block.axes) - 1].set_xlabel(
+        f"{what}, {block.unit.replace(', ', ' or ')}", fontsize=8, color=INK
+    )

@@ -1,0 +1,122 @@
+"""The sentences of a report: headline, gap, what a reader has to know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from granular_id.evaluation.tables import SMALL_GAP, gap_lines, percent
+from granular_id.plotting.protocols import protocol_name
+
+if TYPE_CHECKING:
+    from granular_id.evaluation.result import EvaluationResult
+
+__all__ = ["Gap", "Side", "gap_of", "split_notes"]
+
+_MARKS = ("warning: ", "error: ")
+
+_APART = {
+    "held-out sessions": "different sessions",
+    "blocks in time order": "different stretches of time",
+    "halves in time order": "different halves in time",
+}
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two figures: what protocol, how accurate, how sure."""
+
+    protocol: str
+    name: str
+    accuracy: str
+    spread: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The two accuracies a reader must see together, and what they mean.
+
+    Attributes
+    ----------
+    kind : {"lost", "kept", "unknown"}
+        Points are lost; less than one is; no strict protocol ran beside random draws.
+    """
+
+    kind: str
+    space: str
+    headline: str
+    sides: tuple[Side, ...]
+    points: str
+    verdict: str
+    remarks: tuple[str, ...]
+
+
+def gap_of(result: EvaluationResult, space: str) -> Gap:
+    """Put the gap of one space into words."""
+    shown = [name for name in (result.random, result.strictest) if name is not None]
+    sides = tuple(_side(result, space, name) for name in shown or result.protocols[:1])
+    gap = result.gap(space)
+    many = f"{len(result.names):,} recordings of {len(result.labels)} materials"
+    if gap is None:
+        headline = f"{space} names {sides[0].accuracy} of {many} rightly ({sides[0].name})"
+        return Gap("unknown", space, headline, sides, "", _one_sided(result, sides[0]), ())
+    random, strict = sides
+    apart = _APART.get(strict.name, strict.name)
+    kind = "lost" if gap >= SMALL_GAP else "kept"
+    but = "but only" if kind == "lost" else "and still"
+    headline = (
+        f"{space} names {random.accuracy} of {many} rightly when training and test are drawn at random, {but} "
+        f"{strict.accuracy} when they come from {apart}"
+    )
+    if kind == "lost":
+        verdict = (
+            f"{100 * gap:.1f} points do not survive {apart}. Recordings made together resemble each other in "
+            "more than their material, and random draws put them on both sides. For new recordings, count on the "
+            "lower figure."
+        )
+    else:
+        verdict = (
+            f"Less than a point is lost between random draws and {apart}: these recordings give no sign that "
+            "it is their session that is recognised instead of their material."
+        )
+    remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
+    best = result.best_space(strict.protocol)
+    if best != space:
+        remarks.append(
+            f"best with {strict.name}: {best}, {percent(result.mean_accuracy(best, strict.protocol))}"
+        )
+    return Gap(kind, space, headline, sides, f"{-100 * gap:+.1f}".replace("-", "−"), verdict, tuple(remarks))
+
+
+def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the warnings and the other notes, without the word that marks them."""
+    marked = [note for note in result.notes if note.startswith(_MARKS)]
+    others = [note for note in result.notes if not note.startswith(_MARKS)]
+    return tuple(note.partition(": ")[2] for note in marked), tuple(others)
+
+
+def _side(result: EvaluationResult, space: str, protocol: str) -> Side:
+    partitions = result.partitions[protocol]
+    values = result.accuracies(space, protocol)
+    low, high = result.interval(space, protocol)
+    if np.isfinite(low):
+        spread = f"95 % interval {100 * low:.1f} to {100 * high:.1f} %, {len(values)} partitions"
+    elif len(values) == 1:
+        spread = "one partition"
+    else:
+        each = " and ".join(f"{100 * value:.1f} %" for value in values.tolist())
+        spread = each if len(values) == 2 else f"the same in each of {len(values)} partitions"
+    return Side(
+        protocol, protocol_name(protocol, partitions), percent(result.mean_accuracy(space, protocol)), spread
+    )
+
+
+def _one_sided(result: EvaluationResult, side: Side) -> str:
+    if result.strictest is not None:
+        return f"Only {side.name} ran: nothing shows how much random draws would flatter these recordings."
+    return (
+        f"Only {side.name} ran: no protocol held out a session or a stretch of time. Recordings made together "
+        "resemble each other in more than their material, so take this figure as the upper end of what to expect."
+    )
