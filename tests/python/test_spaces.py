@@ -13,11 +13,7 @@ from sklearn.pipeline import make_pipeline
 from granular_id.ecoc import ECOCClassifier
 from granular_id.features import extract_features, feature_names
 from granular_id.spaces import HFMH, RawHFMH, RawSignal
-
-
-def recordings(n=5, n_samples=300, n_axes=6, seed=0):
-    rng = np.random.default_rng(seed)
-    return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
+from spaces_cases import recordings
 
 
 def high_passed(X, *, rate_hz=500.0, cutoff_hz=23.0, order=8, initial="zero"):

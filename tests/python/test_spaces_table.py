@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from granular_id.spaces import BlockUnion, FeatureSpace, feature_spaces
+from spaces_cases import recordings
 
 PAPER = {
     "raw+hfmh": 0.9705,
@@ -18,11 +19,6 @@ PAPER = {
     "pca": 0.7527,
     "raw-histogram": 0.7072,
 }
-
-
-def recordings(n=5, n_samples=300, n_axes=6, seed=0):
-    rng = np.random.default_rng(seed)
-    return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
 
 
 def test_rows_of_the_paper_best_first_and_the_control_last():

@@ -120,8 +120,10 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
         if values.ndim == 2:
             values = values[:, :, np.newaxis]
-        if values.shape[2] == 0:
-            raise ValueError(f"X must have at least one axis, got shape {values.shape}")
+        if 0 in values.shape:
+            raise ValueError(
+                f"X must have at least one sample and at least one axis, got shape {values.shape}"
+            )
         if not reset and values.shape[2] != self.n_axes_in_:
             raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
         recordings: FloatArray = values

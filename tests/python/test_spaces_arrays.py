@@ -1,0 +1,117 @@
+"""Arrays of every layout and width, and recordings at the edge, through every feature space."""
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+
+from array_kinds import KINDS, digest
+from granular_id.ecoc import ECOCClassifier
+from granular_id.spaces import DFT, RawSignal
+from spaces_cases import FILTERS, SPACES, recordings
+
+EVERY = SPACES | FILTERS
+# Those that stay three-dimensional arrays of numbers that scikit-learn takes.
+LAYOUTS = [
+    "contiguous",
+    "read-only",
+    "every other sample",
+    "every other recording",
+    "axes reversed",
+    "all reversed",
+    "Fortran order",
+    "Fortran order, read-only",
+    "transposed",
+    "moved axis",
+    "misaligned",
+    "field of a record",
+    "byte-swapped",
+    "broadcast",
+    "float16",
+    "float32",
+    "long double",
+    "int8",
+    "uint64",
+    "bool",
+    "nested lists",
+    "lists of arrays",
+    "sliding windows",
+    "many axes",
+    "signed zeros",
+]
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layout_and_width_change_no_bit(layout):
+    made = KINDS[layout](recordings(n=3, n_samples=24))
+    plain = np.ascontiguousarray(np.asarray(made), dtype=np.float64)
+    before = digest(made)
+    for name, transformer in EVERY.items():
+        expected = clone(transformer).fit(plain).transform(plain)
+        fitted = clone(transformer).fit(made)
+        np.testing.assert_array_equal(fitted.transform(made), expected, err_msg=name)
+        np.testing.assert_array_equal(clone(transformer).fit_transform(made), expected, err_msg=name)
+        assert expected.dtype == np.float64
+    assert digest(made) == before
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(
+    "shape",
+    [(1, 1, 1), (1, 1, 6), (3, 1, 6), (1, 50, 1), (3, 2, 2), (2, 3, 20)],
+    ids=str,
+)
+@pytest.mark.parametrize("level", [0.0, 1.25, None], ids=["silent", "constant", "noise"])
+def test_short_narrow_and_constant_recordings_have_defined_features(name, shape, level):
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=shape) if level is None else np.full(shape, level)
+    transformer = clone(EVERY[name])
+    features = transformer.fit(X).transform(X)
+    assert np.isfinite(features).all()
+    if name in FILTERS:
+        assert features.shape == shape
+    else:
+        assert features.shape == (shape[0], len(transformer.get_feature_names_out()))
+        if level is not None:
+            assert (features == features[0]).all()
+
+
+@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (np.nan, "X must be finite, got NaN at recording 1, sample 2, axis 3"),
+        (-np.inf, "X must be finite, got -inf at recording 1, sample 2, axis 3"),
+    ],
+)
+def test_gaps_are_refused_with_their_place(name, value, message):
+    X = recordings()
+    transformer = clone(EVERY[name]).fit(X)
+    X[1, 2, 3] = value
+    X[4, 0, 0] = np.nan
+    for call in (transformer.transform, transformer.fit, transformer.fit_transform):
+        with pytest.raises(ValueError, match=message):
+            call(X)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_other_shapes_are_refused(name):
+    transformer = clone(EVERY[name]).fit(recordings())
+    for X in (recordings(n_samples=299), recordings(n_axes=5), recordings()[0], recordings()[:, :, 0]):
+        with pytest.raises(ValueError, match="X must "):
+            transformer.transform(X)
+    for X in (recordings()[None], recordings()[:, :0], recordings()[:, :, :0], recordings()[:0]):
+        with pytest.raises(ValueError, match=r"X must have|minimum of 1"):
+            clone(transformer).fit(X)
+
+
+def test_complex_transform_classifies_as_the_raw_signal():
+    rng = np.random.default_rng(0)
+    y = np.repeat(["oat", "rice", "sand"], 12)
+    level = np.repeat([0.0, 0.3, 0.6], 12)[:, None, None]
+    X = rng.normal(size=(36, 81, 3)) + level
+    raw, dft = RawSignal().fit_transform(X), DFT().fit_transform(X)
+    # The transform is longer by sqrt(81): the same bound on errors is 81 times as tight.
+    one = ECOCClassifier(C=0.05).fit(raw[::2], y[::2])
+    other = ECOCClassifier(C=0.05 / 81).fit(dft[::2], y[::2])
+    np.testing.assert_allclose(other.decision_function(dft), one.decision_function(raw), atol=1e-6)
+    assert 0.5 < one.score(raw[1::2], y[1::2]) < 1.0
