@@ -97,7 +97,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
     ------
     ValueError, TypeError
         From `fit`: a parameter outside its range, NaN or infinity in X, X of zeros only (or constant, with
-        `standardize`), or so large that its squares overflow.
+        `standardize`), or so large (some 1e70) that the search would overflow.
 
     Warns
     -----

@@ -85,7 +85,7 @@ class Objective:
     Raises
     ------
     ValueError
-        The squares of X overflow.
+        X is so large that its fourth powers overflow.
 
     Examples
     --------
@@ -99,10 +99,10 @@ class Objective:
     def __init__(self, rows: FloatArray, alpha: float, contrast: str, signs: FloatArray) -> None:
         with np.errstate(over="ignore"):
             self._total = float(np.einsum("ij,ij->", rows, rows))
-        # Two more factors of p and a sum stand between the total and the objective.
-        if not self._total < 1e-20 * np.finfo(np.float64).max:
+        # The search squares gradients, which are as large as the total.
+        if not self._total < 1e-10 * math.sqrt(np.finfo(np.float64).max):
             raise ValueError(
-                f"X is too large (up to {np.abs(rows).max():.3g}): its squares overflow; use other units"
+                f"X is too large (up to {np.abs(rows).max():.3g}): the search would overflow; use other units"
             )
         self._rows = rows
         self._scatter = rows.T @ rows if rows.shape[1] <= len(rows) else None

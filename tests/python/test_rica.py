@@ -14,7 +14,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from granular_id._blas import single_threaded_blas
-from granular_id.rica import RICA
+from granular_id.rica import RICA, _End, _warn
 
 # Two known local ends of rica in MATLAB on these rows; random starts reach 192.709, 192.738, 194.717, 198.068.
 GOLDEN_ROWS = np.mod(np.arange(1, 61) * 7, 13).reshape(12, 5, order="F") - 6.0
@@ -174,10 +174,11 @@ def test_constant_features():
     assert np.isfinite(RICA(3, random_state=0).fit(with_constant).objective_)
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 1e6, 1e60])
 def test_scale_of_the_input_does_no_harm(scale):
     rica = RICA(3, random_state=0).fit(sources()[0] * scale)
     assert np.isfinite(rica.components_).all()
+    assert np.isfinite(rica.objective_)
     np.testing.assert_allclose(np.linalg.norm(rica.components_, axis=1), 1)
 
 
@@ -189,6 +190,12 @@ def test_max_iter_reached_is_said():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert fitted(3).converged_
+
+
+def test_search_lost_in_rounding_is_said():
+    """Whether rounding ends a search before tol = 0 does depends on the machine."""
+    with pytest.warns(ConvergenceWarning, match="after 70 iterations where rounding hides any descent"):
+        _warn(_End(np.eye(2), 1.0, n_iter=70, status=2))
 
 
 def test_tol_and_gtol_stop():
@@ -242,7 +249,7 @@ def test_bad_parameters(options, error, message):
     [
         (np.where(np.eye(12, 5) > 0, np.nan, GOLDEN_ROWS), "Input X contains NaN"),
         (np.zeros((4, 3)), r"every feature is zero \(n_samples = 4\)"),
-        (GOLDEN_ROWS * 1e160, "X is too large"),
+        (GOLDEN_ROWS * 1e100, r"X is too large \(up to 6e\+100\)"),
         (GOLDEN_ROWS[0], "Expected 2D array"),
     ],
 )
