@@ -59,6 +59,10 @@ class Pair:
     equivalent: float
     better: float
 
+    def to_dict(self) -> dict[str, str | float | None]:
+        """Return everything in types that JSON knows; NaN becomes None."""
+        return {key: _finite(value) for key, value in asdict(self).items()}
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -147,7 +151,7 @@ class Comparison:
             "why_not": self.why_not,
             "means": dict(self.means),
             "intervals": {name: [_finite(end) for end in ends] for name, ends in self.intervals.items()},
-            "pairs": [{key: _finite(value) for key, value in asdict(pair).items()} for pair in self.pairs],
+            "pairs": [pair.to_dict() for pair in self.pairs],
         }
 
 

@@ -11,7 +11,7 @@ from granular_id.evaluation.tables import Table
 if TYPE_CHECKING:
     from granular_id.evaluation.comparison import Comparison
 
-__all__ = ["MANN_WHITNEY_MARK", "comparison_table"]
+__all__ = ["MANN_WHITNEY_MARK", "comparison_table", "probability"]
 
 MANN_WHITNEY_MARK = (
     "† as the paper reports it, but far too small: it takes partitions that share recordings for independent. "
@@ -41,7 +41,7 @@ def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
             pair.second,
             _points(pair.difference),
             *map(_p, (pair.mann_whitney_p, pair.corrected_p, pair.holm_p)),
-            *map(_probability, (pair.worse, pair.equivalent, pair.better)),
+            *map(probability, (pair.worse, pair.equivalent, pair.better)),
         )
         for pair in pairs
     )
@@ -66,7 +66,8 @@ def _p(value: float) -> str:
     return "<0.001" if value < 0.001 else f"{value:.3f}"
 
 
-def _probability(value: float) -> str:
+def probability(value: float) -> str:
+    """Format a probability so that almost sure and almost impossible keep their rest; ``-`` for NaN."""
     if math.isnan(value):
         return "-"
     return f"{whole_percent(100 * value) if value > 0 else '0'} %"

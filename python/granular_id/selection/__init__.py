@@ -1,0 +1,6 @@
+"""Choosing a feature space, block weights and C, by cross-validation inside cross-validation."""
+
+from granular_id.selection.nested import select
+from granular_id.selection.result import Selection
+
+__all__ = ["Selection", "select"]

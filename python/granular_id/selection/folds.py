@@ -1,0 +1,163 @@
+"""Folds within folds: the strictest that the recordings allow, at both levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.evaluation.folds import (
+    block_partitions,
+    kfold_partitions,
+    lone_session,
+    session_partitions,
+)
+from granular_id.evaluation.partition import Partition, positive_int, rows_of_class
+from granular_id.evaluation.partitions import describe_order
+from granular_id.recording import Dataset
+
+__all__ = ["BLOCKS", "RANDOM", "SESSIONS", "Folds", "NestedFold", "nested_folds"]
+
+Rows = NDArray[np.intp]
+
+SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
+
+
+@dataclass(frozen=True, eq=False)
+class NestedFold:
+    """One outer fold, and the inner folds of its training rows.
+
+    Attributes
+    ----------
+    outer : Partition
+        Its tested rows are never seen by the choice that they judge.
+    inner : tuple of Partition
+        Of ``outer.train``; the rows are those of the data set.
+    """
+
+    outer: Partition
+    inner: tuple[Partition, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """All folds of a selection.
+
+    Attributes
+    ----------
+    nested : tuple of NestedFold
+    held_out : {"sessions", "blocks in time", "random recordings"}
+        What an outer fold is.
+    notes : tuple of str
+        What kind of folds were used at each level, and why no stricter kind.
+    """
+
+    nested: tuple[NestedFold, ...]
+    held_out: str
+    notes: tuple[str, ...]
+
+
+def nested_folds(data: Dataset, n_outer: int, n_inner: int, seed: int) -> Folds:
+    """Split recordings into outer folds, and the training rows of each into inner folds.
+
+    Whole sessions are held out where every class has at least two (among the rows to be split); else contiguous
+    blocks in time of each class; else, without an order in time, stratified random folds.
+
+    Parameters
+    ----------
+    data : Dataset
+        Labels, sessions, start times and names are read.
+    n_outer, n_inner : int
+        Folds, at least 2; of sessions at most so many.
+    seed : int
+        Of random folds.
+
+    Returns
+    -------
+    Folds
+
+    Raises
+    ------
+    TypeError, ValueError
+        Too many folds, a recording without label, one class only, or a class with too few recordings to be held
+        out twice.
+    """
+    splitter = _Splitter(data)
+    outer, held_out, outer_note = splitter.split(np.arange(len(data)), "n_outer", n_outer, seed)
+    nested, kinds = [], []
+    for fold in outer:
+        splitter.refuse_single_rows(fold)
+        inner, _, note = splitter.split(fold.train, "n_inner", n_inner, seed)
+        nested.append(NestedFold(fold, tuple(inner)))
+        kinds.append(note)
+    notes = [f"outer folds (judge the choice): {outer_note}"]
+    notes += [f"inner folds (make the choice): {note}" for note in dict.fromkeys(kinds)]
+    return Folds(tuple(nested), held_out, tuple(notes))
+
+
+class _Splitter:
+    """Splits any rows of a data set."""
+
+    def __init__(self, data: Dataset) -> None:
+        self._y = data.y
+        for label, rows in rows_of_class(self._y).items():
+            if rows.size < 3:
+                raise ValueError(
+                    f"class {label!r} has {rows.size} recording{'s' if rows.size > 1 else ''}; choosing holds out "
+                    "twice, one fold inside the other, and needs at least 3 of each class"
+                )
+        self._sessions = data.sessions
+        order, _ = data.chronological_order()
+        self._rank = np.argsort(order, kind="stable")
+        try:
+            self._order_note = describe_order(data.start_times, self._y, data.names)
+            self._no_order = ""
+        except ValueError as why:
+            self._no_order = str(why)
+
+    def split(self, rows: Rows, argument: str, n_folds: int, seed: int) -> tuple[list[Partition], str, str]:
+        """Return folds of some rows, what they hold out, and a line on why."""
+        n_folds = positive_int(argument, n_folds, least=2)
+        y, sessions = self._y[rows], self._sessions[rows]
+        why_not = _why_no_sessions(y, sessions)
+        if not why_not:
+            folds = session_partitions(y, sessions, max_folds=n_folds)
+            return _of_rows(folds, rows), SESSIONS, f"{len(folds)} folds of whole sessions"
+        label, own = max(rows_of_class(y).items(), key=lambda item: item[1].size)
+        if n_folds > own.size:
+            where = "" if argument == "n_outer" else " that an outer fold leaves,"
+            raise ValueError(
+                f"{argument} must not exceed the {own.size} recordings of the largest class, {label!r},{where} "
+                f"got {n_folds}"
+            )
+        if not self._no_order:
+            folds = block_partitions(y, np.argsort(self._rank[rows], kind="stable"), n_folds=n_folds)
+            note = f"{n_folds} contiguous blocks of each class in time, {self._order_note} ({why_not})"
+            return _of_rows(folds, rows), BLOCKS, note
+        folds = kfold_partitions(y, n_folds=n_folds, seed=seed)
+        return _of_rows(folds, rows), RANDOM, f"{n_folds} random folds ({why_not}; {self._no_order})"
+
+    def refuse_single_rows(self, fold: Partition) -> None:
+        """Refuse an outer fold that leaves a class one training row: it could not be held out again."""
+        for label, rows in rows_of_class(self._y[fold.train]).items():
+            if rows.size < 2:
+                raise ValueError(
+                    f"class {label!r} keeps 1 recording to train on while {fold.description!r} is held out; "
+                    "choosing holds out once more inside it, and needs at least 2"
+                )
+
+
+def _why_no_sessions(y: NDArray[np.str_], sessions: NDArray[Any]) -> str:
+    unknown = [session is None or session == "" for session in sessions.tolist()]
+    if all(unknown):
+        return "sessions are not known"
+    if any(unknown):
+        return f"the session of {sum(unknown)} of {len(unknown)} recordings is not known"
+    alone = lone_session(y, sessions)
+    return "" if alone is None else f"class {alone!r} has one session only"
+
+
+def _of_rows(folds: list[Partition], rows: Rows) -> list[Partition]:
+    return [replace(fold, train=rows[fold.train], test=rows[fold.test]) for fold in folds]

@@ -1,0 +1,244 @@
+"""The rule of `select`, its folds, and what it refuses."""
+
+import math
+
+import numpy as np
+import pytest
+
+from evaluation_cases import changed, make_data
+from granular_id.recording import Dataset, Recording
+from granular_id.selection import select
+from granular_id.selection.candidates import Candidate, plan_candidates
+from granular_id.selection.choice import Pick, best_cost, choose
+from granular_id.selection.folds import nested_folds
+from granular_id.spaces import HFMH, RawSignal
+
+SMALL = {"relative_costs": (1.0,), "n_outer": 2, "n_inner": 2, "progress": False}
+
+
+def pick(shares, parts=None, n_features=None):
+    """Choose among candidates given as (J, n_candidates) or (J, n_candidates, n_costs) accuracies."""
+    shares = np.asarray(shares, dtype=float)
+    if shares.ndim == 2:
+        shares = shares[:, :, np.newaxis]
+    n = shares.shape[1]
+    candidates = [Candidate(f"s{k}", None, None, (parts or [1] * n)[k]) for k in range(n)]
+    return choose(shares, candidates, n_features or [10] * n, n_train=80, n_test=20)
+
+
+# -- the rule
+
+
+def test_the_best_wins_where_the_simpler_is_clearly_worse():
+    assert pick([[0.90, 0.95], [0.91, 0.96], [0.92, 0.98]], parts=[1, 2]) == Pick(1, 0)
+
+
+def test_the_simpler_wins_within_a_standard_error_and_a_point():
+    shares = [[0.94, 0.95], [0.96, 0.95], [0.95, 0.96]]  # 1/300 lost, standard error 0.0088
+    assert pick(shares, parts=[1, 2]) == Pick(0, 0)
+    assert pick(shares, parts=[2, 1]) == Pick(1, 0)
+
+
+def test_more_than_a_point_is_too_much_however_large_the_error():
+    shares = [[0.80, 0.95], [0.99, 0.85], [0.90, 0.95]]  # 2 points lost, standard error 13 points
+    assert pick(shares, parts=[1, 2]) == Pick(1, 0)
+
+
+def test_a_constant_loss_is_a_loss():
+    assert pick([[0.895, 0.9], [0.795, 0.8], [0.945, 0.95]], parts=[1, 2]) == Pick(1, 0)
+
+
+def test_of_equals_fewer_parts_then_fewer_features_then_the_first():
+    equal = np.full((3, 3), 0.9)
+    assert pick(equal) == Pick(0, 0)
+    assert pick(equal, n_features=[10, 9, 9]) == Pick(1, 0)
+    assert pick(equal, parts=[2, 3, 1], n_features=[1, 1, 99]) == Pick(2, 0)
+
+
+def test_each_candidate_keeps_its_own_best_cost():
+    shares = np.array([[[0.7, 0.8, 0.6], [0.5, 0.6, 0.9]]] * 2)
+    assert pick(shares) == Pick(1, 2)
+
+
+@pytest.mark.parametrize(
+    ("means", "place"),
+    [([0.9, 0.9, 0.9], 1), ([0.9, 0.9], 0), ([0.8, 0.9, 0.9, 0.9, 0.9], 2), ([0.1, 0.2, 0.1], 1)],
+)
+def test_of_equal_costs_the_middle_one(means, place):
+    assert best_cost(np.array([means])) == place
+    rounded = np.array([[1 / 3] * len(means), [0.1] * len(means), [0.2 + 1e-16] * len(means)])
+    assert best_cost(rounded) == (len(means) - 1) // 2
+
+
+def test_parts_count_blocks_and_what_learns():
+    candidates = plan_candidates(
+        ["raw", "pca", "raw-histogram", "raw+hfmh", "norm-raw+dft"], [None, "unit"], 500.0, 0
+    )
+    assert {c.name: c.parts for c in candidates} == {
+        "raw": 1,
+        "pca": 3,
+        "raw-histogram": 2,
+        "raw+hfmh": 2,
+        "raw+hfmh (unit)": 3,
+        "norm-raw+dft": 2,
+        "norm-raw+dft (unit)": 3,
+    }
+
+
+# -- the folds
+
+
+def test_whole_sessions_are_held_out_at_both_levels():
+    data = changed(make_data(12), session=lambda r: f"day {int(r.name.split('_')[1]) % 4}")
+    folds = nested_folds(data, 4, 3, 0)
+    assert folds.held_out == "sessions"
+    assert folds.notes == (
+        "outer folds (judge the choice): 4 folds of whole sessions",
+        "inner folds (make the choice): 3 folds of whole sessions",
+    )
+    for fold in folds.nested:
+        assert not set(data.sessions[fold.outer.train]) & set(data.sessions[fold.outer.test])
+        assert sorted(np.concatenate([p.test for p in fold.inner]).tolist()) == fold.outer.train.tolist()
+        for inner in fold.inner:
+            assert not set(data.sessions[inner.train]) & set(data.sessions[inner.test])
+            assert not set(inner.train.tolist() + inner.test.tolist()) & set(fold.outer.test.tolist())
+    selection = select(data, spaces="raw", **SMALL)
+    assert "% in a session that did not train" not in str(selection)  # two folds: see the next line
+    assert "(no interval: too few folds) in a session that did not train" in str(selection)
+
+
+def test_two_sessions_leave_one_inside_and_blocks_in_time_stand_in():
+    folds = nested_folds(make_data(8), 5, 2, 0)
+    assert folds.held_out == "sessions"
+    assert len(folds.nested) == 2
+    assert folds.notes[1:] == (
+        "inner folds (make the choice): 2 contiguous blocks of each class in time, by start time "
+        "(class 'oat' has one session only)",
+    )
+
+
+def test_blocks_follow_the_clock_at_both_levels():
+    data = changed(make_data(9), session=lambda r: None, start_time=lambda r: 2e9 - r.start_time)
+    folds = nested_folds(data, 3, 2, 0)
+    assert folds.held_out == "blocks in time"
+    for fold in folds.nested:
+        for rows in (fold.outer.test, *(p.test for p in fold.inner)):
+            of_others = np.setdiff1d(fold.outer.train if rows is not fold.outer.test else np.arange(36), rows)
+            for label in data.labels:
+                times = data.start_times[rows[data.y[rows] == label]]
+                others = data.start_times[of_others[data.y[of_others] == label]]
+                assert not ((others > times.min()) & (others < times.max())).any()
+
+
+def test_without_an_order_folds_are_random_seeded_and_said_to_be():
+    data = changed(make_data(6), session=lambda r: None, start_time=lambda r: 1e9)
+    data = Dataset([*data, *(changed(make_data(1, seed=9), session=lambda r: None))])
+    folds, same, other = (nested_folds(data, 3, 2, seed) for seed in (0, 0, 1))
+    assert folds.held_out == "random recordings"
+    assert folds.notes[0].startswith(
+        "outer folds (judge the choice): 3 random folds (sessions are not known; "
+    )
+    rows = [fold.outer.test.tolist() for fold in folds.nested]
+    assert rows == [fold.outer.test.tolist() for fold in same.nested]
+    assert rows != [fold.outer.test.tolist() for fold in other.nested]
+    assert "of recordings made among those that trained; a new session may do worse" in str(
+        select(data, spaces="raw", **SMALL)
+    )
+
+
+def test_some_unknown_sessions_are_no_sessions():
+    data = changed(make_data(6), session=lambda r: None if r.name == "oat_3" else "day")
+    folds = nested_folds(data, 3, 2, 0)
+    assert "(the session of 1 of 24 recordings is not known)" in folds.notes[0]
+
+
+# -- what is refused
+
+
+def flat_recordings():
+    return Dataset(
+        [Recording(np.ones((40, 6)), rate_hz=500, label=label) for label in ("oat", "rice") for _ in range(6)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"n_outer": 1}, ValueError, "n_outer must be at least 2, got 1"),
+        ({"n_inner": 2.0}, TypeError, "n_inner must be a whole number, got float 2.0"),
+        (
+            {"n_outer": 7},
+            ValueError,
+            "n_outer must not exceed the 6 recordings of the largest class, 'oat', got",
+        ),
+        (
+            {"n_inner": 4},
+            ValueError,
+            "n_inner must not exceed the 3 .* 'oat', that an outer fold leaves, got 4",
+        ),
+        ({"relative_costs": []}, ValueError, "relative_costs must be a sequence of at least one number"),
+        ({"relative_costs": [0.0]}, ValueError, "relative_costs must be positive and finite"),
+        ({"relative_costs": [1, math.nan]}, ValueError, "relative_costs must be positive and finite"),
+        ({"relative_costs": [1, 1.0]}, ValueError, "relative_costs must hold each number once"),
+        ({"relative_costs": "soft"}, TypeError, "relative_costs must be a sequence of numbers, got 'soft'"),
+        ({"relative_costs": 1.0}, ValueError, "relative_costs must be a sequence of at least one number"),
+        ({"block_weights": "unit"}, TypeError, "block_weights must be a sequence of choices.*into a list"),
+        ({"block_weights": None}, TypeError, "block_weights must be a sequence of choices.*into a list"),
+        ({"block_weights": (1.0, 2.0)}, TypeError, "block_weights .* got 1.0 among them"),
+        ({"block_weights": []}, ValueError, "block_weights .* got none"),
+        ({"block_weights": [None, None]}, ValueError, "block_weights must hold each choice once"),
+        ({"block_weights": ["half"]}, ValueError, "block_weights must be None, 'unit' or 2 numbers"),
+        ({"block_weights": [(1, 2, 3)]}, ValueError, "block_weights must be None, 'unit' or 2 numbers"),
+        ({"spaces": []}, ValueError, "spaces must name at least one feature space"),
+        ({"spaces": "rraw"}, ValueError, "spaces must be among .*, got 'rraw'"),
+        (
+            {"spaces": {"h": HFMH(rate_hz=100)}},
+            ValueError,
+            "HFMH has rate_hz=100, the recordings have 500 Hz",
+        ),
+        (
+            {"spaces": {"raw+hfmh (unit)": RawSignal(), "raw+hfmh": "raw"}},
+            TypeError,
+            "must have fit and transform",
+        ),
+        ({"random_state": -1}, ValueError, "random_state must not be negative"),
+        ({"progress": 1}, TypeError, "progress must be True, False or callable, got int"),
+    ],
+)
+def test_bad_arguments_are_one_clear_error(change, error, message):
+    data = changed(make_data(6), session=lambda r: None)
+    with pytest.raises(error, match=message):
+        select(data, **{"spaces": "raw+hfmh", **SMALL, **change})
+
+
+def test_names_of_candidates_must_differ():
+    data = make_data(6)
+    spaces = {"a": HFMH(), "a (unit)": HFMH()}
+    assert [c.name for c in plan_candidates(spaces, [None], data.rate_hz, 0)] == ["a", "a (unit)"]
+    from granular_id.spaces import RawHFMH
+
+    spaces["a"] = RawHFMH()
+    with pytest.raises(ValueError, match="must give each candidate a name of its own"):
+        select(data, spaces=spaces, **SMALL)
+
+
+@pytest.mark.parametrize(
+    ("data", "error", "message"),
+    [
+        (np.zeros((4, 10, 6)), TypeError, "data must be a granular_id.Dataset, got ndarray"),
+        (make_data(6, label=None), ValueError, "recordings have no label, the first is 'oat_0'"),
+        (make_data(6, label="oat"), ValueError, "needs recordings of at least 2 classes, got only 'oat'"),
+        (make_data(1), ValueError, "class 'oat' has 1 recording; choosing holds out twice"),
+        (make_data(2), ValueError, "class 'oat' has 2 recordings; choosing holds out twice"),
+        (
+            make_data(3),
+            ValueError,
+            "class 'oat' keeps 1 recording to train on while '4 sessions: oat day 0, ...' is held out",
+        ),
+        (flat_recordings(), ValueError, "feature space 'raw': all recordings have the same features"),
+    ],
+    ids=["array", "no label", "one class", "one recording", "two", "one beside a session", "all equal"],
+)
+def test_bad_data_are_one_clear_error(data, error, message):
+    with pytest.raises(error, match=message):
+        select(data, spaces="raw", **SMALL)
