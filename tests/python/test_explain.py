@@ -9,6 +9,7 @@ from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
+from sklearn.svm import SVC
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
@@ -253,17 +254,36 @@ def test_factors_are_the_difference_of_decision_values_with_the_linear_loss(matr
         np.testing.assert_allclose(np.diff(gap), np.diff(sums), atol=1e-12)
 
 
-def test_other_codings_are_explained_by_the_linear_loss(data):
+@pytest.mark.parametrize("decoding", ["loss_weighted", "loss_based"])
+@pytest.mark.parametrize("coding", ["onevsall", "ordinal", "binarycomplete"])
+def test_codings_without_a_learner_of_the_pair_are_explained_by_the_linear_loss(coding, decoding, data):
     X, y = data
-    model = make_pipeline(RawHFMH(), ECOCClassifier(loss="linear")).fit(X, y)
-    classifier = model[-1]
-    classifier.coding_matrix_ = (2 * np.eye(3) - 1).astype(np.int8)  # as if it had been one against all
+    ecoc = ECOCClassifier(coding=coding, decoding=decoding, loss="linear")
+    model = make_pipeline(RawHFMH(), ecoc).fit(X, y)
     seen = explain(model, "rice", "peas", X, y)
     values = model.decision_function(X)
     gap = values[:, 2] - values[:, 1]
     assert seen.difference == pytest.approx(gap[y == "rice"].mean() - gap[y == "peas"].mean())
     assert added_up(seen) == pytest.approx(seen.difference)
-    np.testing.assert_allclose(seen.factors, [0, -1 / 3, 1 / 3], atol=1e-15)
+
+
+def test_ternary_complete_has_a_learner_of_the_pair(data):
+    X, y = data
+    model = make_pipeline(RawHFMH(), ECOCClassifier(coding="ternarycomplete")).fit(X, y)
+    factors = explain(model, "rice", "oat", X, y).factors
+    (learner,) = np.flatnonzero(factors)
+    codes = model[-1].coding_matrix_[:, learner]
+    np.testing.assert_array_equal(codes * factors[learner], [-1, 0, 1])
+
+
+def test_other_linear_learners(data):
+    X, y = data
+    model = make_pipeline(RawSignal(), ECOCClassifier(LogisticRegression(), standardize=True)).fit(
+        X[:, :40], y
+    )
+    seen = explain(model, "oat", "rice", X[:, :40], y)
+    scores = pair_scores(model, "oat", "rice", X[:, :40])
+    assert added_up(seen) == pytest.approx(scores[y == "oat"].mean() - scores[y == "rice"].mean())
 
 
 def test_factors_of_several_learners_of_one_pair():
@@ -303,6 +323,8 @@ def test_models_that_cannot_be_explained(data):
     gram_only[-1].fit_gram(features @ features.T, y)
     with pytest.raises(TypeError, match=r"model must have linear learners.*has no coef_"):
         explain(gram_only, "oat", "rice", X, y)
+    with pytest.raises(TypeError, match=r"model must have linear learners.*SVC\(\)\) has no coef_"):
+        explain(make_pipeline(RawSignal(), ECOCClassifier(SVC())).fit(X, y), "oat", "rice", X, y)
     flat = X[:, :, 0]
     with pytest.raises(TypeError, match="nothing behind filters"):
         explain(make_pipeline(ECOCClassifier()).fit(flat, y), "oat", "rice", flat, y)
