@@ -12,13 +12,22 @@ from sklearn.pipeline import Pipeline
 
 from granular_id._seeds import seeded_clone
 from granular_id.evaluation.plan import plan_spaces
-from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, feature_spaces, learns
+from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 from granular_id.spaces.base import real_steps
 
-__all__ = ["LEFT_OUT", "Candidate", "checked_costs", "plan_candidates"]
+__all__ = ["DEFAULT_SPACES", "Candidate", "checked_costs", "plan_candidates"]
 
-LEFT_OUT = ("pca+rica", "raw+dft", "dft")
-"""Spaces of the paper that are no candidates unless asked for.
+DEFAULT_SPACES = (
+    "raw+hfmh",
+    "norm-raw+hfmh",
+    "norm-raw",
+    "hfmh",
+    "norm-raw+dft",
+    "raw",
+    "pca",
+    "raw-histogram",
+)
+"""The paper's spaces but three, in its order.
 
 The complex Fourier transform is a rotation: with a linear classifier and C in units of the spread, "dft" and
 "raw+dft" are "raw" again, and three names for one candidate would split its votes. "pca+rica" takes many times
@@ -68,7 +77,7 @@ def plan_candidates(
     Parameters
     ----------
     spaces : None, str, sequence of str or mapping
-        None: the paper's without `LEFT_OUT` and controls. Otherwise as in `evaluate`.
+        None: `DEFAULT_SPACES`. Otherwise as in `evaluate`.
     block_weights : iterable
         Each None, "unit" or one number per block. A space with several blocks becomes one candidate for each,
         in place of its own weights; a space without blocks ignores them.
@@ -88,8 +97,7 @@ def plan_candidates(
     """
     weightings = _checked_weightings(block_weights)
     if spaces is None:
-        known = feature_spaces(rate_hz=rate_hz)
-        spaces = [name for name in known if name not in LEFT_OUT and not known[name].control]
+        spaces = DEFAULT_SPACES
     candidates = []
     for k, space in enumerate(plan_spaces(spaces, rate_hz)):
         transformer = seeded_clone(space.transformer, np.random.SeedSequence(seed, spawn_key=(5, k)))

@@ -193,12 +193,16 @@ class Selection:
             [("features", clone(self.best.transformer)), ("classifier", ECOCClassifier(C=self.C))]
         )
 
+    def verdict(self) -> str:
+        """Say what to take, what to expect of it and how sure that is, in a few lines."""
+        return text.verdict(self)
+
     def table(self) -> Table:
         """Return the candidates, best first, with how often each was chosen."""
         return text.candidates_table(self)
 
     def __str__(self) -> str:
-        return f"{text.verdict(self)}\n\n{self.table()}"
+        return f"{self.verdict()}\n\n{self.table()}"
 
     def __repr__(self) -> str:
         synthetic = "SYNTHETIC, " if self.synthetic else ""
