@@ -22,7 +22,7 @@ from sklearn.multiclass import OneVsOneClassifier
 from sklearn.svm import SVC
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.coding import decode
+from granular_id.ecoc.decoding import decode
 
 N_CLASSES, PER_CLASS, N_FEATURES = 11, 50, 10_200
 KINDS = ("noise", "walk")

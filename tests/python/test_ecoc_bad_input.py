@@ -47,7 +47,12 @@ def test_bad_gram():
         ({"C": np.nan}, ValueError, "C must be positive"),
         ({"C": "1"}, TypeError, "C must be a number, got '1'"),
         ({"C": True}, TypeError, "C must be a number, got True"),
-        ({"loss": "quadratic"}, ValueError, "loss must be one of 'hinge', .*, got 'quadratic'"),
+        (
+            {"loss": "quadratic"},
+            ValueError,
+            "loss='quadratic' does not fit the learners: their score is any real number.*'auto' or one of 'hinge'",
+        ),
+        ({"loss": "votes"}, ValueError, "loss must be one of 'auto', 'hinge', .*, got 'votes'"),
         ({"loss": None}, ValueError, "loss must be one of"),
         (
             {"decoding": "votes"},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular_id import gram as gram_module
-from granular_id.ecoc.coding import onevsone
+from granular_id.ecoc.codings import onevsone
 from granular_id.ecoc.learners import fit_dual, fit_learners
 from granular_id.gram import linear_gram
 
@@ -83,7 +83,7 @@ def test_shared_and_separate_products_train_the_same_learners():
     index = np.arange(48) % 3
     gram = linear_gram(X)
     shared = fit_dual(gram, index, onevsone(3))
-    separate = fit_learners(lambda r: linear_gram(X[r]), 48, index, onevsone(3))
+    separate = fit_learners(lambda _, r: linear_gram(X[r]), 48, index, onevsone(3))
     np.testing.assert_allclose(shared.dual_coef, separate.dual_coef, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(shared.intercept, separate.intercept, rtol=1e-8, atol=1e-10)
     assert shared.alpha_at_bound == separate.alpha_at_bound

@@ -1,4 +1,4 @@
-"""ECOCClassifier: many two-class linear support vector machines, one decision.
+"""ECOCClassifier: many two-class learners, one decision.
 
 Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force
 Measurements" (arXiv 2403.17606): trinary one-vs-one ECOC, linear SVM, loss-weighted decoding with the hinge
@@ -11,13 +11,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
-from granular_id.ecoc.coding import DECODINGS, LOSSES, decode, named, onevsone
-from granular_id.ecoc.learners import DualLearners, LinearLearner, fit_dual
-from granular_id.ecoc.primal import fit_features
-from granular_id.ecoc.training import checked_cost, checked_weights, class_indices
+from granular_id.ecoc.base import has_posterior
+from granular_id.ecoc.estimators import EstimatorLearners, fit_estimators
+from granular_id.ecoc.gram_methods import GramMethods, gram_scorer
+from granular_id.ecoc.losses import fitting_loss
+from granular_id.ecoc.primal import PrimalLearners, fit_shared, fit_standardized
+from granular_id.ecoc.training import checked_weights
+from granular_id.gram import linear_gram
 
 __all__ = ["ECOCClassifier"]
 
@@ -25,64 +28,91 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 
-class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Error-correcting output codes over linear support vector machines, one-vs-one.
+class ECOCClassifier(GramMethods):
+    """Error-correcting output codes: K classes are told apart by L learners of two sides each.
 
-    K classes give L = K (K - 1) / 2 learners. The Gram matrix of the rows is computed once and
-    sliced for each learner. libsvm's answer is brought to the exact optimum, up to rounding: it then does not
-    depend on the order of the rows, on a common offset, nor on whether a row is repeated or weighted. Where
-    that fails, libsvm's own answer stands, within its tolerance.
+    By default the learners are linear support vector machines, one for each pair of classes. The Gram matrix of
+    the rows is computed once and sliced for each learner. libsvm's answer is brought to the exact optimum, up to
+    rounding: it then does not depend on the order of the rows, on a common offset, nor on whether a row is
+    repeated or weighted. Where that fails, libsvm's own answer stands, within its tolerance.
 
     Parameters
     ----------
+    estimator : classifier, optional
+        Any scikit-learn classifier of two classes, cloned for each learner and trained on 0 (code -1) and 1
+        (code +1). Its score is `decision_function` where it has one, else the probability of 1. Default: the
+        linear support vector machine described above, the paper's, much faster here than as an `estimator`.
+    coding : str or array-like, shape (K, L), default "onevsone"
+        Which learner sees which classes on which side, a key of `granular_id.ecoc.codings.CODINGS`:
+        "onevsone" with K (K - 1) / 2 learners (the paper), "onevsall" K, "ordinal" K - 1, "binarycomplete"
+        2^(K-1) - 1, "ternarycomplete" (3^K - 2^(K+1) + 1) / 2, "denserandom" about 10 log2 K, "sparserandom"
+        about 15 log2 K; or codes -1, 0, +1 of one's own, a row for each of the sorted classes.
     decoding : {"loss_weighted", "loss_based"}, default "loss_weighted"
-        By what the summed loss of a class is divided; see `granular_id.ecoc.coding.decode`. For one-vs-one both
+        By what the summed loss of a class is divided; see `granular_id.ecoc.decoding.decode`. For one-vs-one both
         name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
-    loss : str, default "hinge"
-        Binary loss, a key of `granular_id.ecoc.coding.LOSSES`: "hinge" belongs to support vector machines and is
-        what the paper uses; "hamming" counts votes; "linear", "exponential", "logit", "binodeviance".
+    loss : str, default "auto"
+        Binary loss, a key of `granular_id.ecoc.losses.LOSSES`. "hinge" belongs to support vector machines and is
+        what the paper uses; "hamming" counts votes; "linear", "exponential", "logit", "binodeviance". "quadratic"
+        is for learners whose score is a probability, and the only one for them. "auto": the hinge or, for
+        probabilities, "quadratic".
     C : float, default 1.0
         Cost of a violated margin, positive. 1 is the default of MATLAB and scikit-learn. With 10,200 raw
-        features the margin is mostly hard already: `alpha_at_bound_` tells.
+        features the margin is mostly hard already: `alpha_at_bound_` tells. Of the built-in machine only.
     hard_margin : bool, default False
         Allow no violated margin (C has no effect then). Solved with a bound on the dual variables of 1e10
         over the mean squared distance from the centre, which none may reach. An error that names two classes
-        when no hyperplane separates them.
+        when no hyperplane separates them. Of the built-in machine only.
     standardize : bool, default False
         Centre and scale each feature within the rows of each learner (weighted mean and population standard
         deviation; a feature that is constant there is ignored). No two learners share a Gram matrix then:
         slower by about the number of learners. `coef_` and `intercept_` are in the units of `X` all the same.
+    posterior : {"kullback_leibler", "wu_lin_weng"}, optional
+        Also fit class probabilities, for `predict_proba`: Platt's sigmoid for each learner, on scores of rows
+        that it has not seen (5 folds of each class; five more trainings), then coupled; see
+        `granular_id.ecoc.coupling`. "kullback_leibler" serves any coding, "wu_lin_weng" one-vs-one. Each class
+        needs two different rows. Labels come from the losses all the same: where classes are close, the
+        likeliest can be another.
+    n_jobs : int, optional
+        Threads over learners, as in joblib. The numbers do not depend on it.
+    random_state : int or RandomState, optional
+        Draws the random codings and the folds of `posterior`, and seeds every `random_state` of `estimator`
+        that is None.
 
     Attributes
     ----------
     classes_ : ndarray, shape (K,)
         Sorted labels.
     coding_matrix_ : ndarray of int8, shape (K, L)
-        +1 for the lower class index of each pair, -1 for the higher.
+        Codes: +1 and -1 for the two sides of a learner, 0 for classes it is not shown.
     coef_, intercept_ : ndarray, shapes (L, D) and (L,)
-        A score is ``coef_ @ x + intercept_``; positive speaks for the class with code +1.
+        A score is ``coef_ @ x + intercept_``; positive speaks for the classes with code +1. Only if all learners
+        are linear.
     dual_coef_ : ndarray, shape (L, n)
-        Weight of each training row in each learner; 0 for rows that are no support vectors.
-    learners_ : tuple of LinearLearner
-        Classes and support vectors of each learner.
+        Weight of each training row in each learner; 0 for rows that are no support vectors. Built-in machine.
+    learners_ : tuple of LinearLearner or EstimatorLearner
+        Classes of each learner, with its support vectors or its fitted estimator.
     alpha_at_bound_ : float
-        Share of dual variables at C; 0 means that the margin is already hard.
+        Share of dual variables at C; 0 means that the margin is already hard. Built-in machine.
+    supports_gram : bool
+        Whether `fit_gram` and the other methods that end in `_gram` serve these parameters.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
 
     Raises
     ------
-    ValueError
-        From `fit`: a parameter outside its range, fewer than two classes, NaN or infinity in X, negative
-        weights, `hard_margin` with classes that overlap.
+    TypeError, ValueError
+        From `fit`: a parameter outside its range, a loss that does not fit the scores of the estimator, more than
+        100,000 learners, a coding matrix that does not fit the classes, fewer than two classes, NaN or infinity in
+        X, negative weights or an estimator that takes none, `hard_margin` with classes that overlap, `posterior`
+        with a class of one row.
 
     Notes
     -----
     Ties go to the class that comes first in `classes_`. Rare with the hinge, they are common with "hamming".
 
-    `sample_weight` multiplies C: a whole number equals as many repetitions of the row. MATLAB divides by
-    n - 1 in the standard deviation; this class divides by n so that the equality holds with `standardize`
-    too. The difference is that of a C larger by 1 / n.
+    `sample_weight` multiplies C: a whole number equals as many repetitions of the row, for the posterior too.
+    MATLAB divides by n - 1 in the standard deviation; this class divides by n so that the equality holds with
+    `standardize` too. The difference is that of a C larger by 1 / n.
 
     An evaluation over many partitions computes one Gram matrix and uses `fit_gram` and `predict_gram`.
 
@@ -98,29 +128,13 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
            [ 0, -1, -1]], dtype=int8)
     >>> round(1 - clf.score(X, y), 4), round(float(clf.margin(X, y).mean()), 4)
     (0.0267, 0.744)
+    >>> from sklearn.tree import DecisionTreeClassifier
+    >>> trees = ECOCClassifier(DecisionTreeClassifier(max_depth=2), coding="onevsall", random_state=0)
+    >>> trees.fit(X, y).predict(X[:2])
+    array([0, 0])
     """
 
-    classes_: npt.NDArray[Any]
-    coding_matrix_: npt.NDArray[np.int8]
     coef_: FloatArray
-    intercept_: FloatArray
-    dual_coef_: FloatArray
-    alpha_at_bound_: float
-
-    def __init__(
-        self,
-        *,
-        decoding: str = "loss_weighted",
-        loss: str = "hinge",
-        C: float = 1.0,
-        hard_margin: bool = False,
-        standardize: bool = False,
-    ) -> None:
-        self.decoding = decoding
-        self.loss = loss
-        self.C = C
-        self.hard_margin = hard_margin
-        self.standardize = standardize
 
     def fit(
         self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
@@ -134,83 +148,81 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         y : array-like, shape (n,)
             Labels: strings, integers or other values that can be sorted.
         sample_weight : array-like, shape (n,), optional
-            Non-negative factors of C. A row of weight 0 is as good as absent, its label included.
+            Non-negative factors of C, or passed to the estimator. A row of weight 0 is as good as absent, its
+            label included.
 
         Returns
         -------
         ECOCClassifier
             This estimator.
         """
-        self._check_parameters()
+        self._check_parameters(weighted=sample_weight is not None)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         weights = None if sample_weight is None else checked_weights(sample_weight, len(rows))
-        codes = self._learn_classes(labels, weights)
-        learned = fit_features(
-            rows,
-            codes,
+        codes, fold_seed, learner_seed = self._start(labels, weights)
+        if self.supports_gram:
+            origin = rows.mean(axis=0)
+            gram = linear_gram(rows, center=origin)
+            options = self._machine_options(weights)
+            self._keep_lines(fit_shared(rows, origin, gram, codes, self.coding_matrix_, **options))
+            scorer = gram_scorer(gram, codes, self.coding_matrix_, options)
+        else:
+            every = np.arange(len(rows))
+            learned = self._fit_rows(rows, codes, weights, learner_seed, every)
+            self._keep_estimators(learned) if isinstance(learned, EstimatorLearners) else self._keep_lines(
+                learned
+            )
+
+            def scorer(train: IntArray, test: IntArray) -> FloatArray:
+                return self._fit_rows(rows, codes, weights, learner_seed, train).scores(rows[test])
+
+        if self.posterior is not None:
+            self._learn_posterior(scorer, rows, codes, weights, fold_seed)
+        return self
+
+    def _fit_rows(
+        self, rows: FloatArray, codes: IntArray, weights: FloatArray | None, seed: int, members: IntArray
+    ) -> PrimalLearners | EstimatorLearners:
+        """Train on some of the rows, where learners do not share a Gram matrix."""
+        own, own_codes = rows[members], codes[members]
+        own_weights = None if weights is None else weights[members]
+        if self.estimator is None:
+            return fit_standardized(own, own_codes, self.coding_matrix_, **self._machine_options(own_weights))
+        return fit_estimators(
+            self.estimator,
+            own,
+            own_codes,
             self.coding_matrix_,
+            classes=self.classes_.tolist(),
             standardize=bool(self.standardize),
-            **self._dual_options(weights),
+            sample_weight=own_weights,
+            seed=seed,
+            n_jobs=self.n_jobs,
         )
+
+    def _keep_lines(self, learned: PrimalLearners) -> None:
         self._keep(learned.dual)
-        self.coef_ = learned.coef
-        self.intercept_ = learned.intercept
-        return self
+        self.coef_, self.intercept_ = learned.coef, learned.intercept
 
-    def fit_gram(
-        self, gram: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
-    ) -> ECOCClassifier:
-        """Train all learners on scalar products instead of features.
-
-        Parameters
-        ----------
-        gram : array-like, shape (n, n)
-            Scalar products of the training rows (`granular_id.gram.linear_gram`), for instance a slice of
-            the matrix of all rows of an evaluation. Any origin serves: results are the same.
-        y, sample_weight
-            As in `fit`.
-
-        Returns
-        -------
-        ECOCClassifier
-            This estimator, for the methods that end in `_gram`. It has no `coef_`, `predict` needs `fit`.
-
-        Raises
-        ------
-        ValueError
-            As `fit`; also `standardize=True`, as each learner then has scalar products of its own.
-        """
-        self._check_parameters()
-        if self.standardize:
-            raise ValueError("standardize=True needs the features: use fit(X, y) instead of fit_gram")
-        labels = column_or_1d(y, warn=True)
-        products = np.asarray(gram, dtype=np.float64)
-        if products.ndim == 0 or len(products) != len(labels):
-            raise ValueError(f"gram has shape {products.shape}, but y has {len(labels)} labels")
-        weights = None if sample_weight is None else checked_weights(sample_weight, len(products))
-        codes = self._learn_classes(labels, weights)
-        learned = fit_dual(products, codes, self.coding_matrix_, **self._dual_options(weights))
-        self._keep(learned)
-        for of_features in ("coef_", "n_features_in_", "feature_names_in_"):
-            if hasattr(self, of_features):
-                delattr(self, of_features)
-        return self
+    def _keep_estimators(self, learned: EstimatorLearners) -> None:
+        fitting_loss(self.loss, learned.score_range)  # some estimators show only now what score they have
+        self._estimators = learned
+        if learned.coef is not None and learned.intercept is not None:
+            self.coef_, self.intercept_ = learned.coef, learned.intercept
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:
-        """Scores (n, L) of the binary learners for features (n, D); positive speaks for the code +1."""
+        """Scores (n, L) of the binary learners for features (n, D); positive speaks for the code +1.
+
+        Of learners that give probabilities: that of the code +1.
+        """
         check_is_fitted(
-            self, "coef_", msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)"
+            self, "n_features_in_", msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)"
         )
         rows = validate_data(self, X, dtype=np.float64, reset=False)
+        if hasattr(self, "_estimators"):
+            return self._estimators.scores(rows, self.n_jobs)
         scores: FloatArray = rows @ self.coef_.T + self.intercept_
         return scores
-
-    def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
-        check_is_fitted(self, "dual_coef_")
-        if self.standardize:
-            raise ValueError("standardize=True has no shared Gram matrix: use the methods that take X")
-        return DualLearners(self.dual_coef_, self.intercept_, self.alpha_at_bound_).scores(gram)
 
     def decision_function(self, X: npt.ArrayLike) -> FloatArray:
         """Decision value of each class for features (n, D).
@@ -221,19 +233,16 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             Minus the mean binary loss of each class: the largest wins. For two classes the value of the
             second minus that of the first: positive means ``classes_[1]``.
         """
-        return _as_decision(self._class_values(self.binary_scores(X)))
-
-    def decision_function_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """`decision_function` for scalar products (m, n) with the training rows."""
-        return _as_decision(self._class_values(self.binary_scores_gram(gram)))
+        return self._decision(self.binary_scores(X))
 
     def predict(self, X: npt.ArrayLike) -> npt.NDArray[Any]:
         """Label of each row of features (n, D); of tied classes the first in `classes_`."""
         return self._winners(self.binary_scores(X))
 
-    def predict_gram(self, gram: npt.ArrayLike) -> npt.NDArray[Any]:
-        """`predict` for scalar products (m, n) with the training rows."""
-        return self._winners(self.binary_scores_gram(gram))
+    @available_if(has_posterior)  # type: ignore[untyped-decorator]
+    def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
+        """Probability (n, K) of each class for features (n, D); rows sum to 1. Exists when `posterior` is set."""
+        return self._probabilities(self.binary_scores(X))
 
     def margin(self, X: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Decision value (n,) of the true class minus the largest of the others.
@@ -258,48 +267,3 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         others = np.where(is_true, -np.inf, values).max(axis=1)
         margins: FloatArray = values[is_true] - others
         return margins
-
-    @property
-    def learners_(self) -> tuple[LinearLearner, ...]:
-        """The binary learners, in the order of the columns of `coding_matrix_`."""
-        check_is_fitted(self, "dual_coef_")
-        columns = zip(self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist(), strict=True)
-        return tuple(LinearLearner.of_column(self.classes_, *column) for column in columns)
-
-    def _class_values(self, scores: FloatArray) -> FloatArray:
-        return decode(scores, self.coding_matrix_, self.loss, self.decoding)
-
-    def _winners(self, scores: FloatArray) -> npt.NDArray[Any]:
-        labels: npt.NDArray[Any] = self.classes_[self._class_values(scores).argmax(axis=1)]
-        return labels
-
-    def _check_parameters(self) -> None:
-        named(LOSSES, "loss", self.loss)
-        named(DECODINGS, "decoding", self.decoding)
-        checked_cost(self.C)
-        for name in ("hard_margin", "standardize"):
-            if not isinstance(getattr(self, name), (bool, np.bool_)):
-                raise TypeError(f"{name} must be True or False, got {getattr(self, name)!r}")
-
-    def _learn_classes(self, labels: npt.NDArray[Any], weights: FloatArray | None) -> IntArray:
-        """Set `classes_` and `coding_matrix_`; return the class index of each row."""
-        self.classes_, codes = class_indices(labels, weights)
-        self.coding_matrix_ = onevsone(len(self.classes_))
-        return codes
-
-    def _dual_options(self, weights: FloatArray | None) -> dict[str, Any]:
-        return {
-            "C": float(self.C),
-            "hard_margin": bool(self.hard_margin),
-            "sample_weight": weights,
-            "class_names": self.classes_.tolist(),
-        }
-
-    def _keep(self, learned: DualLearners) -> None:
-        self.dual_coef_ = learned.dual_coef
-        self.intercept_ = learned.intercept
-        self.alpha_at_bound_ = learned.alpha_at_bound
-
-
-def _as_decision(values: FloatArray) -> FloatArray:
-    return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values

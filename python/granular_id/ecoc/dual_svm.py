@@ -15,7 +15,7 @@ import numpy.typing as npt
 from sklearn import config_context
 from sklearn.svm import SVC
 
-__all__ = ["BinarySolution", "NotSeparableError", "one_vs_one_guess", "solve_binary"]
+__all__ = ["BinarySolution", "NotSeparableError", "OneVsOneGuess", "one_vs_one_guess", "solve_binary"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -134,8 +134,36 @@ def solve_binary(
     return BinarySolution(dual, intercept - float(dual @ row_mean), at_bound, converged)
 
 
-def one_vs_one_guess(gram: FloatArray, codes: npt.NDArray[np.intp], bounds: FloatArray | None) -> FloatArray:
-    """Multipliers of all pairs of classes from a single call of libsvm, to start `solve_binary` from.
+@dataclass(frozen=True)
+class OneVsOneGuess:
+    """Multipliers of all pairs of classes, kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
+
+    Attributes
+    ----------
+    by_opponent : ndarray, shape (K - 1, n)
+        Multipliers of each row against each other class: the classes below its own first, then those above.
+    codes : ndarray of int, shape (n,)
+        Class index of each row.
+    pairs : tuple of two ndarrays of int, shape (K (K - 1) / 2,)
+        Lower and higher class of each learner.
+    """
+
+    by_opponent: FloatArray
+    codes: npt.NDArray[np.intp]
+    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+
+    def of_rows(self, learner: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+        """Multipliers of the rows of one learner, to start `solve_binary` from."""
+        low, high = self.pairs[0][learner], self.pairs[1][learner]
+        opponent = np.where(self.codes[rows] == low, high - 1, low)
+        multipliers: FloatArray = self.by_opponent[opponent, rows]
+        return multipliers
+
+
+def one_vs_one_guess(
+    gram: FloatArray, codes: npt.NDArray[np.intp], bounds: FloatArray | None
+) -> OneVsOneGuess:
+    """Multipliers of all pairs of classes from a single call of libsvm.
 
     Parameters
     ----------
@@ -148,23 +176,16 @@ def one_vs_one_guess(gram: FloatArray, codes: npt.NDArray[np.intp], bounds: Floa
 
     Returns
     -------
-    ndarray, shape (K (K - 1) / 2, n)
-        Non-negative; pairs in the order of `granular_id.ecoc.coding.onevsone`. Rows of other classes hold 0.
+    OneVsOneGuess
+        Pairs in the order of `granular_id.ecoc.codings.onevsone`.
     """
     centred, _, scale = _centred(gram)
     upper = np.full(len(codes), _HARD_BOUND) if bounds is None else bounds * scale
     machine = _libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
-    # One row per opponent: the classes below its own first, then those above.
     by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
     by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)
-    n_classes = len(machine.classes_)
-    pairs = [(low, high) for low in range(n_classes) for high in range(low + 1, n_classes)]
-    guess = np.zeros((len(pairs), len(codes)))
-    for learner, (low, high) in enumerate(pairs):
-        is_low, is_high = codes == low, codes == high
-        guess[learner, is_low] = by_opponent[high - 1, is_low]
-        guess[learner, is_high] = by_opponent[low, is_high]
-    return _snapped(guess, upper) / scale
+    low, high = np.triu_indices(len(machine.classes_), 1)
+    return OneVsOneGuess(_snapped(by_opponent, upper) / scale, codes, (low, high))
 
 
 def _centred(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -11,9 +11,17 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id.ecoc.coding import CodingMatrix, check_coding_matrix, onevsone
-from granular_id.ecoc.dual_svm import BinarySolution, NotSeparableError, one_vs_one_guess, solve_binary
-from granular_id.ecoc.training import checked_cost, checked_weights
+from granular_id.ecoc.coding_matrix import CodingMatrix
+from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc.dual_svm import (
+    BinarySolution,
+    NotSeparableError,
+    OneVsOneGuess,
+    one_vs_one_guess,
+    solve_binary,
+)
+from granular_id.ecoc.task import Task, checked_gram, checked_task, over_learners
+from granular_id.ecoc.training import checked_cost
 
 __all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners"]
 
@@ -98,6 +106,7 @@ def fit_dual(
     hard_margin: bool = False,
     sample_weight: npt.ArrayLike | None = None,
     class_names: Sequence[object] | None = None,
+    n_jobs: int | None = None,
 ) -> DualLearners:
     """Train each column of a coding matrix on its slice of a shared Gram matrix.
 
@@ -117,6 +126,8 @@ def fit_dual(
         Non-negative factors of C; a whole number equals as many repetitions of the row, 0 leaves it out.
     class_names : sequence, optional
         K names for messages; the class indices when not given.
+    n_jobs : int, optional
+        Threads, as in joblib; the numbers do not depend on it.
 
     Returns
     -------
@@ -131,7 +142,7 @@ def fit_dual(
 
     Examples
     --------
-    >>> from granular_id.ecoc.coding import onevsone
+    >>> from granular_id.ecoc.codings import onevsone
     >>> from granular_id.gram import linear_gram
     >>> from granular_id.ecoc.learners import fit_dual
     >>> X = [[0.0], [1.0], [3.0], [4.0]]
@@ -140,29 +151,20 @@ def fit_dual(
     array([[0.],
            [1.]])
     """
-    products = _check_gram(gram)
-    task = _checked_task(
-        len(products),
-        codes,
-        coding_matrix,
-        C=C,
-        hard_margin=hard_margin,
-        weights=sample_weight,
-        names=class_names,
-    )
+    products = checked_gram(gram)
+    task = checked_task(len(products), codes, coding_matrix, sample_weight, class_names)
+    bounds = _bounds(task, C, hard_margin)
     guess = None
     if np.array_equal(task.matrix, onevsone(len(task.matrix))):
         # One call of libsvm for all pairs: 55 calls cost more in checks of their arguments than in work.
         rows = task.counted
-        guess = np.zeros((task.matrix.shape[1], len(products)))
-        bounds = None if task.bounds is None else task.bounds[rows]
         shared = products if len(rows) == len(products) else products[np.ix_(rows, rows)]
-        guess[:, rows] = one_vs_one_guess(shared, task.index[rows], bounds)
-    return _train(task, lambda rows: products[np.ix_(rows, rows)], guess)
+        guess = one_vs_one_guess(shared, task.index[rows], None if bounds is None else bounds[rows])
+    return _train(task, bounds, lambda _, rows: products[np.ix_(rows, rows)], guess, n_jobs)
 
 
 def fit_learners(
-    gram_of: Callable[[IntArray], FloatArray],
+    gram_of: Callable[[int, IntArray], FloatArray],
     n_rows: int,
     codes: npt.ArrayLike,
     coding_matrix: npt.ArrayLike,
@@ -171,104 +173,57 @@ def fit_learners(
     hard_margin: bool = False,
     sample_weight: npt.ArrayLike | None = None,
     class_names: Sequence[object] | None = None,
+    n_jobs: int | None = None,
 ) -> DualLearners:
     """Train each learner on the Gram matrix that `gram_of` gives for its rows; see `fit_dual`.
 
     Parameters
     ----------
     gram_of : callable
-        From the indices (r,) of a learner's rows to their scalar products (r, r), which may be in units of
-        this learner alone. Called once for each learner, in order.
+        From the number of a learner and the indices (r,) of its rows to their scalar products (r, r), which may
+        be in units of this learner alone. Called once for each learner, from any thread.
     n_rows : int
         Number of training rows.
-    codes, coding_matrix, C, hard_margin, sample_weight, class_names
+    codes, coding_matrix, C, hard_margin, sample_weight, class_names, n_jobs
         As in `fit_dual`.
     """
-    task = _checked_task(
-        n_rows, codes, coding_matrix, C=C, hard_margin=hard_margin, weights=sample_weight, names=class_names
-    )
-    return _train(task, gram_of, None)
+    task = checked_task(n_rows, codes, coding_matrix, sample_weight, class_names)
+    return _train(task, _bounds(task, C, hard_margin), gram_of, None, n_jobs)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """Checked input: `bounds` (n,) of the multipliers or None (hard margin), rows that count."""
-
-    matrix: CodingMatrix
-    index: IntArray
-    bounds: FloatArray | None
-    counted: IntArray
-    names: Sequence[object]
-
-
-def _checked_task(
-    n_rows: int,
-    codes: npt.ArrayLike,
-    coding_matrix: npt.ArrayLike,
-    *,
-    C: float,
-    hard_margin: bool,
-    weights: npt.ArrayLike | None,
-    names: Sequence[object] | None,
-) -> _Task:
-    matrix = check_coding_matrix(coding_matrix)
-    index = np.asarray(codes)
-    if index.shape != (n_rows,) or index.dtype.kind not in "iu":
-        raise ValueError(f"codes must be {n_rows} integers, got shape {index.shape} of {index.dtype}")
-    if index.min() < 0 or index.max() >= len(matrix):
-        raise ValueError(f"codes must lie in 0..{len(matrix) - 1}, the rows of coding_matrix")
-    factors = np.ones(n_rows) if weights is None else checked_weights(weights, n_rows)
+def _bounds(task: Task, C: float, hard_margin: bool) -> FloatArray | None:
+    """Upper bound (n,) of each multiplier; None for a hard margin."""
     cost = checked_cost(C)
-    called = range(len(matrix)) if names is None else names
-    counted = np.flatnonzero(factors)
-    present = np.isin(np.arange(len(matrix)), index[counted])
-    if not present.all():
-        absent = called[int(np.argmin(present))]
-        raise ValueError(f"class {str(absent)!r} has no training rows, or none with a weight above 0")
-    return _Task(matrix, index.astype(np.intp), None if hard_margin else cost * factors, counted, called)
+    if hard_margin:
+        return None
+    return cost * (np.ones(len(task.index)) if task.weights is None else task.weights)
 
 
-def _train(task: _Task, gram_of: Callable[[IntArray], FloatArray], guess: FloatArray | None) -> DualLearners:
-    dual_coef = np.zeros((task.matrix.shape[1], len(task.index)))
-    intercept = np.zeros(task.matrix.shape[1])
-    bounded = trained = 0
-    for learner, column in enumerate(task.matrix.T):
-        rows = task.counted[column[task.index[task.counted]] != 0]
+def _train(
+    task: Task,
+    bounds: FloatArray | None,
+    gram_of: Callable[[int, IntArray], FloatArray],
+    guess: OneVsOneGuess | None,
+    n_jobs: int | None,
+) -> DualLearners:
+    dual_coef = np.zeros((task.n_learners, len(task.index)))
+    intercept = np.zeros(task.n_learners)
+
+    def train(learner: int) -> tuple[int, int]:
+        rows = task.rows(learner)
         solution = _solve(
-            gram_of(rows),
-            column[task.index[rows]].astype(np.float64),
-            None if task.bounds is None else task.bounds[rows],
-            None if guess is None else guess[learner, rows],
-            _sides(column, task.names),
+            gram_of(learner, rows),
+            task.targets(learner, rows),
+            None if bounds is None else bounds[rows],
+            None if guess is None else guess.of_rows(learner, np.searchsorted(task.counted, rows)),
+            lambda: task.sides(learner),
         )
         dual_coef[learner, rows] = solution.dual_coef
         intercept[learner] = solution.intercept
-        bounded += solution.at_bound
-        trained += len(rows)
-    return DualLearners(dual_coef, intercept, bounded / trained)
+        return solution.at_bound, len(rows)
 
-
-def _check_gram(gram: npt.ArrayLike) -> FloatArray:
-    products = np.asarray(gram, dtype=np.float64)
-    if products.ndim != 2 or products.shape[0] != products.shape[1] or products.size == 0:
-        raise ValueError(
-            f"gram must be square, one row and column per training row, got shape {products.shape}"
-        )
-    if not np.isfinite(products).all():
-        raise ValueError("gram must be finite: it contains NaN or inf")
-    # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
-    symmetric = np.array_equal(products, products.T)
-    if not symmetric and np.abs(products - products.T).max() > 1e-9 * np.abs(products).max():
-        raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
-    return products
-
-
-def _sides(column: npt.NDArray[np.int8], names: Sequence[object]) -> tuple[str, str]:
-    """Classes on the positive and on the negative side of a learner, as text for messages."""
-    positive, negative = (
-        ", ".join(repr(str(names[int(k)])) for k in np.flatnonzero(column == side)) for side in (1, -1)
-    )
-    return positive, negative
+    bounded, trained = np.sum(over_learners(train, task.n_learners, n_jobs), axis=0)
+    return DualLearners(dual_coef, intercept, float(bounded / trained))
 
 
 def _solve(
@@ -276,18 +231,19 @@ def _solve(
     targets: FloatArray,
     bounds: FloatArray | None,
     guess: FloatArray | None,
-    sides: tuple[str, str],
+    sides: Callable[[], tuple[str, str]],
 ) -> BinarySolution:
     """Train one learner; errors and warnings name its classes."""
-    positive, negative = sides
     try:
         solution = solve_binary(gram, targets, bounds, guess=guess)
     except NotSeparableError as reason:
+        positive, negative = sides()
         raise NotSeparableError(
             f"hard_margin=True, but classes {positive} and {negative} cannot be separated: {reason}; "
             "use hard_margin=False"
         ) from None
     if not solution.converged:
+        positive, negative = sides()
         warnings.warn(
             f"the learner of {positive} against {negative} did not converge; scale the features or lower C",
             ConvergenceWarning,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from granular_id.ecoc.coding import CodingMatrix
+from granular_id.ecoc.coding_matrix import CodingMatrix
 from granular_id.ecoc.learners import DualLearners, fit_dual, fit_learners
+from granular_id.ecoc.moments import mean_and_deviation
 from granular_id.gram import linear_gram
 
-__all__ = ["PrimalLearners", "fit_features"]
+__all__ = ["PrimalLearners", "fit_shared", "fit_standardized", "primal_of"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -34,55 +36,28 @@ class PrimalLearners:
     intercept: FloatArray
     dual: DualLearners
 
+    def scores(self, rows: FloatArray) -> FloatArray:
+        """Scores (m, L) of features (m, D)."""
+        scores: FloatArray = rows @ self.coef.T + self.intercept
+        return scores
 
-def fit_features(
+
+def primal_of(
+    dual: DualLearners,
     rows: FloatArray,
-    codes: IntArray,
-    coding_matrix: CodingMatrix,
-    *,
-    standardize: bool,
-    sample_weight: FloatArray | None,
-    **options: Any,
+    moments: Sequence[tuple[FloatArray, FloatArray]],
 ) -> PrimalLearners:
-    """Train each column of a coding matrix on features.
+    """Learners in the units of the features, from their dual form.
 
     Parameters
     ----------
+    dual : DualLearners
+        Trained on the scalar products of ``(rows - mean) / deviation``.
     rows : ndarray, shape (n, D)
-        Features, finite.
-    codes : ndarray of int, shape (n,)
-        Class index of each row.
-    coding_matrix : ndarray of int8, shape (K, L)
-        Codes -1, 0, +1.
-    standardize : bool
-        Centre and scale the features within the rows of each learner.
-    sample_weight : ndarray, shape (n,), or None
-        Non-negative weights.
-    **options
-        C, hard_margin, class_names of `granular_id.ecoc.learners.fit_dual`.
-
-    Returns
-    -------
-    PrimalLearners
-        In the units of `rows`, standardised or not.
+        Training rows.
+    moments : sequence of (mean, deviation)
+        For each learner, shapes (D,) or what broadcasts to it.
     """
-    n_learners = coding_matrix.shape[1]
-    options["sample_weight"] = sample_weight
-    if standardize:
-        moments: list[tuple[FloatArray, FloatArray]] = []
-
-        def gram_of(members: IntArray) -> FloatArray:
-            own = rows[members]
-            moments.append(
-                _mean_and_deviation(own, None if sample_weight is None else sample_weight[members])
-            )
-            return linear_gram(own, center=moments[-1][0], scale=moments[-1][1])
-
-        dual = fit_learners(gram_of, len(rows), codes, coding_matrix, **options)
-    else:
-        origin = rows.mean(axis=0)
-        dual = fit_dual(linear_gram(rows, center=origin), codes, coding_matrix, **options)
-        moments = [(origin, np.ones(1))] * n_learners
     coef = dual.dual_coef @ rows
     intercept = dual.intercept.copy()
     for learner, (mean, deviation) in enumerate(moments):
@@ -94,22 +69,66 @@ def fit_features(
     return PrimalLearners(coef, intercept, dual)
 
 
-def _mean_and_deviation(rows: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean and population standard deviation of each column; infinite for a constant column.
+def fit_shared(
+    rows: FloatArray,
+    origin: FloatArray,
+    gram: FloatArray,
+    codes: IntArray,
+    matrix: CodingMatrix,
+    **options: Any,
+) -> PrimalLearners:
+    """Train each column of a coding matrix on one Gram matrix.
 
-    Divided by infinity, a feature that says nothing becomes exactly 0, and so does its weight.
+    Parameters
+    ----------
+    rows : ndarray, shape (n, D)
+        Features, finite.
+    origin : ndarray, shape (D,)
+        Point about which the products are taken.
+    gram : ndarray, shape (n, n)
+        ``linear_gram(rows, center=origin)``.
+    codes : ndarray of int, shape (n,)
+        Class index of each row.
+    matrix : ndarray of int8, shape (K, L)
+        Codes -1, 0, +1.
+    **options
+        Of `granular_id.ecoc.learners.fit_dual`.
     """
-    mean = np.average(rows, axis=0, weights=weights)
-    # Rounding leaves a constant column a deviation that is not quite 0.
-    constant = rows.min(axis=0) == rows.max(axis=0)
-    relative = rows - mean
-    # In units of the largest, so that squares neither overflow nor vanish.
-    largest = np.maximum(relative.max(axis=0), -relative.min(axis=0))
-    constant |= largest == 0
-    largest[constant] = np.inf
-    relative /= largest
-    np.square(relative, out=relative)
-    deviation = largest * np.sqrt(
-        np.average(relative, axis=0, weights=weights), where=~constant, out=np.ones_like(mean)
-    )
-    return mean, deviation
+    dual = fit_dual(gram, codes, matrix, **options)
+    return primal_of(dual, rows, [(origin, np.ones(1))] * matrix.shape[1])
+
+
+def fit_standardized(
+    rows: FloatArray,
+    codes: IntArray,
+    matrix: CodingMatrix,
+    *,
+    sample_weight: FloatArray | None,
+    **options: Any,
+) -> PrimalLearners:
+    """Train each column of a coding matrix on features centred and scaled within the rows of that learner.
+
+    Parameters
+    ----------
+    rows, codes, matrix
+        As in `fit_shared`.
+    sample_weight : ndarray, shape (n,), or None
+        Non-negative weights, of the moments too.
+    **options
+        Others of `granular_id.ecoc.learners.fit_dual`.
+
+    Returns
+    -------
+    PrimalLearners
+        In the units of `rows`.
+    """
+    moments: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+    def gram_of(learner: int, members: IntArray) -> FloatArray:
+        own = rows[members]
+        weights = None if sample_weight is None else sample_weight[members]
+        mean, deviation = moments[learner] = mean_and_deviation(own, weights)
+        return linear_gram(own, center=mean, scale=deviation)
+
+    dual = fit_learners(gram_of, len(rows), codes, matrix, sample_weight=sample_weight, **options)
+    return primal_of(dual, rows, [moments[learner] for learner in range(matrix.shape[1])])

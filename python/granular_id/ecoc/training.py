@@ -1,18 +1,33 @@
-"""What linear learners are trained with, checked: cost of a violated margin, weights of rows, classes."""
+"""What learners are trained with, checked: names of options, cost of a violated margin, weights of rows, classes."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.utils.multiclass import check_classification_targets
 
-__all__ = ["checked_cost", "checked_weights", "class_indices"]
+__all__ = ["checked_cost", "checked_flag", "checked_weights", "class_indices", "named"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+
+def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
+    """Return the entry of a table of options, or raise a ValueError that lists their names."""
+    if not isinstance(name, str) or name not in table:
+        raise ValueError(f"{argument} must be one of {', '.join(map(repr, table))}, got {name!r}")
+    return table[name]
+
+
+def checked_flag(argument: str, value: object) -> bool:
+    """Return True or False as a bool, or raise a TypeError for anything else (1 and "yes" included)."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{argument} must be True or False, got {value!r}")
+    return bool(value)
 
 
 def checked_cost(C: object) -> float:

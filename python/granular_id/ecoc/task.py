@@ -1,0 +1,156 @@
+"""What many learners are trained on, checked once: classes, weights, which rows each learner sees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from joblib import effective_n_jobs
+from sklearn.utils.parallel import Parallel, delayed
+
+from granular_id.ecoc.coding_matrix import CodingMatrix, check_coding_matrix
+from granular_id.ecoc.training import checked_weights
+
+__all__ = ["Task", "checked_gram", "checked_task", "over_learners"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Rows and learners that fit together; made by `checked_task`.
+
+    Attributes
+    ----------
+    matrix : ndarray of int8, shape (K, L)
+        Codes -1, 0, +1.
+    index : ndarray of int, shape (n,)
+        Class index of each row.
+    weights : ndarray, shape (n,), or None
+        Non-negative weights of the rows.
+    counted : ndarray of int
+        Indices of the rows with a weight above 0.
+    names : sequence
+        K names of classes, for messages.
+    """
+
+    matrix: CodingMatrix
+    index: IntArray
+    weights: FloatArray | None
+    counted: IntArray
+    names: Sequence[object]
+
+    @property
+    def n_learners(self) -> int:
+        """Number of columns L."""
+        return int(self.matrix.shape[1])
+
+    def rows(self, learner: int) -> IntArray:
+        """Return the indices of the rows that a learner is trained on."""
+        shown = self.matrix[self.index[self.counted], learner] != 0
+        rows: IntArray = self.counted[shown]
+        return rows
+
+    def targets(self, learner: int, rows: IntArray) -> FloatArray:
+        """+1.0 or -1.0 for each of the rows of a learner."""
+        targets: FloatArray = self.matrix[self.index[rows], learner].astype(np.float64)
+        return targets
+
+    def sides(self, learner: int) -> tuple[str, str]:
+        """Classes on the positive and on the negative side of a learner, as text for messages."""
+        column = self.matrix[:, learner]
+        positive, negative = (
+            ", ".join(repr(str(self.names[int(k)])) for k in np.flatnonzero(column == side))
+            for side in (1, -1)
+        )
+        return positive, negative
+
+
+def checked_task(
+    n_rows: int,
+    codes: npt.ArrayLike,
+    coding_matrix: npt.ArrayLike,
+    weights: npt.ArrayLike | None = None,
+    names: Sequence[object] | None = None,
+) -> Task:
+    """Check that rows, classes, weights and coding matrix belong together.
+
+    Parameters
+    ----------
+    n_rows : int
+        Number of training rows n.
+    codes : array-like of int, shape (n,)
+        Class index of each row.
+    coding_matrix : array-like, shape (K, L)
+        Codes -1, 0, +1.
+    weights : array-like, shape (n,), optional
+        Non-negative weights; 0 leaves a row out.
+    names : sequence, optional
+        K names for messages; the class indices when not given.
+
+    Raises
+    ------
+    ValueError
+        Shapes that do not fit, a class index without a row in `coding_matrix`, weights out of range, a class
+        without rows that count.
+    """
+    matrix = check_coding_matrix(coding_matrix)
+    index = np.asarray(codes)
+    if index.shape != (n_rows,) or index.dtype.kind not in "iu":
+        raise ValueError(f"codes must be {n_rows} integers, got shape {index.shape} of {index.dtype}")
+    if index.min() < 0 or index.max() >= len(matrix):
+        raise ValueError(f"codes must lie in 0..{len(matrix) - 1}, the rows of coding_matrix")
+    factors = None if weights is None else checked_weights(weights, n_rows)
+    called = range(len(matrix)) if names is None else names
+    counted = np.arange(n_rows) if factors is None else np.flatnonzero(factors)
+    present = np.isin(np.arange(len(matrix)), index[counted])
+    if not present.all():
+        absent = called[int(np.argmin(present))]
+        raise ValueError(f"class {str(absent)!r} has no training rows, or none with a weight above 0")
+    return Task(matrix, index.astype(np.intp), factors, counted, called)
+
+
+def checked_gram(gram: npt.ArrayLike) -> FloatArray:
+    """Return scalar products (n, n) of training rows as float64, or say in a ValueError what is wrong."""
+    products = np.asarray(gram, dtype=np.float64)
+    if products.ndim != 2 or products.shape[0] != products.shape[1] or products.size == 0:
+        raise ValueError(
+            f"gram must be square, one row and column per training row, got shape {products.shape}"
+        )
+    if not np.isfinite(products).all():
+        raise ValueError("gram must be finite: it contains NaN or inf")
+    # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
+    symmetric = np.array_equal(products, products.T)
+    if not symmetric and np.abs(products - products.T).max() > 1e-9 * np.abs(products).max():
+        raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
+    return products
+
+
+def over_learners(work: Callable[[int], Result], n_learners: int, n_jobs: int | None) -> list[Result]:
+    """Do some work for each learner, in threads; results in the order of the learners.
+
+    Parameters
+    ----------
+    work : callable
+        From the number of a learner to a result.
+    n_learners : int
+        L.
+    n_jobs : int or None
+        Threads, as in joblib.
+    """
+    n_threads = min(effective_n_jobs(n_jobs), n_learners)
+    if n_threads == 1:
+        return [work(learner) for learner in range(n_learners)]
+
+    def several(learners: IntArray) -> list[Result]:
+        return [work(int(learner)) for learner in learners]
+
+    # A linear learner takes less time than to hand it out: whole runs of them, a few for each thread.
+    runs = np.array_split(np.arange(n_learners), min(n_learners, 4 * n_threads))
+    done = Parallel(n_jobs=n_threads, require="sharedmem")(delayed(several)(run) for run in runs)
+    return [result for results in done for result in results]
