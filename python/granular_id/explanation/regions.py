@@ -141,21 +141,18 @@ def _stretch(values: FloatArray) -> tuple[int, int, float] | None:
     if best <= 0.0:
         return None
     wanted = _MOST * best
-    shortest: tuple[int, int] | None = None
+    first, last = 0, len(values)
     # Starts with rising sums: one that comes later and starts lower is always the better.
     starts: deque[int] = deque()
     for stop, total in enumerate(sums.tolist()):
         while starts and total - sums[starts[0]] >= wanted:
             start = starts.popleft()
-            if shortest is None or stop - start < shortest[1] - shortest[0]:
-                shortest = (start, stop)
+            if stop - start < last - first:
+                first, last = start, stop
         while starts and sums[starts[-1]] >= total:
             starts.pop()
         starts.append(stop)
-    if shortest is None:
-        return None
-    start, stop = shortest
-    return start, stop, float(sums[stop] - sums[start])
+    return first, last, float(sums[last] - sums[first])
 
 
 def _unit(block: FeatureBlock, axis: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -73,7 +73,7 @@ class Explanation:
     scores: tuple[float, float]
     counts: tuple[int, int]
     factors: FloatArray
-    blocks: tuple[ExplainedBlock, ...]
+    blocks: tuple[ExplainedBlock, ...] = field(repr=False)
 
     @property
     def difference(self) -> float:
@@ -83,17 +83,14 @@ class Explanation:
     def by_axis(self) -> dict[str, float]:
         """Sum of the contributions of each axis, over all blocks."""
         sums: dict[str, float] = {}
-        for part in self.blocks:
-            for axis, contributions in zip(part.block.axes, part.contributions, strict=True):
-                sums[axis] = sums.get(axis, 0.0) + float(contributions.sum())
+        for of_axis in self.by_block_and_axis().values():
+            for axis, total in of_axis.items():
+                sums[axis] = sums.get(axis, 0.0) + total
         return sums
 
     def by_block(self) -> dict[str, float]:
         """Sum of the contributions of each block; histograms of one space with a range per axis count as one."""
-        sums: dict[str, float] = {}
-        for part in self.blocks:
-            sums[part.group] = sums.get(part.group, 0.0) + float(part.contributions.sum())
-        return sums
+        return {group: sum(of_axis.values()) for group, of_axis in self.by_block_and_axis().items()}
 
     def by_block_and_axis(self) -> dict[str, dict[str, float]]:
         """Sum of the contributions of each axis in each block of `by_block`."""
@@ -117,8 +114,12 @@ class Explanation:
         return tuple(sorted(every, key=lambda region: -region.contribution)[:n])
 
     def top(self, n: int = 5) -> tuple[str, ...]:
-        """Return `regions` in words, one sentence each."""
-        return tuple(f"{self._share(region.contribution)}: {region}" for region in self.regions(n))
+        """Return `regions` in words, each with its share of the difference."""
+        pair = f"between {self.first} and {self.second}"
+        return tuple(
+            f"{self._share(region.contribution)} of the difference {pair}: {region}"
+            for region in self.regions(n)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
@@ -161,7 +162,8 @@ class Explanation:
             largest = sorted(by_axis[group].items(), key=lambda item: -abs(item[1]))[:3]
             axes = ", ".join(f"{axis} {self._share(part)}" for axis, part in largest)
             lines.append(f"  {self._share(total)} from the {words[group]} ({group}): {axes}")
-        return "\n".join([*lines, "Strongest:", *(f"  {sentence}" for sentence in self.top())])
+        strongest = (f"  {self._share(region.contribution)}: {region}" for region in self.regions())
+        return "\n".join([*lines, "Strongest:", *strongest])
 
     def _share(self, contribution: float) -> str:
         """Per cent of the difference; in units of the score where there is none to speak of."""
