@@ -14,7 +14,9 @@ from granular_id.evaluation.tables import (
     PAPER_NOTE,
     Table,
     accuracy_table,
+    comparison_tables,
     confusion_table,
+    controls_table,
     mistakes_table,
     seconds_table,
 )
@@ -26,7 +28,7 @@ __all__ = ["print_result", "print_table"]
 
 
 def print_result(console: Console, result: EvaluationResult, space: str | None, *, brief: bool) -> None:
-    """Print accuracies with gaps and notes, and unless `brief` the confusion of a space and the seconds.
+    """Print accuracies with gaps and notes; unless `brief` controls, comparisons, confusions and seconds too.
 
     Parameters
     ----------
@@ -43,6 +45,10 @@ def print_result(console: Console, result: EvaluationResult, space: str | None, 
         print_table(console, replace(accuracies, notes=footnotes), strong=result.synthetic)
         return
     print_table(console, accuracies, strong=result.synthetic)
+    if result.controls:
+        print_table(console, controls_table(result))
+    for table in comparison_tables(result):
+        print_table(console, table)
     for protocol in result.protocols:
         chosen = space or result.best_space(protocol)
         matrix = confusion_table(result, chosen, protocol)

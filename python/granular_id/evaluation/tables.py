@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Table",
     "accuracy_table",
+    "comparison_tables",
     "confusion_table",
     "controls_table",
     "gap_lines",
@@ -209,9 +210,24 @@ def mistakes_table(result: EvaluationResult, space: str, protocol: str, limit: i
     return Table(title, ("true", "named", "recordings", "of the class"), tuple(rows), notes)
 
 
+def comparison_tables(result: EvaluationResult, space: str | None = None) -> tuple[Table, ...]:
+    """One space against each other, under random draws and under the strictest protocol.
+
+    None where there is one space only. Default: the space that is best in each protocol.
+    """
+    if len(result.spaces) < 2:
+        return ()
+    shown = [name for name in (result.random, result.strictest) if name is not None]
+    return tuple(
+        result.comparison(protocol).table(of=space or result.best_space(protocol)) for protocol in shown
+    )
+
+
 def plain_text(result: EvaluationResult) -> str:
-    """Accuracies with gaps and notes, then seconds."""
-    return f"{accuracy_table(result)}\n\n{seconds_table(result)}"
+    """Accuracies with gaps and notes, controls, comparisons, then seconds."""
+    controls = (controls_table(result),) if result.controls else ()
+    parts = (accuracy_table(result), *controls, *comparison_tables(result), seconds_table(result))
+    return "\n\n".join(map(str, parts))
 
 
 def _columns(result: EvaluationResult, protocol: str) -> list[str]:

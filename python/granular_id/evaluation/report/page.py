@@ -15,6 +15,7 @@ from granular_id.evaluation.tables import (
     PAPER_NOTE,
     Table,
     accuracy_table,
+    comparison_tables,
     controls_table,
     mistakes_table,
     recall_table,
@@ -87,8 +88,8 @@ def html(result: EvaluationResult) -> str:
                 "", accuracies.header, accuracies.rows, (PAPER_NOTE,) if shows_paper(result) else ()
             ),
             controls=controls_table(result),
-            comparisons=_comparisons(result, space),
-            mistakes=_in_words(mistakes_table(result, space, judged), result, judged),
+            comparisons=[_in_words(table, result) for table in comparison_tables(result, space)],
+            mistakes=_in_words(mistakes_table(result, space, judged), result),
             recalls=recall_table(result, space),
             seconds=seconds_table(result),
             summary=_summary(result.data["summary"]["rows"]),
@@ -124,21 +125,12 @@ def _grouped(drawn: Sequence[Picture]) -> dict[str, list[Picture]]:
     return groups
 
 
-def _comparisons(result: EvaluationResult, space: str) -> list[Table]:
-    """Return the best space against each other, by protocol; none where there is one space only."""
-    if len(result.spaces) < 2:
-        return []
-    return [
-        _in_words(result.comparison(protocol).table(of=space), result, protocol)
-        for protocol in result.protocols
-        if protocol in {result.random, result.strictest}
-    ]
-
-
-def _in_words(table: Table, result: EvaluationResult, protocol: str) -> Table:
+def _in_words(table: Table, result: EvaluationResult) -> Table:
     """Call the protocol in a title what the page calls it."""
-    name = protocol_name(protocol, result.partitions[protocol])
-    return replace(table, title=table.title.replace(f"{protocol} protocol", name))
+    title = table.title
+    for protocol, partitions in result.partitions.items():
+        title = title.replace(f"{protocol} protocol", protocol_name(protocol, partitions))
+    return replace(table, title=title)
 
 
 def _summary(rows: Sequence[Mapping[str, Any]]) -> Table:

@@ -22,6 +22,21 @@ _APART = {
     "blocks in time order": "different stretches of time",
     "halves in time order": "different halves in time",
 }
+_VERDICTS = {
+    "lost": (
+        "{points} points do not survive {apart}. Recordings made together resemble each other in more than their "
+        "material, and random draws put them on both sides. For new recordings, count on the lower figure."
+    ),
+    "unsure": (
+        "{points} points less with {apart}, which lies within the uncertainty of the figure for random draws: "
+        "these recordings do not show a gap, and are too few to rule one out. For new recordings, count on the "
+        "lower figure."
+    ),
+    "kept": (
+        "Less than a point is lost between random draws and {apart}: these recordings give no sign that it is "
+        "their session that is recognised instead of their material."
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -40,8 +55,9 @@ class Gap:
 
     Attributes
     ----------
-    kind : {"lost", "kept", "unknown"}
-        Points are lost; less than one is; no strict protocol ran beside random draws.
+    kind : {"lost", "unsure", "kept", "unknown"}
+        Points are lost; so few that chance explains them; less than one; no strict protocol ran beside random
+        draws.
     """
 
     kind: str
@@ -64,23 +80,13 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
         return Gap("unknown", space, headline, sides, "", _one_sided(result, sides[0]), ())
     random, strict = sides
     apart = _APART.get(strict.name, strict.name)
-    kind = "lost" if gap >= SMALL_GAP else "kept"
-    but = "but only" if kind == "lost" else "and still"
+    kind = _kind(result, space, gap)
+    but = {"lost": "but only", "unsure": "and"}.get(kind, "and still")
     headline = (
         f"{space} names {random.accuracy} of {many} rightly when training and test are drawn at random, {but} "
         f"{strict.accuracy} when they come from {apart}"
     )
-    if kind == "lost":
-        verdict = (
-            f"{100 * gap:.1f} points do not survive {apart}. Recordings made together resemble each other in "
-            "more than their material, and random draws put them on both sides. For new recordings, count on the "
-            "lower figure."
-        )
-    else:
-        verdict = (
-            f"Less than a point is lost between random draws and {apart}: these recordings give no sign that "
-            "it is their session that is recognised instead of their material."
-        )
+    verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)
     remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
     best = result.best_space(strict.protocol)
     if best != space:
@@ -95,6 +101,14 @@ def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, .
     marked = [note for note in result.notes if note.startswith(_MARKS)]
     others = [note for note in result.notes if not note.startswith(_MARKS)]
     return tuple(note.partition(": ")[2] for note in marked), tuple(others)
+
+
+def _kind(result: EvaluationResult, space: str, gap: float) -> str:
+    if gap < SMALL_GAP:
+        return "kept"
+    low, _ = result.interval(space, result.random)
+    # Without an interval (all partitions alike) nothing excuses a gap.
+    return "unsure" if result.mean_accuracy(space, result.strictest) >= low else "lost"
 
 
 def _side(result: EvaluationResult, space: str, protocol: str) -> Side:
