@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -187,6 +188,36 @@ def test_str_says_what_to_take_what_to_expect_and_how_it_is_known(selection):
     shares = [float(row[2].split()[0]) for row in selection.table().rows]
     assert shares == sorted(shares, reverse=True)
     assert repr(selection).startswith(f"Selection({selection.best.name}, C=")
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        ((0.10, 0.11, 0.09, 0.10, 0.12), "it is better (>99 % better"),
+        ((0.001, -0.001, 0.0, 0.001, 0.0), "the two are equal"),
+        ((0.010, 0.012, 0.008, 0.011, 0.010), "it is not worse"),
+        ((-0.010, -0.012, -0.008, -0.011, -0.010), "it is not better, and taken as the simpler one"),
+        ((0.10, -0.10, 0.05, -0.05, 0.02), "these recordings do not tell which is better"),
+        ((0.02, 0.02, 0.02, 0.02, 0.02), "the same difference in every partition"),
+    ],
+)
+def test_words_follow_the_probabilities(data, gains, words):
+    selection = select(data, spaces=["raw", "hfmh"], **{**SMALL, "relative_costs": (1.0,), "n_outer": 5})
+    other, best = np.array([0.7, 0.8, 0.75, 0.72, 0.81]), np.add((0.7, 0.8, 0.75, 0.72, 0.81), gains)
+    raw, hfmh = (
+        replace(candidate, accuracies=shares[:, np.newaxis])
+        for candidate, shares in zip(selection.candidates, (best, other), strict=True)
+    )
+    told = replace(selection, candidates=(raw, hfmh), final=replace(selection.final, candidate=0))
+    assert words in told.verdict()
+
+
+def test_votes_for_others_are_named(data):
+    selection = select(data, spaces=["raw", "hfmh"], **SMALL)
+    votes = [replace(fold, choice=replace(fold.choice, candidate=1)) for fold in selection.outer]
+    told = replace(selection, outer=tuple(votes), final=replace(selection.final, candidate=0))
+    assert "Agreement: 0 of 3 outer folds chose the same" in told.verdict()
+    assert "; others chose hfmh 3" in told.verdict()
 
 
 def test_two_outer_folds_give_no_probability_and_no_interval(data):

@@ -169,7 +169,7 @@ class Selection:
         if len(self.candidates) < 2:
             return None
         n_train, n_test = self._mean_sizes()
-        shares = {c.name: c.accuracies[:, self._cost_of(k)] for k, c in enumerate(self.candidates)}
+        shares = {c.name: c.accuracies[:, c.best_cost] for c in self.candidates}
         return compare(list(shares), shares, n_train, n_test)
 
     @property
@@ -257,11 +257,6 @@ class Selection:
         content = json.dumps(self.to_dict(), ensure_ascii=False, allow_nan=False, indent=1)
         with whole_file(path) as draft:
             draft.write_text(content + "\n", encoding="utf-8")
-
-    def _cost_of(self, candidate: int) -> int:
-        if candidate == self.final.candidate:
-            return self.final.cost
-        return self.candidates[candidate].best_cost
 
     def _mean_sizes(self) -> tuple[float, float]:
         n_train, n_test = (

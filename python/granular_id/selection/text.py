@@ -46,10 +46,11 @@ def verdict(selection: Selection) -> str:
         f"{percent(1 / selection.n_classes)}",
         f"That is the mean over {folds} outer folds of {selection.held_out}, of what was chosen without them",
     ]
-    agreed = selection.votes[best.name]
+    others = ", ".join(f"{name} {n}" for name, n in selection.votes.most_common() if name != best.name)
     same_cost = sum(fold.choice.same_as(selection.final) for fold in selection.outer)
     lines.append(
-        f"Agreement: {agreed} of {folds} outer folds chose the same space and weights, {same_cost} the same C too"
+        f"Agreement: {selection.votes[best.name]} of {folds} outer folds chose the same space and weights, "
+        f"{same_cost} the same C too{f'; others chose {others}' if others else ''}"
     )
     lines.append(_how_sure(selection))
     return "\n".join(lines)
@@ -59,14 +60,13 @@ def candidates_table(selection: Selection) -> Table:
     """List every candidate at its best C on the outer folds, best first."""
     rows = []
     for k, candidate in enumerate(selection.candidates):
-        cost = selection.final.cost if k == selection.final.candidate else candidate.best_cost
-        shares = candidate.accuracies[:, cost]
+        shares = candidate.accuracies[:, candidate.best_cost]
         rows.append(
             (
                 float(shares.mean()),
                 (
                     f"{'> ' if k == selection.final.candidate else '  '}{candidate.name}",
-                    f"{selection.relative_costs[cost]:g}",
+                    f"{selection.relative_costs[candidate.best_cost]:g}",
                     percent(float(shares.mean())),
                     f"{100 * sample_sd(shares):.1f}",
                     str(selection.votes[candidate.name]),
