@@ -15,51 +15,90 @@ if TYPE_CHECKING:
     from granular_id import signal
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
+    from granular_id.explanation import Explanation, explain
     from granular_id.io import RecordingFileError, load, save_csv
     from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
-    from granular_id.spaces import HFMH, RawHFMH, RawSignal, feature_spaces
+    from granular_id.rica import RICA
+    from granular_id.selection import Selection, select
+    from granular_id.spaces import (
+        DFT,
+        HFMH,
+        BlockUnion,
+        PrincipalComponents,
+        RangeNormalizer,
+        RawHFMH,
+        RawHistogram,
+        RawSignal,
+        Tare,
+        TimePermutation,
+        feature_spaces,
+    )
     from granular_id.synthetic import synthesize
 
 __all__ = [
     "AXES",
+    "DFT",
     "HFMH",
+    "RICA",
     "UNITS",
+    "BlockUnion",
     "Dataset",
     "ECOCClassifier",
     "EvaluationResult",
+    "Explanation",
     "FeatureSpec",
+    "PrincipalComponents",
+    "RangeNormalizer",
     "RawHFMH",
+    "RawHistogram",
     "RawSignal",
     "Recording",
     "RecordingFileError",
     "SampleFlag",
+    "Selection",
     "StepReport",
+    "Tare",
+    "TimePermutation",
     "__version__",
     "evaluate",
+    "explain",
     "extract_features",
     "feature_names",
     "feature_spaces",
     "load",
     "save_csv",
+    "select",
     "signal",
     "synthesize",
 ]
 
 _LAZY = {
+    "BlockUnion": "spaces",
+    "DFT": "spaces",
     "Dataset": "recording",
     "ECOCClassifier": "ecoc",
     "EvaluationResult": "evaluation",
+    "Explanation": "explanation",
     "HFMH": "spaces",
+    "PrincipalComponents": "spaces",
+    "RICA": "rica",
+    "RangeNormalizer": "spaces",
     "RawHFMH": "spaces",
+    "RawHistogram": "spaces",
     "RawSignal": "spaces",
     "Recording": "recording",
     "RecordingFileError": "io",
     "SampleFlag": "recording",
+    "Selection": "selection",
     "StepReport": "recording",
+    "Tare": "spaces",
+    "TimePermutation": "spaces",
     "evaluate": "evaluation",
+    "explain": "explanation",
     "feature_spaces": "spaces",
     "load": "io",
     "save_csv": "io",
+    "select": "selection",
     "synthesize": "synthetic",
 }
 

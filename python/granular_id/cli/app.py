@@ -9,10 +9,13 @@ import typer
 from granular_id import _core
 from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
+from granular_id.cli.explain import explain
+from granular_id.cli.report import report
+from granular_id.cli.select import select
 
 __all__ = ["app"]
 
-PURPOSE = "Measures how well granular materials are told apart by force-torque recordings."
+PURPOSE = "Tells granular materials apart by force-torque recordings, and says how well that works."
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -22,6 +25,9 @@ app = typer.Typer(
     help=PURPOSE,
 )
 app.command()(evaluate)
+app.command()(select)
+app.command()(explain)
+app.command()(report)
 app.command()(demo)
 
 

@@ -18,8 +18,8 @@ TEXT = """
 Evaluate the built-in SYNTHETIC recordings: 11 simulated materials, 62 pushes of each.
 
 The recordings come from a physical model, not from a sensor. The accuracies show that the program works; they
-say nothing about real materials. Writes result.json, predictions.csv, mean_forces.png, confusion_paper.png and
-confusion_chronological.png.
+say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG, result.json and
+predictions.csv.
 
 Examples:
 
@@ -47,7 +47,12 @@ def demo(
     """Evaluate simulated recordings; see `TEXT`."""
     at_least("--seed", seed, 0)
     at_least("--threads", threads, 1)
-    outputs = Outputs(json=output / "result.json", csv=output / "predictions.csv", figures=output)
+    outputs = Outputs(
+        report=output / "report.html",
+        json=output / "result.json",
+        csv=output / "predictions.csv",
+        figures=output,
+    )
     with outputs.ready():
         _run(outputs, QUICK if quick else FULL, seed, threads)
 
@@ -71,7 +76,6 @@ def _run(outputs: Outputs, counts: dict[str, int], seed: int, threads: int | Non
     known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
     run = Run(
         spaces={name: known[name] for name in in_paper_order(known)},
-        protocols=("paper", "chronological"),
         arguments={**counts, "random_state": seed, "n_jobs": threads if threads is not None else -1},
     )
     evaluate_and_show(data, run, outputs, quiet=False)

@@ -38,6 +38,13 @@ OPTIONS = {
     "order": "--order",
     "threads": "--threads",
     "spaces": "--spaces",
+    "protocol": "--protocol",
+    "n_folds": "--folds",
+    "tare_s": "--tare-s",
+    "block_weights": "--block-weights",
+    "n_outer": "--outer",
+    "n_inner": "--inner",
+    "relative_costs": "--costs",
 }
 
 TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")
@@ -56,8 +63,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
             command(*args, **kwargs)
-        except KeyboardInterrupt:
-            _say("Interrupted: no file was left half-written.", "yellow")
+        except KeyboardInterrupt as stop:
+            _say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
             raise typer.Exit(INTERRUPTED) from None
         except (ValueError, TypeError, OSError, ImportError) as error:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.

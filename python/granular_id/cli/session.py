@@ -1,4 +1,4 @@
-"""What ``evaluate`` and ``demo`` share: run, print, write."""
+"""What commands share: run an evaluation, print it, write files, say how to repeat it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import importlib.util
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,15 +19,14 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
-__all__ = ["Outputs", "Run", "evaluate_and_show"]
-
-MEAN_FORCES, CONFUSION = "mean_forces.png", "confusion_{protocol}.png"
+__all__ = ["Outputs", "Run", "evaluate_and_show", "repeated_command", "say_written"]
 
 
 @dataclass(frozen=True)
 class Outputs:
     """Files to write, and a folder for figures; None leaves one out."""
 
+    report: Path | None = None
     json: Path | None = None
     csv: Path | None = None
     figures: Path | None = None
@@ -41,28 +39,45 @@ class Outputs:
         """
         from granular_id._files import check_target, made_folder  # noqa: PLC0415 (slow to import)
 
-        if self.figures is not None and importlib.util.find_spec("matplotlib") is None:
-            raise ImportError("figures need matplotlib: pip install 'granular-id[app]'")
+        for wanted, module, path in (
+            ("figures need", "matplotlib", self.figures),
+            ("a report needs", "matplotlib", self.report),
+            ("a report needs", "jinja2", self.report),
+        ):
+            if path is not None and importlib.util.find_spec(module) is None:
+                raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
         with nullcontext() if self.figures is None else made_folder(self.figures):
-            drawn = [] if self.figures is None else [self.figures / MEAN_FORCES]
-            for path in (self.json, self.csv, *drawn):
+            for path in (self.report, self.json, self.csv):
                 if path is not None:
                     check_target(path)
             yield
 
+    def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
+        """Write everything that was asked for; return the paths."""
+        written = []
+        for path, write in (
+            (self.report, result.report),
+            (self.json, result.to_json),
+            (self.csv, result.to_csv),
+        ):
+            if path is not None:
+                write(path)
+                written.append(path)
+        if self.figures is not None:
+            from granular_id.evaluation.report import figures  # noqa: PLC0415 (matplotlib is an extra)
+
+            written += figures(result, self.figures, "png", space=space)
+        return written
+
 
 @dataclass(frozen=True)
 class Run:
-    """An evaluation to make: see `granular_id.evaluate`.
-
-    ``protocols`` are required; ``tried``, if given, runs as well where the data allow it, and a line says why
-    not where they do not.
-    """
+    """An evaluation to make: see `granular_id.evaluate`. `fresh` forgets what an interrupted run had finished."""
 
     spaces: Mapping[str, FeatureSpace]
-    protocols: tuple[str, ...]
-    tried: str | None = None
+    protocol: str | tuple[str, ...] = "auto"
     confusion_of: str | None = None
+    fresh: bool = False
     arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -79,60 +94,32 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
     quiet : bool
         Accuracies only, no progress.
     """
-    from granular_id.cli.render import print_result  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.cli.kept import kept_for  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.cli.render import print_result  # noqa: PLC0415
     from granular_id.evaluation import evaluate  # noqa: PLC0415
-    from granular_id.evaluation.plan import plan_partitions  # noqa: PLC0415
 
-    protocols, notes = list(run.protocols), []
-    if run.tried is not None:
-        try:
-            plan_partitions(data, run.tried)
-            protocols.append(run.tried)
-        except ValueError as why:
-            notes.append(f"{run.tried} protocol left out: {why}")
-    result = evaluate(data, run.spaces, protocols, progress=not quiet, **run.arguments)
-    result = replace(result, notes=(*result.notes, *notes), command=_command())
-    console = Console(highlight=False)
-    print_result(console, result, run.confusion_of, brief=quiet)
-    written = _write(data, result, run.confusion_of, outputs)
-    if written or not quiet:
+    command = repeated_command()
+    with kept_for(command, fresh=run.fresh) as folder:
+        result = evaluate(
+            data, run.spaces, run.protocol, checkpoint=folder, progress=not quiet, **run.arguments
+        )
+        result = replace(result, command=command)
+        console = Console(highlight=False)
+        print_result(console, result, run.confusion_of, brief=quiet)
+        say_written(console, outputs.write(result, run.confusion_of), None if quiet else command)
+
+
+def say_written(console: Console, written: Sequence[Path], command: str | None) -> None:
+    """Name the files that were written, and what to type to repeat it all."""
+    if written or command:
         console.print()
     for path in written:
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
-    if not quiet:
-        console.print(f"repeat with: {result.command}", soft_wrap=True, markup=False)
+    if command:
+        console.print(f"repeat with: {command}", soft_wrap=True, markup=False)
 
 
-def _write(data: Dataset, result: EvaluationResult, space: str | None, outputs: Outputs) -> list[Path]:
-    jobs: list[tuple[Path | None, Callable[[Path], object]]] = [
-        (outputs.json, result.to_json),
-        (outputs.csv, result.to_csv),
-    ]
-    if outputs.figures is not None:
-        from granular_id.plotting import plot_mean_forces  # noqa: PLC0415 (matplotlib is an extra)
-
-        jobs.append((outputs.figures / MEAN_FORCES, lambda path: plot_mean_forces(data, path=path)))
-        for protocol in result.protocols:
-            target = outputs.figures / CONFUSION.format(protocol=protocol)
-            jobs.append((target, partial(_plot_confusion, result, space, protocol)))
-    written = []
-    for path, write in jobs:
-        if path is not None:
-            write(path)
-            written.append(path)
-    return written
-
-
-def _plot_confusion(result: EvaluationResult, space: str | None, protocol: str, path: Path) -> None:
-    from granular_id.plotting import plot_confusion  # noqa: PLC0415 (matplotlib is an extra)
-
-    chosen = space or result.best_space(protocol)
-    mark = ", SYNTHETIC recordings" if result.synthetic else ""
-    title = f"{chosen}, {protocol} protocol{mark}"
-    plot_confusion(result.confusion(chosen, protocol), result.labels, title=title, path=path)
-
-
-def _command() -> str:
+def repeated_command() -> str:
     """Return what to type to repeat this run, by the name under which the program was started."""
     started = Path(sys.argv[0])
     if started.name in {"granular-id", "granular-id.exe"}:

@@ -1,0 +1,113 @@
+"""``granular-id explain``: what decides between two materials of a folder of recordings."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.recordings import Source
+from granular_id.cli.session import repeated_command, say_written
+from granular_id.cli.settings import chosen_spaces, positive
+
+if TYPE_CHECKING:
+    from granular_id.explanation import Explanation
+    from granular_id.recording import Dataset
+
+__all__ = ["explain"]
+
+TEXT = """
+Say which instants, axes and bins decide between two materials.
+
+The method is trained on one half of the recordings of each material and explained on the other, so that what is
+shown decides for recordings it has not seen.
+
+Examples:
+
+`granular-id explain recordings rice oat`
+
+`granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
+"""
+
+OUTPUT = "Output"
+
+
+@guarded
+@taking(Source, Method)
+def explain(
+    source: Source,
+    method: Method,
+    first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
+    second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
+    *,
+    space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
+    block_weights: BlockWeights = Weights.plain,
+    c: Annotated[float, option("--C", "Method", "Box constraint of the support vector machines.")] = 1.0,
+    figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
+    json: Annotated[Path | None, option("--json", OUTPUT, "Write all weights and contributions.")] = None,
+    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the explanation only.")] = False,
+) -> None:
+    """Print what decides between two materials; see `TEXT`."""
+    from granular_id._files import check_target, whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    positive("--C", c)
+    method.fits(source.preparation.rate_hz)
+    chosen_spaces(space, None)
+    for path in (figure, json):
+        if path is not None:
+            check_target(path)
+    data = source.load(quiet=quiet)
+    for name, label in (("FIRST", first), ("SECOND", second)):
+        if label not in data.labels:
+            raise ValueError(
+                f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
+            )
+    explanation = _explained(
+        data, method.spaces(data.rate_hz, block_weights)[space].transformer, c, first, second
+    )
+
+    console = Console(highlight=False)
+    console.print()
+    console.print(Text(str(explanation)))
+    if figure is not None:
+        from granular_id.evaluation.describe import is_synthetic  # noqa: PLC0415
+        from granular_id.plotting import plot_explanation  # noqa: PLC0415 (matplotlib is an extra)
+
+        plot_explanation(
+            explanation, title="SYNTHETIC recordings" if is_synthetic(data) else None, path=figure
+        )
+    if json is not None:
+        with whole_file(json) as draft:
+            draft.write_text(json_format.dumps(explanation.to_dict(), indent=1) + "\n", encoding="utf-8")
+    written = [path for path in (figure, json) if path is not None]
+    say_written(console, written, None if quiet else repeated_command())
+
+
+explain.__doc__ = TEXT
+
+
+def _explained(data: Dataset, transformer: Any, cost: float, first: str, second: str) -> Explanation:
+    """Train on every second recording of each material, explain the others."""
+    import numpy as np  # noqa: PLC0415 (--help must not wait)
+    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
+
+    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
+    from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
+
+    X, y = data.X, data.y
+    place = np.empty(len(y), dtype=int)
+    for label in data.labels:
+        members = np.flatnonzero(y == label)
+        if len(members) < 2 and label in (first, second):
+            raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
+        place[members] = np.arange(len(members))
+    trains = place % 2 == 0
+    model = make_pipeline(transformer, ECOCClassifier(C=cost)).fit(X[trains], y[trains])
+    return explain_pair(model, first, second, X[~trains], y[~trains])

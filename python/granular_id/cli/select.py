@@ -1,0 +1,88 @@
+"""``granular-id select``: which feature space, weights and C to take for a folder of recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+from rich.text import Text
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.method import Method
+from granular_id.cli.recordings import Source
+from granular_id.cli.session import Outputs, repeated_command, say_written
+from granular_id.cli.settings import at_least, chosen_spaces
+
+__all__ = ["select"]
+
+TEXT = """
+Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
+
+Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
+Whole sessions are held out where the recordings have several of each material; else blocks in time order; else
+random folds. The output says which.
+
+Examples:
+
+`granular-id select recordings`
+
+`granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
+
+`granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
+"""
+
+CHOICE, OUTPUT = "Choice", "Output"
+
+
+@guarded
+@taking(Source, Method)
+def select(
+    source: Source,
+    method: Method,
+    *,
+    spaces: Annotated[
+        str,
+        option("--spaces", CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones."),
+    ] = "",
+    outer: Annotated[int, option("--outer", CHOICE, "Folds that judge the choice.")] = 5,
+    inner: Annotated[int, option("--inner", CHOICE, "Folds that choose, within each outer fold.")] = 4,
+    seed: Annotated[int, option("--seed", CHOICE, "Same seed, same choice.")] = 0,
+    json: Annotated[Path | None, option("--json", OUTPUT, "Write everything the choice rests on.")] = None,
+    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the choice only.")] = False,
+) -> None:
+    """Print the choice for a folder; see `TEXT`."""
+    for name, count, least in (("--outer", outer, 2), ("--inner", inner, 2), ("--seed", seed, 0)):
+        at_least(name, count, least)
+    method.fits(source.preparation.rate_hz)
+    chosen = chosen_spaces(spaces, None) if spaces else None
+    outputs = Outputs(json=json)
+    with outputs.ready():
+        data = source.load(quiet=quiet)
+
+        from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import)
+        from granular_id.selection import DEFAULT_SPACES  # noqa: PLC0415
+        from granular_id.selection import select as select_space  # noqa: PLC0415
+
+        known = method.spaces(data.rate_hz)
+        selection = select_space(
+            data,
+            spaces={name: known[name] for name in chosen or DEFAULT_SPACES},
+            n_outer=outer,
+            n_inner=inner,
+            random_state=seed,
+            n_jobs=method.n_jobs,
+            progress=not quiet,
+        )
+        console = Console(highlight=False)
+        console.print()
+        console.print(Text(selection.verdict()))
+        if not quiet:
+            print_table(console, selection.table(), strong=selection.synthetic)
+        if json is not None:
+            selection.to_json(json)
+        say_written(console, [] if json is None else [json], None if quiet else repeated_command())
+
+
+select.__doc__ = TEXT
