@@ -65,7 +65,7 @@ def test_table_marks_mann_whitney_and_explains_each_column():
     assert "† as the paper reports it, but far too small" in text
     assert "Nadeau & Bengio 2003" in text
     assert "adjusted for 6 pairs" in text
-    assert "within 1 percentage points" in text
+    assert "equal meaning within 1 % (Bayesian" in text
 
 
 def test_table_of_one_method_against_the_others():

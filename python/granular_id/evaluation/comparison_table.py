@@ -51,7 +51,7 @@ def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
         "p: corrected resampled t-test (Nadeau & Bengio 2003); "
         f"Holm: the same, adjusted for {tests} {'pair' if tests == 1 else 'pairs'}",
         "worse, equal, better: probability that the first is so, equal meaning within "
-        f"{100 * comparison.rope:g} percentage points (Bayesian correlated t-test, Corani & Benavoli 2015)",
+        f"{100 * comparison.rope:g} % (Bayesian correlated t-test, Corani & Benavoli 2015)",
     )
     return Table(title, header, rows, (*notes, *why_not))
 
