@@ -84,6 +84,11 @@ def test_the_order_does_not_hang_on_the_sign_of_zero_or_the_width_of_numbers():
     np.testing.assert_array_equal(TimePermutation().fit_transform(X.astype(np.float32)), expected)
 
 
+def test_the_order_is_the_same_everywhere():
+    X = np.arange(8.0)[None, :, None]
+    assert TimePermutation().fit_transform(X)[0, :, 0].tolist() == [0.0, 7.0, 1.0, 6.0, 4.0, 3.0, 5.0, 2.0]
+
+
 def test_open_seed():
     X = recordings()
     shuffle = TimePermutation(random_state=None).fit(X)

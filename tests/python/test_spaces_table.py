@@ -44,6 +44,20 @@ def test_each_space_gives_named_features_of_other_recordings(name, tare_s):
     assert len(set(names)) == len(names)
 
 
+def test_spaces_share_no_transformer():
+    spaces = feature_spaces()
+    spaces["norm-raw+dft"].transformer.set_params(dft__kind="magnitude")
+    assert spaces["raw+dft"].transformer.get_params()["dft__kind"] == "complex"
+    assert spaces["dft"].transformer.kind == "complex"
+    parts = [
+        id(value)
+        for space in spaces.values()
+        for value in (space.transformer, *space.transformer.get_params().values())
+        if hasattr(value, "fit")
+    ]
+    assert len(set(parts)) == len(parts)
+
+
 def test_what_learns():
     assert {name for name, space in feature_spaces().items() if space.learns} == {
         "pca",

@@ -144,7 +144,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
     """Recordings to recordings of the same shape, to stand in front of any feature space of a pipeline.
 
     A subclass fills in `_learn` and `_filtered`. The result is always an array, whatever `set_output` says: a
-    data frame has two dimensions.
+    data frame has two dimensions. Names, one for each instant, pass through.
     """
 
     keeps_time: ClassVar[bool] = True

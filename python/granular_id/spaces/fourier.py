@@ -123,14 +123,9 @@ class DFT(RecordingTransformer):
         return magnitude if name == "dft" else np.log(np.maximum(magnitude, self.floor))
 
     def _names(self) -> list[str]:
-        names = []
-        for block in self.feature_blocks():
-            numbers = feature_names(n_samples=self.n_features_in_ // 2 + 1, n_axes=1, hfmh=False)
-            suffixes = [number.rpartition("_")[2] for number in numbers]
-            first = 1 if block.name == "dft_im" else 0
-            chosen = suffixes[first : first + len(block.coordinates)]
-            names += [f"{block.name}_{axis}_{suffix}" for axis in block.axes for suffix in chosen]
-        return names
+        every = feature_names(n_samples=self.n_features_in_ // 2 + 1, n_axes=self.n_axes_in_, hfmh=False)
+        numbered = np.reshape(every, (self.n_axes_in_, -1))
+        return [f"{name}_{column}" for name, kept in self._parts() for column in numbered[:, kept].ravel()]
 
     def _parts(self) -> Iterator[tuple[str, slice]]:
         """Names of the blocks, and which of the frequencies 0 ... T // 2 they hold."""

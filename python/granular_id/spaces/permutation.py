@@ -22,7 +22,8 @@ class TimePermutation(RecordingFilter):
     A control, to stand in front of `RawSignal`: what is still told apart does not come from the course in time.
     One order for all recordings would be no control: to a linear classifier of raw samples it is a renaming of
     columns. So each recording has its own, drawn from the seed and from its samples. The same recording is
-    shuffled in the same way whatever batch it comes in, in training, in testing and in another process.
+    shuffled in the same way whatever batch it comes in, in training and in testing, in any process
+    and on any machine.
 
     Parameters
     ----------
@@ -75,6 +76,7 @@ class TimePermutation(RecordingFilter):
             # Adding zero turns -0.0 into 0.0: equal recordings have equal digests on every machine.
             content = np.ascontiguousarray(one + 0.0, dtype="<f8")
             digest = hashlib.blake2b(content.data, digest_size=16, key=key).digest()
-            rng = np.random.Generator(np.random.PCG64(int.from_bytes(digest, "little")))
-            target[...] = one[rng.permutation(len(one))]
+            # RandomState: its streams are frozen, those of newer generators may change with numpy.
+            order = np.random.RandomState(np.frombuffer(digest, dtype="<u4")).permutation(len(one))
+            target[...] = one[order]
         return shuffled

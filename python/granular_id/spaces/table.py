@@ -110,6 +110,7 @@ def feature_spaces(
         "threads": threads,
     }
 
+    # Every space gets transformers of its own: set_params on one must not reach into another.
     def raw() -> RawSignal:
         return RawSignal(rate_hz=rate_hz, threads=threads)
 
@@ -122,17 +123,23 @@ def feature_spaces(
     def components() -> list[tuple[str, Any]]:
         return [("raw", raw()), ("pca", PrincipalComponents(100))]
 
-    norm = RangeNormalizer(rate_hz=rate_hz)
-    hfmh = HFMH(**filter_and_bins)
-    dft = DFT(rate_hz=rate_hz)
+    def norm() -> RangeNormalizer:
+        return RangeNormalizer(rate_hz=rate_hz)
+
+    def hfmh() -> HFMH:
+        return HFMH(**filter_and_bins)
+
+    def dft() -> DFT:
+        return DFT(rate_hz=rate_hz)
+
     table = (
         FeatureSpace("raw+hfmh", both(), 0.9705),
-        FeatureSpace("norm-raw+hfmh", union(("norm_raw", norm), ("hfmh", hfmh)), 0.9303),
-        FeatureSpace("norm-raw", norm, 0.8731),
-        FeatureSpace("hfmh", hfmh, 0.8705),
-        FeatureSpace("raw+dft", union(("raw", raw()), ("dft", dft)), 0.7712),
-        FeatureSpace("norm-raw+dft", union(("norm_raw", norm), ("dft", dft)), 0.7686),
-        FeatureSpace("dft", dft, 0.7621),
+        FeatureSpace("norm-raw+hfmh", union(("norm_raw", norm()), ("hfmh", hfmh())), 0.9303),
+        FeatureSpace("norm-raw", norm(), 0.8731),
+        FeatureSpace("hfmh", hfmh(), 0.8705),
+        FeatureSpace("raw+dft", union(("raw", raw()), ("dft", dft())), 0.7712),
+        FeatureSpace("norm-raw+dft", union(("norm_raw", norm()), ("dft", dft())), 0.7686),
+        FeatureSpace("dft", dft(), 0.7621),
         FeatureSpace("raw", raw(), 0.7614),
         FeatureSpace("pca+rica", Pipeline([*components(), ("rica", RICA(80))]), 0.7602),
         FeatureSpace("pca", Pipeline(components()), 0.7527),

@@ -40,7 +40,7 @@ def fixed_weights(checked: str | tuple[float, ...] | None, n_blocks: int) -> Flo
 
 def row_norms(rows: FloatArray) -> FloatArray:
     """Euclidean norms (n,) of rows, without overflow where the norm itself has none."""
-    reach = float(np.abs(rows).max(initial=0.0))
+    reach = float(max(rows.max(initial=0.0), -rows.min(initial=0.0)))
     if reach == 0.0:
         return np.zeros(len(rows))
     norms = np.empty(len(rows))
