@@ -15,7 +15,8 @@ __all__ = ["MANN_WHITNEY_MARK", "comparison_table", "probability"]
 
 MANN_WHITNEY_MARK = (
     "† as the paper reports it, but far too small: it takes partitions that share recordings for independent. "
-    "Of two equally good methods it calls one better in about 4 of 10 data sets, not in 1 of 20."
+    "With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data sets, "
+    "not in 1 of 20."
 )
 
 
