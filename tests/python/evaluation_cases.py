@@ -37,7 +37,15 @@ def changed(data, **fields):
     )
 
 
-SMALL = {"n_partitions": 3, "train_per_class": 6, "test_per_class": 3, "progress": False}
+SMALL = {
+    "n_partitions": 3,
+    "train_per_class": 6,
+    "test_per_class": 3,
+    "n_folds": 3,
+    "controls": False,
+    "progress": False,
+}
+THREE = ("raw+hfmh", "hfmh", "raw")
 
 
 def flat(X):

@@ -14,7 +14,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 
-from evaluation_cases import SMALL, changed, flat, make_data
+from evaluation_cases import SMALL, THREE, changed, flat, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.evaluation.describe import describe_estimator
@@ -30,13 +30,13 @@ def data():
 
 @pytest.fixture(scope="module")
 def both(data):
-    return evaluate(data, protocol=["paper", "chronological"], **SMALL)
+    return evaluate(data, THREE, ["paper", "chronological"], **SMALL)
 
 
 def test_equals_a_plain_loop_over_the_estimator(data, both):
     y = data.y
-    for name, space in feature_spaces(rate_hz=500.0).items():
-        features = space.transformer.fit(data.X).transform(data.X)
+    for name in THREE:
+        features = feature_spaces()[name].transformer.fit(data.X).transform(data.X)
         made = {
             "paper": paper_partitions(y, n_partitions=3, train_per_class=6, test_per_class=3, seed=0),
             "chronological": chronological_partitions(y, np.argsort(data.start_times)),
@@ -68,8 +68,8 @@ def naive_labels(train, y_train, test):
 
 
 def test_equals_a_naive_loop_over_pairs(data, both):
-    for name, space in feature_spaces(rate_hz=500.0).items():
-        features = space.transformer.fit(data.X).transform(data.X)
+    for name in THREE:
+        features = feature_spaces()[name].transformer.fit(data.X).transform(data.X)
         for protocol, partitions in both.partitions.items():
             for j, partition in enumerate(partitions):
                 expected = naive_labels(
@@ -87,23 +87,25 @@ def test_the_data_leave_room_for_mistakes(both):
 
 @pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
 def test_same_seed_same_numbers_for_any_number_of_threads(data, bin_range):
-    spaces = feature_spaces(rate_hz=500.0, bin_range=bin_range)
+    spaces = {name: feature_spaces(bin_range=bin_range)[name] for name in THREE}
     results = [
         evaluate(data, spaces, ["paper", "chronological"], n_jobs=n_jobs, random_state=3, **SMALL)
         for n_jobs in (None, 1, 2, -1)
     ]
     for other in results[1:]:
         assert list(other.predictions()) == list(results[0].predictions())
-    another = evaluate(data, spaces, n_jobs=2, random_state=4, **SMALL)
+    another = evaluate(data, spaces, "paper", n_jobs=2, random_state=4, **SMALL)
     assert list(another.predictions()) != [p for p in results[0].predictions() if p.protocol == "paper"]
 
 
 def test_a_random_classifier_is_seeded_by_partition(data):
     forest = RandomForestClassifier(n_estimators=5)
-    one, two = (evaluate(data, "raw", classifier=forest, n_jobs=n_jobs, **SMALL) for n_jobs in (1, 2))
+    one, two = (
+        evaluate(data, "raw", "paper", classifier=forest, n_jobs=n_jobs, **SMALL) for n_jobs in (1, 2)
+    )
     assert list(one.predictions()) == list(two.predictions())
     assert forest.random_state is None
-    other = evaluate(data, "raw", classifier=forest, **{**SMALL, "random_state": 8})
+    other = evaluate(data, "raw", "paper", classifier=forest, **{**SMALL, "random_state": 8})
     assert list(other.predictions()) != list(one.predictions())
 
 
@@ -115,7 +117,7 @@ def test_any_classifier_fits_training_rows_only(data):
             seen.append((X.shape, np.bincount(y).tolist()))
             return super().fit(X, y)
 
-    result = evaluate(data, "raw", classifier=Spy(kernel="linear"), **SMALL)
+    result = evaluate(data, "raw", "paper", classifier=Spy(kernel="linear"), **SMALL)
     assert seen == [((24, 480), [6, 6, 6, 6])] * 3
     for j, partition in enumerate(result.partitions["paper"]):
         plain = SVC(kernel="linear").fit(
@@ -146,12 +148,13 @@ def test_what_learns_is_fitted_on_training_rows_and_the_rest_once(data):
         return round(float(np.sum(data.X[rows])), 6)
 
     Memory.fitted_on.clear()
-    result = evaluate(data, {"mine": Memory()}, **SMALL)
-    assert sorted(Memory.fitted_on) == sorted(total(p.train) for p in result.partitions["paper"])
+    result = evaluate(data, {"mine": Memory()}, "paper", **SMALL)
+    for_portrait = total(slice(None))
+    assert Memory.fitted_on == [*(total(p.train) for p in result.partitions["paper"]), for_portrait]
     assert result.space("mine").learns
     Memory.fitted_on.clear()
-    same = evaluate(data, {"mine": Memory(learns=False)}, **SMALL)
-    assert len(Memory.fitted_on) == 1
+    same = evaluate(data, {"mine": Memory(learns=False)}, "paper", **SMALL)
+    assert Memory.fitted_on == [total(slice(None)), for_portrait]
     assert [p.predicted for p in same.predictions()] == [p.predicted for p in result.predictions()]
 
 
@@ -169,8 +172,8 @@ def test_shuffled_labels_are_at_chance():
     shuffled = rng.permutation(data.y)
     relabel = iter(shuffled.tolist())
     mixed = changed(data, label=lambda r: next(relabel))
-    true = evaluate(data, n_partitions=10, train_per_class=12, test_per_class=8, progress=False)
-    chance = evaluate(mixed, n_partitions=10, train_per_class=12, test_per_class=8, progress=False)
+    counts = {"n_partitions": 10, "train_per_class": 12, "test_per_class": 8}
+    true, chance = (evaluate(one, THREE, "paper", **{**SMALL, **counts}) for one in (data, mixed))
     for name in ("raw", "hfmh", "raw+hfmh"):
         # 320 predictions of 80 recordings at p = 1/4: SD about 0.05 were only the recordings independent.
         assert abs(chance.mean_accuracy(name) - 0.25) < 0.15
@@ -191,7 +194,12 @@ def test_what_is_recorded(data, both):
         assert set(space.seconds) == {"features", "gram", "training", "prediction"}
         assert min(space.seconds.values()) > 0
     assert "chronological: by start time" in both.notes
-    assert both.command.startswith("granular_id.evaluate(data, spaces=['raw+hfmh', 'hfmh', 'raw']")
+    assert both.command == (
+        "granular_id.evaluate(data, spaces=['raw+hfmh', 'hfmh', 'raw'], protocol=['paper', 'chronological'], "
+        "n_partitions=3, train_per_class=6, test_per_class=3, n_folds=3, random_state=0)"
+    )
+    assert both.wall_s > 0
+    assert both.controls == ()
     assert not both.synthetic
 
 
@@ -232,21 +240,23 @@ def test_seed_none_draws_one_and_records_it(data):
 
 def test_progress_is_told_step_by_step(data):
     steps = []
-    evaluate(data, ["raw", "hfmh"], n_jobs=2, **{**SMALL, "progress": lambda *step: steps.append(step)})
+    evaluate(
+        data, ["raw", "hfmh"], "paper", n_jobs=2, **{**SMALL, "progress": lambda *step: steps.append(step)}
+    )
     assert [done for done, _, _ in steps] == list(range(1, 9))
     assert {total for _, total, _ in steps} == {8}
     assert {what for _, _, what in steps} >= {"raw: ready", "hfmh: paper, partition 3"}
 
 
 def test_silent_without_a_terminal(data, capfd):
-    evaluate(data, "raw", **{**SMALL, "progress": True})
+    evaluate(data, "raw", "paper", **{**SMALL, "progress": True})
     assert capfd.readouterr() == ("", "")
 
 
 def test_a_terminal_without_rich_is_silent(data, capfd, monkeypatch):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     monkeypatch.setitem(sys.modules, "rich.progress", None)
-    evaluate(data, "raw", **{**SMALL, "progress": True})
+    evaluate(data, "raw", "paper", **{**SMALL, "progress": True})
     assert capfd.readouterr() == ("", "")
 
 
@@ -259,14 +269,14 @@ def test_an_exception_from_progress_ends_the_run(data, error, n_jobs):
 
     before = threading.active_count()
     with pytest.raises(error if isinstance(error, type) else RuntimeError):
-        evaluate(data, "raw", n_jobs=n_jobs, **{**SMALL, "progress": stop})
+        evaluate(data, "raw", "paper", n_jobs=n_jobs, **{**SMALL, "progress": stop})
     assert threading.active_count() <= before + 2
 
 
 def test_input_is_untouched(data):
     before = data.X.tobytes()
     classifier = ECOCClassifier()
-    evaluate(data, classifier=classifier, **SMALL)
+    evaluate(data, THREE, classifier=classifier, **{**SMALL, "controls": True})
     assert data.X.tobytes() == before
     assert not hasattr(classifier, "classes_")
 

@@ -79,12 +79,12 @@ def warnings_in(data: Dataset) -> list[str]:
 def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return repr(value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if hasattr(value, "get_params") and not isinstance(value, type):
-        return describe_estimator(value)
-    return repr(value)
+    if hasattr(value, "__qualname__"):  # functions and classes: their repr tells where in memory they are
+        return f"{value.__module__}.{value.__qualname__}"
+    return describe_estimator(value) if hasattr(value, "get_params") else repr(value)

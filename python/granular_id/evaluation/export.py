@@ -1,7 +1,7 @@
 """JSON and CSV of an evaluation.
 
-The JSON holds figures, settings and the rows of every partition; the CSV holds one line per prediction. Every
-figure in the JSON can be recomputed from the CSV alone.
+The JSON holds figures, settings, partitions and predictions, enough to load the result back; the CSV holds one
+line per prediction. Every figure in the JSON can be recomputed from the CSV alone.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CSV_COLUMNS", "FORMAT", "as_dict", "write_csv", "write_json"]
 
-FORMAT = "granular_id.evaluation/1"
+FORMAT = "granular_id.evaluation/2"
 CSV_COLUMNS = (
     "protocol",
     "partition",
@@ -46,7 +46,9 @@ def as_dict(result: EvaluationResult) -> dict[str, Any]:
         "data": dict(result.data),
         "labels": list(result.labels),
         "chance": result.chance,
+        "wall_s": _finite(result.wall_s),
         "spaces": [_space(result, space) for space in result.spaces],
+        "controls": [control.to_dict() for control in result.controls],
         "partitions": {
             protocol: [_partition(partition) for partition in partitions]
             for protocol, partitions in result.partitions.items()
@@ -55,6 +57,7 @@ def as_dict(result: EvaluationResult) -> dict[str, Any]:
             {"name": name, "session": session, "label": result.labels[code]}
             for name, session, code in zip(result.names, result.sessions, result.truth.tolist(), strict=True)
         ],
+        "portrait": None if result.portrait is None else result.portrait.to_dict(),
     }
 
 
@@ -110,6 +113,7 @@ def _figures(result: EvaluationResult, space: str, protocol: str) -> dict[str, A
         "macro_f1": result.macro_f1(space, protocol),
         "recall": [_finite(share) for share in result.recall(space, protocol).tolist()],
         "confusion": result.confusion(space, protocol).tolist(),
+        "predicted": [said.tolist() for said in result.predicted[protocol, space]],
     }
 
 

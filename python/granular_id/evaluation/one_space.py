@@ -3,182 +3,271 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from threading import Lock
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
+from granular_id._blas import single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.partitions import Partition
+from granular_id.evaluation.complaints import heard_complaints
+from granular_id.evaluation.gram_engine import GramBank, features_of, plan_for
+from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space
 from granular_id.gram import linear_gram
+from granular_id.spaces import GramPlan
 
-__all__ = ["SpaceRun", "run_space"]
+__all__ = ["STAGES", "Answer", "Answers", "SpaceRun", "Task", "run_space"]
 
 Codes = NDArray[np.intp]
 Floats = NDArray[np.float64]
-Labels = NDArray[np.str_]
+
+STAGES = ("features", "gram", "training", "prediction")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One space and one classifier, to be asked about every partition.
+
+    Parameters
+    ----------
+    space : Space
+    classifier : estimator
+        Not changed; each partition fits a clone.
+    bank : GramBank
+        Of the recordings; shared by the tasks on the same recordings.
+    shuffled : bool
+        Whether the labels of the training rows are shuffled first, see `granular_id.evaluation.controls`.
+    kind : str
+        What it is in files and progress, beside its name: a control may be called like a space.
+    """
+
+    space: Space
+    classifier: BaseEstimator
+    bank: GramBank
+    shuffled: bool = False
+    kind: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name in files and progress."""
+        return f"{self.kind} {self.space.name}".lstrip()
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What one partition said.
+
+    Parameters
+    ----------
+    predicted : (n_test,) int array
+        Class numbers.
+    n_features : int
+        Length of a feature vector.
+    seconds : mapping of str to float
+        Of this partition alone.
+    shared_seconds : mapping of str to float
+        Of what all partitions of the space share.
+    """
+
+    predicted: Codes
+    n_features: int
+    seconds: dict[str, float]
+    shared_seconds: dict[str, float]
+
+
+class Answers(Protocol):
+    """Where answers are kept as they come, see `granular_id.evaluation.checkpoint`."""
+
+    def load(self, task: str, partition: Partition) -> Answer | None:
+        """Return the answer of an earlier run, or None."""
+
+    def save(self, task: str, partition: Partition, answer: Answer) -> None:
+        """Keep an answer."""
+
+
+@dataclass(frozen=True, eq=False)
 class SpaceRun:
-    """Predictions of one space, one array per partition, and what they took."""
+    """Predictions of one space, one array per partition, what they took, and what did not converge."""
 
     predicted: list[Codes]
     n_features: int
     seconds: dict[str, float]
+    complaints: tuple[str, ...] = ()
 
 
-class StageClock:
-    """Seconds per stage, added up over partitions and threads."""
+def run_space(
+    task: Task,
+    y: NDArray[np.str_],
+    partitions: Sequence[Partition],
+    *,
+    seed: int,
+    n_jobs: int | None,
+    ticker: Ticker,
+    answers: Answers | None = None,
+) -> SpaceRun:
+    """Predict the tested rows of every partition in one feature space.
+
+    Three ways lead to the same labels. Where scalar products of blocks are all that is needed (`plan_for`, and a
+    classifier that ``supports_gram``), a partition is a slice; principal components come from the slice too, and
+    any classifier may follow them. Otherwise, features that learn nothing are computed once for all recordings,
+    and features that learn are fitted on the training rows of each partition.
+
+    Parameters
+    ----------
+    task : Task
+    y : (n,) str array
+        Labels.
+    partitions : sequence of Partition
+        Of all protocols.
+    seed : int
+        Sets every ``random_state`` that is None, by partition.
+    n_jobs : int or None
+        Threads, as in joblib; the numbers do not depend on it.
+    ticker : Ticker
+        Told when the shared work is done and about each partition; what `answers` knew is not told.
+    answers : Answers, optional
+        Asked before a partition is computed, and given what was computed.
+
+    Returns
+    -------
+    SpaceRun
+    """
+    name = task.name
+    found = [None if answers is None else answers.load(name, partition) for partition in partitions]
+    missing = [partition for partition, answer in zip(partitions, found, strict=True) if answer is None]
+    computed: Iterator[Answer] = iter(())
+    complaints: list[str] = []
+    if missing:
+        work = _Work(task, y, seed)
+
+        def run(partition: Partition) -> Answer:
+            answer = work.answer(partition)
+            if answers is not None:
+                answers.save(name, partition, answer)
+            ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
+            return answer
+
+        ticker.tick(f"{name}: ready")
+        # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
+        # matrices of a pair of classes are small: more threads for each took twice the time of one.
+        with single_threaded_blas(), heard_complaints(name) as complaints:
+            computed = iter(Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(run)(p) for p in missing))
+    every = [next(computed) if answer is None else answer for answer in found]
+    seconds = Counter(dict.fromkeys(STAGES, 0.0))
+    for spent in (every[-1].shared_seconds, *(answer.seconds for answer in every)):
+        seconds.update(spent)
+    return SpaceRun(
+        predicted=[answer.predicted for answer in every],
+        n_features=every[-1].n_features,
+        seconds={stage: float(seconds[stage]) for stage in STAGES},
+        complaints=tuple(complaints),
+    )
+
+
+class _Clock:
+    """Seconds per stage of one partition."""
 
     def __init__(self) -> None:
-        self.seconds = dict.fromkeys(("features", "gram", "training", "prediction"), 0.0)
-        self._lock = Lock()
+        self.seconds = dict.fromkeys(STAGES, 0.0)
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Add the time of a block to a stage."""
         start = time.perf_counter()
         yield
-        spent = time.perf_counter() - start
-        with self._lock:
-            self.seconds[stage] += spent
-
-
-def run_space(
-    space: Space,
-    X: Floats,
-    y: Labels,
-    partitions: Sequence[Partition],
-    classifier: BaseEstimator,
-    *,
-    seed: int,
-    n_jobs: int | None,
-    ticker: Ticker,
-) -> SpaceRun:
-    """Predict the tested rows of every partition in one feature space.
-
-    Three ways lead to the same labels. Features that learn nothing are computed once for all recordings; with
-    `ECOCClassifier` one Gram matrix of all rows follows, of which a partition needs a slice. Another
-    classifier gets slices of the features. Features that learn are fitted on the training rows of each
-    partition.
-
-    Parameters
-    ----------
-    space : Space
-    X : (n, T, C) float array
-        Recordings of equal length, N and N m.
-    y : (n,) str array
-        Labels.
-    partitions : sequence of Partition
-        Of all protocols.
-    classifier : estimator
-        Not changed; each partition fits a clone.
-    seed : int
-        Sets every ``random_state`` that is None, by partition.
-    n_jobs : int or None
-        Threads, as in joblib; the numbers do not depend on it.
-    ticker : Ticker
-        Told about the features and about each partition.
-
-    Returns
-    -------
-    SpaceRun
-    """
-    work = _Work(space, y, classifier, seed)
-    answer = work.prepare(X)
-    ticker.tick(f"{space.name}: ready")
-
-    def run(partition: Partition) -> Codes:
-        predicted = answer(partition)
-        ticker.tick(f"{space.name}: {partition.protocol}, {partition.description}")
-        return predicted
-
-    # Threads, not processes: the Gram is shared and libsvm works outside the interpreter lock.
-    predicted = Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(run)(p) for p in partitions)
-    return SpaceRun(predicted=predicted, n_features=work.n_features, seconds=work.clock.seconds)
+        self.seconds[stage] += time.perf_counter() - start
 
 
 class _Work:
-    """One space and one classifier: how a partition is answered."""
+    """What the partitions of a task share, and how one is answered."""
 
-    def __init__(self, space: Space, y: Labels, classifier: BaseEstimator, seed: int) -> None:
-        self.clock = StageClock()
-        self.n_features = 0
-        self._space = space
-        self._classifier = classifier
+    def __init__(self, task: Task, y: NDArray[np.str_], seed: int) -> None:
+        self._task = task
         self._seed = seed
         self._labels, codes = np.unique(y, return_inverse=True)
         # Our own classifier names classes in its messages; of others not all take text.
-        self._named = isinstance(classifier, ECOCClassifier)
+        self._named = isinstance(task.classifier, ECOCClassifier)
         self._targets = y if self._named else codes
+        # What is the same for all partitions draws from a seed that is.
+        self._transformer = _seeded(task.space.transformer, seed)
+        self._by_gram = bool(getattr(task.classifier, "supports_gram", False))
+        self._features: Floats | None = None
+        shared = _Clock()
+        plan = plan_for(self._transformer, task.space.name)
+        self._plan = plan if plan is not None and (self._by_gram or plan.after) else None
+        if self._plan is not None:
+            shared.seconds.update(task.bank.prepare(self._plan))
+        elif not task.space.learns:
+            with shared("features"):
+                self._features = self._transformed(self._transformer.fit(task.bank.X), task.bank.X)
+        self._shared_seconds = shared.seconds
 
-    def prepare(self, X: Floats) -> Callable[[Partition], Codes]:
-        """Compute what all partitions share; return the function that answers one."""
-        if self._space.learns:
-            return partial(self._learning, X)
-        with self.clock("features"):
-            transformer = clone(self._space.transformer).fit(X)
-        features = self._transform(transformer, X)
-        if type(self._classifier) is not ECOCClassifier or self._classifier.standardize:
-            return partial(self._from_features, features)
-        with self.clock("gram"):
-            # The origin changes rounding only; the mean of all rows keeps large offsets from spoiling it.
-            gram = linear_gram(features, center=features.mean(axis=0))
-        return partial(self._from_gram, gram)
-
-    def _from_gram(self, gram: Floats, partition: Partition) -> Codes:
-        train, test = partition.train, partition.test
-        fitted = _seeded(self._classifier, self._seed, partition)
-        with self.clock("training"):
-            fitted.fit_gram(gram[np.ix_(train, train)], self._targets[train])
-        with self.clock("prediction"):
-            return self._codes(fitted.predict_gram(gram[np.ix_(test, train)]))
-
-    def _from_features(self, features: Floats, partition: Partition) -> Codes:
-        return self._fit_predict(features[partition.train], features[partition.test], partition)
-
-    def _learning(self, X: Floats, partition: Partition) -> Codes:
-        transformer = _seeded(self._space.transformer, self._seed, partition)
-        with self.clock("features"):
-            transformer.fit(X[partition.train], self._targets[partition.train])
-        train = self._transform(transformer, X[partition.train])
-        test = self._transform(transformer, X[partition.test])
-        return self._fit_predict(train, test, partition)
-
-    def _fit_predict(self, train: Floats, test: Floats, partition: Partition) -> Codes:
-        fitted = _seeded(self._classifier, self._seed, partition)
-        with self.clock("training"):
-            fitted.fit(train, self._targets[partition.train])
-        with self.clock("prediction"):
-            return self._codes(fitted.predict(test))
-
-    def _codes(self, predicted: Any) -> Codes:
+    def answer(self, partition: Partition) -> Answer:
+        """Train on one part of a partition and name the recordings of the other."""
+        clock = _Clock()
+        targets = self._targets[partition.train]
+        if self._task.shuffled:
+            words = np.random.SeedSequence(self._seed, spawn_key=(4, partition.index))
+            targets = np.random.default_rng(words).permutation(targets)
+        fitted = _seeded(self._task.classifier, self._seed, partition)
+        if self._plan is not None and not self._plan.after:
+            n_features = self._task.bank.n_features(self._plan)
+            with clock("gram"):
+                train, test = self._task.bank.sliced(self._plan, partition.train, partition.test)
+            predicted = self._named_by_gram(fitted, train, test, targets, clock)
+        else:
+            with clock("features"):
+                train, test = self._rows(partition, targets)
+            n_features = train.shape[1]
+            if self._by_gram:
+                with clock("gram"):
+                    center = train.mean(axis=0)
+                    train, test = linear_gram(train, center=center), linear_gram(test, train, center=center)
+                predicted = self._named_by_gram(fitted, train, test, targets, clock)
+            else:
+                with clock("training"):
+                    fitted.fit(train, targets)
+                with clock("prediction"):
+                    predicted = fitted.predict(test)
         codes = np.searchsorted(self._labels, predicted) if self._named else predicted
-        return np.asarray(codes, dtype=np.intp)
+        return Answer(np.asarray(codes, dtype=np.intp), n_features, clock.seconds, self._shared_seconds)
 
-    def _transform(self, transformer: Any, X: Floats) -> Floats:
-        with self.clock("features"):
-            features = np.asarray(transformer.transform(X), dtype=np.float64)
-        if features.ndim != 2:
-            raise ValueError(
-                f"feature space {self._space.name!r} must give an array (n, D), got shape {features.shape}"
-            )
-        self.n_features = features.shape[1]
-        return features
+    def _named_by_gram(self, fitted: Any, train: Floats, test: Floats, targets: Any, clock: _Clock) -> Any:
+        with clock("training"):
+            fitted.fit_gram(train, targets)
+        with clock("prediction"):
+            return fitted.predict_gram(test)
+
+    def _rows(self, partition: Partition, targets: Any) -> tuple[Floats, Floats]:
+        """Features of the training and of the tested rows."""
+        if self._features is not None:
+            return self._features[partition.train], self._features[partition.test]
+        seeded = _seeded(self._task.space.transformer, self._seed, partition)
+        X = self._task.bank.X
+        if self._plan is None:
+            seeded.fit(X[partition.train], targets)
+            return self._transformed(seeded, X[partition.train]), self._transformed(seeded, X[partition.test])
+        train, test = self._task.bank.components(self._plan, partition.train, partition.test)
+        plan: GramPlan | None = plan_for(seeded)
+        for step in () if plan is None else plan.after[1:]:
+            step.fit(train, targets)
+            train, test = step.transform(train), step.transform(test)
+        return train, test
+
+    def _transformed(self, fitted: Any, X: Floats) -> Floats:
+        return features_of(self._task.space.name, fitted, X)
 
 
-def _seeded(estimator: Any, seed: int, partition: Partition) -> Any:
-    """Clone, and give every open ``random_state`` a seed of its own partition: same seed, same numbers."""
+def _seeded(estimator: Any, seed: int, partition: Partition | None = None) -> Any:
+    """Clone, and give every open ``random_state`` a seed, of its own for each partition: same seed, same numbers."""
     fresh = clone(estimator)
     names = sorted(
         name
@@ -186,6 +275,7 @@ def _seeded(estimator: Any, seed: int, partition: Partition) -> Any:
         if value is None and (name == "random_state" or name.endswith("__random_state"))
     )
     if names:
-        words = np.random.SeedSequence(seed, spawn_key=(1, partition.index)).generate_state(len(names))
+        key = (3,) if partition is None else (1, partition.index)
+        words = np.random.SeedSequence(seed, spawn_key=key).generate_state(len(names))
         fresh.set_params(**{name: int(word) for name, word in zip(names, words, strict=True)})
     return fresh

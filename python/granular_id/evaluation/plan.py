@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
 from sklearn.base import BaseEstimator
 
 from granular_id.evaluation.protocols import plan_partitions, plan_protocols
-from granular_id.spaces import FeatureSpace, feature_spaces
+from granular_id.spaces import FeatureSpace, feature_spaces, learns
 
 __all__ = ["Space", "in_paper_order", "plan_partitions", "plan_protocols", "plan_seed", "plan_spaces"]
 
@@ -77,8 +77,9 @@ def plan_spaces(
 
 
 def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
-    """Names of feature spaces, the one with the best accuracy in the paper first."""
-    return sorted(known, key=lambda name: -(known[name].paper_accuracy or 0.0))
+    """Names of feature spaces without the controls, the one with the best accuracy in the paper first."""
+    names = [name for name, space in known.items() if not space.control]
+    return sorted(names, key=lambda name: -(known[name].paper_accuracy or 0.0))
 
 
 def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> list[str]:
@@ -102,13 +103,13 @@ def _own(name: Any, transformer: Any) -> Space:
     if not isinstance(name, str) or not name:
         raise TypeError(f"spaces: a name must be non-empty text, got {name!r}")
     if isinstance(transformer, FeatureSpace):
-        return Space(name, transformer.transformer, transformer.paper_accuracy, transformer.learns)
+        return _known(replace(transformer, name=name))
     if not (hasattr(transformer, "fit") and hasattr(transformer, "transform")):
         raise TypeError(
             f"spaces[{name!r}] must have fit and transform like a scikit-learn transformer, "
             f"got {type(transformer).__name__}"
         )
-    return Space(name, transformer, None, bool(getattr(transformer, "learns", True)))
+    return Space(name, transformer, None, learns(transformer))
 
 
 def _refuse_other_rate(space: Space, rate_hz: float) -> None:

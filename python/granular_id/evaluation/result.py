@@ -2,64 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.evaluation import export, tables
-from granular_id.evaluation.comparison import MIN_PARTITIONS
+from granular_id.evaluation import export, restore, tables
+from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, compare
+from granular_id.evaluation.controls import Control
+from granular_id.evaluation.folds import BLOCK
 from granular_id.evaluation.metrics import confusion_counts, macro_f1, recall_per_class, sample_sd
-from granular_id.evaluation.partitions import Partition
+from granular_id.evaluation.partition import Partition
+from granular_id.evaluation.portrait import Portrait
 from granular_id.evaluation.statistics import corrected_interval
+from granular_id.evaluation.summary import Prediction, SpaceSummary
 
 __all__ = ["EvaluationResult", "Prediction", "SpaceSummary"]
-
-
-@dataclass(frozen=True)
-class SpaceSummary:
-    """One feature space as it was evaluated.
-
-    Parameters
-    ----------
-    name : str
-        ``"raw"``, ``"hfmh"``, ``"raw+hfmh"`` or the caller's own name.
-    paper_accuracy : float or None
-        Accuracy that the paper reports for this space on its own recordings, in [0, 1]. Never measured here.
-    learns : bool
-        True when the features were fitted on the training rows of each partition.
-    n_features : int
-        Length of a feature vector.
-    seconds : mapping of str to float
-        Time spent in the stages ``features``, ``gram``, ``training`` and ``prediction``. With several threads
-        the stages of different partitions overlap and the sum exceeds the time that passed.
-    settings : mapping
-        Parameters of the transformer.
-    """
-
-    name: str
-    paper_accuracy: float | None
-    learns: bool
-    n_features: int
-    seconds: Mapping[str, float]
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """What one partition said about one recording."""
-
-    protocol: str
-    partition: int
-    space: str
-    row: int
-    recording: str
-    session: str
-    label: str
-    predicted: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,6 +56,12 @@ class EvaluationResult:
         True when recordings were simulated: such accuracies say nothing about real materials.
     command : str
         What to type to repeat it.
+    controls : tuple of Control
+        What could have been answered without the method; empty when they were not asked for.
+    portrait : Portrait or None
+        How the recordings look, for a report.
+    wall_s : float
+        Seconds that passed from start to end, controls included; after a resumed run, those of its last part.
     """
 
     spaces: tuple[SpaceSummary, ...]
@@ -109,6 +77,9 @@ class EvaluationResult:
     notes: tuple[str, ...] = ()
     synthetic: bool = False
     command: str = ""
+    controls: tuple[Control, ...] = ()
+    portrait: Portrait | None = None
+    wall_s: float = math.nan
 
     @property
     def protocols(self) -> tuple[str, ...]:
@@ -117,8 +88,14 @@ class EvaluationResult:
 
     @property
     def strictest(self) -> str | None:
-        """The strictest protocol that ran and held out a time or session of its own; None where none did."""
-        return next((name for name in ("session", "chronological") if name in self.partitions), None)
+        """The strictest protocol that ran and held out a time or session of its own; None where none did.
+
+        Whole sessions, then halves in time order, then blocks in time that stood in for sessions.
+        """
+        order = ["session", "chronological"]
+        if "session" in self.partitions and self.partitions["session"][0].description.startswith(BLOCK):
+            order.reverse()
+        return next((name for name in order if name in self.partitions), None)
 
     @property
     def random(self) -> str | None:
@@ -182,9 +159,27 @@ class EvaluationResult:
         """
         partitions, _ = self._runs(space, protocol)
         if len(partitions) < MIN_PARTITIONS:
-            return float("nan"), float("nan")
-        n_train, n_test = (np.mean([len(getattr(p, part)) for p in partitions]) for part in ("train", "test"))
-        return corrected_interval(self.accuracies(space, protocol), float(n_train), float(n_test))
+            return math.nan, math.nan
+        n_train, n_test = (float(np.mean(sizes)) for sizes in _sizes(partitions))
+        return corrected_interval(self.accuracies(space, protocol), n_train, n_test)
+
+    def comparison(self, protocol: str | None = None) -> Comparison:
+        """Compare every space with every other on the same partitions; ``print`` it for a table.
+
+        Parameters
+        ----------
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Raises
+        ------
+        ValueError
+            A protocol that did not run, or a single space.
+        """
+        names = [space.name for space in self.spaces]
+        partitions, _ = self._runs(names[0], protocol)
+        accuracies = {name: self.accuracies(name, protocol) for name in names}
+        return compare(names, accuracies, *_sizes(partitions), protocol=partitions[0].protocol)
 
     def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
         """Confusion matrix summed over the partitions of a protocol.
@@ -254,16 +249,43 @@ class EvaluationResult:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the single predictions, in types that JSON knows; see `to_json`."""
+        """Everything, in types that JSON knows; see `to_json`."""
         return export.as_dict(self)
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
-        """Write figures, settings, partitions and data summary as one JSON file; whole or not at all."""
+        """Write figures, settings, partitions and predictions as one JSON file; whole or not at all."""
         export.write_json(self, path)
+
+    @classmethod
+    def from_json(cls, path: str | os.PathLike[str]) -> EvaluationResult:
+        """Read what `to_json` wrote.
+
+        Figures are computed from the predictions, those in the file are for other programs.
+
+        Raises
+        ------
+        OSError
+            The file cannot be read.
+        ValueError
+            It is no JSON, of another format or version, or lacks something; naming the file.
+        """
+        return cls(**restore.read_json(path))
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write one line per prediction of every partition, space and protocol; whole or not at all."""
         export.write_csv(self, path)
+
+    def report(self, path: str | os.PathLike[str]) -> None:
+        """Write one HTML file with everything, for a browser; see `granular_id.evaluation.report`.
+
+        Raises
+        ------
+        ImportError
+            matplotlib or jinja2 is missing, naming the extra to install.
+        """
+        from granular_id.evaluation.report import report  # noqa: PLC0415 (its libraries are an extra)
+
+        report(self, path)
 
     def _runs(
         self, space: str, protocol: str | None
@@ -274,3 +296,8 @@ class EvaluationResult:
             known = ", ".join(map(repr, self.partitions))
             raise ValueError(f"protocol must be one of those that ran ({known}), got {protocol!r}")
         return self.partitions[chosen], self.predicted[chosen, name]
+
+
+def _sizes(partitions: tuple[Partition, ...]) -> tuple[list[int], list[int]]:
+    """Count recordings that train and that are tested, per partition."""
+    return [p.train.size for p in partitions], [p.test.size for p in partitions]

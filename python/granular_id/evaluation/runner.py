@@ -2,39 +2,54 @@
 
 from __future__ import annotations
 
+import os
 import platform
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import joblib
 import numpy as np
 import scipy
 import sklearn
-from sklearn.base import BaseEstimator
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, clone
 
 from granular_id import _core
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
+from granular_id.evaluation.controls import judge, plan_controls
 from granular_id.evaluation.describe import describe_data, describe_estimator, is_synthetic, warnings_in
-from granular_id.evaluation.one_space import run_space
-from granular_id.evaluation.partitions import Partition
-from granular_id.evaluation.plan import Space, plan_partitions, plan_protocols, plan_seed, plan_spaces
-from granular_id.evaluation.result import EvaluationResult, SpaceSummary
+from granular_id.evaluation.gram_engine import GramBank, plan_for
+from granular_id.evaluation.one_space import SpaceRun, Task, run_space
+from granular_id.evaluation.partition import Partition
+from granular_id.evaluation.plan import Space, plan_seed, plan_spaces
+from granular_id.evaluation.portrait import Portrait, portrait
+from granular_id.evaluation.protocols import plan_partitions, plan_protocols
+from granular_id.evaluation.result import EvaluationResult
+from granular_id.evaluation.summary import SpaceSummary
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace
 
-__all__ = ["evaluate"]
+__all__ = ["evaluate", "versions"]
+
+Codes = NDArray[np.intp]
 
 
 def evaluate(
     data: Dataset,
     spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = "paper",
-    protocol: str | Sequence[str] = "paper",
+    protocol: str | Sequence[str] = "auto",
     *,
     n_partitions: int = 20,
     train_per_class: int = 50,
     test_per_class: int = 12,
+    n_folds: int = 5,
     classifier: BaseEstimator | None = None,
+    controls: bool = True,
+    checkpoint: str | os.PathLike[str] | None = None,
     n_jobs: int | None = None,
     random_state: int | None = 0,
     progress: bool | ProgressCallback = True,
@@ -50,12 +65,24 @@ def evaluate(
         ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. A transformer that
         learns from data is fitted on the training rows of each partition.
     protocol : str or sequence of str
-        ``"paper"`` (random partitions), ``"chronological"`` (first half of each class trains, second half is
-        tested, and the reverse) or both; with both, the gap between them is shown.
+        ``"auto"``: the paper's and, beside it, the strictest that the data allow (`strictest`), so that the gap
+        between them is seen without asking. Or one or more of ``"paper"`` (random partitions), ``"session"``
+        (whole sessions held out; blocks in time where a class has one session only), ``"chronological"`` (first
+        half of each class trains, second half is tested, and the reverse), ``"kfold"`` (stratified random
+        folds, for small sets).
     n_partitions, train_per_class, test_per_class : int
         Of ``"paper"``. Defaults: 20 partitions with 50 and 12 recordings of each class, as in the paper.
+    n_folds : int
+        Of ``"kfold"``, and of ``"session"`` where blocks in time stand in for sessions. Default 5.
     classifier : estimator, optional
         Any scikit-learn classifier; default `ECOCClassifier`, the paper's.
+    controls : bool
+        Whether to measure what could be answered without the method: from the rest before the motion, from
+        means, from the clock, with shuffled labels, with samples in random order. Default True, as they are
+        cheap and accuracies without them may mislead.
+    checkpoint : path-like, optional
+        Folder that keeps each space and partition as it is finished; the same call goes on from there after an
+        interrupt. A folder of another evaluation is refused.
     n_jobs : int, optional
         Threads over partitions, as in joblib: None is 1, -1 all cores. The numbers do not depend on it.
     random_state : int or None
@@ -75,8 +102,11 @@ def evaluate(
     TypeError
         `data` is not a `Dataset`, or an argument has the wrong type.
     ValueError
-        Lengths or rates differ, a recording has no label, there is one class only, a class has too few
-        recordings, no order in time exists, a name is unknown, or a transformer is for another rate.
+        Lengths or rates differ, a recording has no label (or, for ``"session"``, some have no session), there is
+        one class only, a class has too few recordings, no order in time exists, a name is unknown, features are
+        not finite, a transformer is for another rate, or `checkpoint` belongs to something else.
+    OSError
+        `checkpoint` cannot be made or written.
 
     Notes
     -----
@@ -97,67 +127,105 @@ def evaluate(
     ...     ]
     ... )
     >>> result = evaluate(data, "raw", n_partitions=2, train_per_class=4, test_per_class=2)
+    >>> result.protocols
+    ('paper', 'chronological')
     >>> result.mean_accuracy("raw")
     1.0
+    >>> [control.name for control in result.controls]
+    ['rest', 'means', 'clock', 'shuffled', 'permuted']
     """
+    start = time.perf_counter()
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     if not (isinstance(progress, bool) or callable(progress)):
         raise TypeError(f"progress must be True, False or callable, got {type(progress).__name__}")
+    if not isinstance(controls, bool):
+        raise TypeError(f"controls must be True or False, got {controls!r}")
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
     protocols, notes = plan_protocols(protocol, data)
     planned = plan_spaces(spaces, data.rate_hz)
-    partitions: dict[str, tuple[Partition, ...]] = {}
-    for name in protocols:
-        made, note = plan_partitions(
-            data,
-            name,
-            n_partitions=n_partitions,
-            train_per_class=train_per_class,
-            test_per_class=test_per_class,
-            seed=seed,
-        )
-        partitions[name] = tuple(made)
-        notes.append(note)
-    chosen = ECOCClassifier() if classifier is None else classifier
-    labels, codes = np.unique(data.y, return_inverse=True)
-
-    every = [partition for drawn in partitions.values() for partition in drawn]
-    predicted = {}
-    summaries = []
-    with showing(progress) as callback:
-        ticker = Ticker(len(planned) * (len(every) + 1), callback)
-        for space in planned:
-            run = run_space(space, X, data.y, every, chosen, seed=seed, n_jobs=n_jobs, ticker=ticker)
-            answers = iter(run.predicted)
-            for name, drawn in partitions.items():
-                predicted[name, space.name] = tuple(next(answers) for _ in drawn)
-            summaries.append(_summary(space, run.n_features, run.seconds))
-    settings = {
-        "spaces": [space.name for space in planned],
-        "protocol": protocols,
+    counts = {
         "n_partitions": n_partitions,
         "train_per_class": train_per_class,
         "test_per_class": test_per_class,
+        "n_folds": n_folds,
+    }
+    partitions: dict[str, tuple[Partition, ...]] = {}
+    for name in protocols:
+        drawn, note = plan_partitions(data, name, **counts, seed=seed)
+        partitions[name] = tuple(drawn)
+        notes.append(note)
+    chosen = ECOCClassifier() if classifier is None else classifier
+    settings = {
+        "spaces": [space.name for space in planned],
+        "protocol": protocols,
+        **counts,
         "classifier": describe_estimator(chosen),
+        "controls": controls,
         "seed": seed,
     }
-    return EvaluationResult(
-        spaces=tuple(summaries),
+    bank = GramBank(X)
+    tasks = [Task(space, chosen, bank) for space in planned]
+    checks = plan_controls(data, planned, chosen, bank) if controls else []
+    every = [partition for drawn in partitions.values() for partition in drawn]
+    transformers = {space.name: describe_estimator(space.transformer) for space in planned}
+    kept = None
+    if checkpoint is not None:
+        described = {"settings": settings, "transformers": transformers, "versions": versions()}
+        kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
+
+    labels, truth = np.unique(data.y, return_inverse=True)
+    runs = {}
+    with showing(progress) as callback:
+        steps = [*tasks, *(check.task for check in checks if check.task is not None)]
+        ticker = Ticker(len(steps) * (len(every) + 1), callback)
+        for task in steps:
+            runs[task.name] = run_space(
+                task, data.y, every, seed=seed, n_jobs=n_jobs, ticker=ticker, answers=kept
+            )
+    predicted = {
+        (protocol, task.space.name): tuple(said)
+        for task in tasks
+        for protocol, said in _by_protocol(runs[task.name], partitions).items()
+    }
+    verdicts = [
+        judge(check, _by_protocol(runs[check.task.name], partitions) if check.task else {}, partitions, truth)
+        for check in checks
+    ]
+    result = EvaluationResult(
+        spaces=tuple(
+            SpaceSummary(
+                name=space.name,
+                paper_accuracy=space.paper_accuracy,
+                learns=space.learns,
+                n_features=runs[task.name].n_features,
+                seconds=runs[task.name].seconds,
+                settings=transformers[space.name],
+            )
+            for space, task in zip(planned, tasks, strict=True)
+        ),
         partitions=partitions,
         predicted=predicted,
         labels=tuple(labels.tolist()),
-        truth=codes.astype(np.intp),
+        truth=truth.astype(np.intp),
         names=tuple(data.names),
         sessions=tuple(session or "" for session in data.sessions),
         settings=settings,
         data=describe_data(data),
         versions=versions(),
-        notes=(*notes, *warnings_in(data)),
+        notes=(
+            *notes,
+            *warnings_in(data),
+            *(line for run in runs.values() for line in run.complaints),
+            *(kept.notes() if kept is not None else ()),
+        ),
         synthetic=is_synthetic(data),
         command=_call(settings),
+        controls=tuple(verdicts),
     )
+    seen = _portrait(data, result, planned, chosen)
+    return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
 
 
 def versions() -> dict[str, str]:
@@ -173,14 +241,29 @@ def versions() -> dict[str, str]:
     }
 
 
-def _summary(space: Space, n_features: int, seconds: Mapping[str, float]) -> SpaceSummary:
-    settings = describe_estimator(space.transformer)
-    return SpaceSummary(space.name, space.paper_accuracy, space.learns, n_features, seconds, settings)
+def _by_protocol(run: SpaceRun, partitions: Mapping[str, Sequence[Partition]]) -> dict[str, list[Codes]]:
+    """Deal the predictions of all partitions out to their protocols."""
+    said = iter(run.predicted)
+    return {name: [next(said) for _ in drawn] for name, drawn in partitions.items()}
+
+
+def _portrait(
+    data: Dataset, result: EvaluationResult, planned: Sequence[Space], classifier: BaseEstimator
+) -> Portrait:
+    """Look at the recordings, and at one model in the most accurate space whose features are not mixed."""
+    order = sorted(planned, key=lambda space: -result.mean_accuracy(space.name))
+    plans = {space.name: plan_for(space.transformer) for space in order}
+    unmixed = {s.name: s.transformer for s in order if (plan := plans[s.name]) is None or not plan.after}
+    model = clone(classifier)
+    if isinstance(model, ECOCClassifier):
+        # All recordings together may overlap where the training rows of no partition did.
+        model.set_params(hard_margin=False)
+    return portrait(data, unmixed, classifier=model)
 
 
 def _call(settings: Mapping[str, Any]) -> str:
-    return (
-        f"granular_id.evaluate(data, spaces={settings['spaces']!r}, protocol={settings['protocol']!r}, "
-        f"n_partitions={settings['n_partitions']}, train_per_class={settings['train_per_class']}, "
-        f"test_per_class={settings['test_per_class']}, random_state={settings['seed']})"
+    said = ", ".join(
+        f"{name}={settings[name]!r}"
+        for name in ("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds")
     )
+    return f"granular_id.evaluate(data, {said}, random_state={settings['seed']})"

@@ -1,0 +1,189 @@
+"""What an interrupted evaluation had finished, kept on disk, one file for each space and partition.
+
+Files are written under another name and renamed, so that a process that is killed leaves whole files only. The
+folder knows what it belongs to: `run.json` holds a fingerprint of the recordings, the settings, the partitions
+and the versions. Anything else would mix numbers of two evaluations.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular_id._files import made_folder, whole_file
+from granular_id.evaluation.one_space import STAGES, Answer
+from granular_id.evaluation.partition import Partition
+from granular_id.recording import Dataset
+
+__all__ = ["Checkpoint", "fingerprint"]
+
+FORMAT = "granular_id.checkpoint/1"
+RUN = "run.json"
+
+
+def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequence[Partition]) -> str:
+    """Digest of all that has a say in the predictions.
+
+    Parameters
+    ----------
+    data : Dataset
+        Recordings of equal length and rate: samples, labels, sessions and times count, names do too.
+    described : mapping
+        Settings and versions, in types that JSON knows.
+    partitions : sequence of Partition
+        Rows that train and that are tested.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    plain = {
+        **described,
+        "shape": data.X.shape,
+        "rate_hz": data.rate_hz,
+        "recordings": [
+            [one.name, one.label, one.session, one.start_time, one.trigger_index] for one in data.recordings
+        ],
+        "partitions": [[p.protocol, p.index, p.train.tolist(), p.test.tolist()] for p in partitions],
+    }
+    digest.update(json.dumps(plain, sort_keys=True).encode())
+    digest.update(np.ascontiguousarray(data.X, dtype="<f8").data)
+    return digest.hexdigest()
+
+
+class Checkpoint:
+    """A folder of finished partitions.
+
+    Parameters
+    ----------
+    folder : path-like
+        Made where it is missing. A folder that holds anything but a checkpoint is refused.
+    mark : str
+        From `fingerprint`.
+    n_classes : int
+        Class numbers in files must be below this.
+
+    Attributes
+    ----------
+    n_loaded : int
+        Partitions of earlier runs that were used.
+    damaged : list of str
+        Files that could not be used; their partitions are computed anew, and the files replaced.
+
+    Raises
+    ------
+    ValueError
+        The folder belongs to another evaluation, or holds something else.
+    OSError
+        It cannot be made or written.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], mark: str, n_classes: int) -> None:
+        self.folder = Path(folder)
+        self.n_loaded = 0
+        self.damaged: list[str] = []
+        self._mark = mark
+        self._n_classes = n_classes
+        run = self.folder / RUN
+        if run.exists():
+            self._check_owner(run)
+            return
+        with made_folder(self.folder):
+            others = sorted(path.name for path in self.folder.iterdir() if not path.name.startswith("."))
+            if others:
+                raise ValueError(
+                    f"checkpoint={str(self.folder)!r} holds {others[0]!r} and no {RUN}: it is no checkpoint; "
+                    "give an empty or a new folder"
+                )
+            with whole_file(run) as draft:
+                draft.write_text(json.dumps({"format": FORMAT, "fingerprint": mark}), encoding="utf-8")
+
+    def load(self, task: str, partition: Partition) -> Answer | None:
+        """Return what an earlier run said about a partition; None where there is nothing, or nothing usable."""
+        path = self._path(task, partition)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            return None
+        except UnicodeDecodeError:
+            self.damaged.append(path.name)
+            return None
+        try:
+            answer = self._answer(json.loads(text), task, partition)
+        except (ValueError, KeyError, TypeError):
+            # A disk that was full or lost power: computing one partition again beats giving up.
+            self.damaged.append(path.name)
+            return None
+        self.n_loaded += 1
+        return answer
+
+    def save(self, task: str, partition: Partition, answer: Answer) -> None:
+        """Keep what a partition said; the file is whole or absent."""
+        saved = {
+            "fingerprint": self._mark,
+            "task": task,
+            "protocol": partition.protocol,
+            "partition": partition.index,
+            "predicted": answer.predicted.tolist(),
+            "n_features": answer.n_features,
+            "seconds": answer.seconds,
+            "shared_seconds": answer.shared_seconds,
+        }
+        with whole_file(self._path(task, partition)) as draft:
+            draft.write_text(json.dumps(saved), encoding="utf-8")
+
+    def notes(self) -> list[str]:
+        """Lines for the reader of the result."""
+        lines = []
+        if self.n_loaded:
+            lines.append(f"resumed: {self.n_loaded} partitions were finished by an earlier run")
+        if self.damaged:
+            lines.append(
+                f"{len(self.damaged)} damaged checkpoint files were computed anew, the first is {self.damaged[0]!r}"
+            )
+        return lines
+
+    def _path(self, task: str, partition: Partition) -> Path:
+        # A space may have any name; a file may not.
+        short = "".join(c if c.isascii() and (c.isalnum() or c in "+-") else "_" for c in task)[:40]
+        mark = hashlib.blake2b(task.encode(), digest_size=4).hexdigest()
+        return self.folder / f"{short}-{mark}-{partition.protocol}-{partition.index:04d}.json"
+
+    def _check_owner(self, run: Path) -> None:
+        try:
+            saved = json.loads(run.read_text(encoding="utf-8"))
+            form, mark = saved["format"], saved["fingerprint"]
+        except (ValueError, KeyError, TypeError):
+            raise ValueError(
+                f"checkpoint={str(self.folder)!r}: {RUN} is damaged, so that nobody can say what the folder belongs "
+                "to; give a new folder"
+            ) from None
+        if form != FORMAT:
+            raise ValueError(f"checkpoint={str(self.folder)!r} has format {form!r}, wanted {FORMAT!r}")
+        if mark != self._mark:
+            raise ValueError(
+                f"checkpoint={str(self.folder)!r} belongs to another evaluation (other recordings, settings or "
+                "versions): give a new folder, or the arguments with which it was begun"
+            )
+
+    def _answer(self, saved: Any, task: str, partition: Partition) -> Answer:
+        owner = (self._mark, task, partition.protocol, partition.index)
+        if tuple(saved[key] for key in ("fingerprint", "task", "protocol", "partition")) != owner:
+            raise ValueError("another partition")
+        predicted = np.array(saved["predicted"])
+        if predicted.dtype.kind != "i" or predicted.shape != partition.test.shape:
+            raise ValueError("not one class number for each tested recording")
+        if predicted.min() < 0 or predicted.max() >= self._n_classes:
+            raise ValueError("a class number out of range")
+        seconds, shared = (
+            {stage: float(saved[key][stage]) for stage in STAGES} for key in ("seconds", "shared_seconds")
+        )
+        return Answer(predicted.astype(np.intp), int(saved["n_features"]), seconds, shared)

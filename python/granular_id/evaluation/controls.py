@@ -1,0 +1,251 @@
+"""What could have been answered without the method: controls beside the accuracies.
+
+A material that was recorded on its own day is told apart by anything that differs between days. Whether that is
+so cannot be seen in an accuracy, however high; it can be seen in what the clock, the rest before the motion or
+six means reach alone. Labels that mean nothing must give chance, else the evaluation itself leaks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.gram_engine import GramBank
+from granular_id.evaluation.one_space import Task
+from granular_id.evaluation.partition import Partition
+from granular_id.evaluation.plan import Space
+from granular_id.plotting.protocols import protocol_name
+from granular_id.recording import Dataset
+from granular_id.spaces import RawSignal, TimePermutation
+
+__all__ = ["Control", "PlannedControl", "judge", "plan_controls"]
+
+Floats = NDArray[np.float64]
+Codes = NDArray[np.intp]
+
+REST_S = 0.3
+"""What is taken for rest where the start of the motion is not known."""
+
+STANDARD_ERRORS = 3.0
+"""An accuracy this far above chance is called above chance: one in a thousand by luck."""
+
+
+@dataclass(frozen=True)
+class Control:
+    """One control, under each protocol that ran.
+
+    Attributes
+    ----------
+    name : str
+        "rest", "means", "clock", "shuffled" or "permuted".
+    what : str
+        What was known to the classifier.
+    accuracies : mapping of str to float
+        Protocol to mean accuracy over its partitions, in [0, 1]; empty when the control was left out.
+    chance : float
+        Accuracy of naming whatever class is most frequent; the highest of the protocols.
+    verdict : str
+        What the figures say, or why the control was left out.
+    """
+
+    name: str
+    what: str
+    accuracies: Mapping[str, float]
+    chance: float
+    verdict: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain numbers and text."""
+        return asdict(self) | {"accuracies": dict(self.accuracies)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Control:
+        """Make one from what `to_dict` gave."""
+        accuracies = {str(name): float(share) for name, share in values["accuracies"].items()}
+        return cls(
+            str(values["name"]),
+            str(values["what"]),
+            accuracies,
+            float(values["chance"]),
+            str(values["verdict"]),
+        )
+
+
+@dataclass(frozen=True)
+class PlannedControl:
+    """A control to run (`above` says what an accuracy above chance means), or why it cannot be run."""
+
+    name: str
+    what: str
+    task: Task | None
+    above: str = ""
+    why_not: str = ""
+
+
+def plan_controls(
+    data: Dataset, spaces: Sequence[Space], classifier: BaseEstimator, bank: GramBank
+) -> list[PlannedControl]:
+    """Plan all controls for a data set.
+
+    Parameters
+    ----------
+    data : Dataset
+        Recordings of equal length and rate.
+    spaces : sequence of Space
+        Those of the evaluation: labels are shuffled in "raw+hfmh", or in the first.
+    classifier : estimator
+        That of the evaluation.
+    bank : GramBank
+        Of all recordings.
+
+    Returns
+    -------
+    list of PlannedControl
+        rest, means, clock, shuffled, permuted.
+    """
+    n_axes = data.X.shape[2]
+    scaled = make_pipeline(StandardScaler(), ECOCClassifier())
+    means = GramBank(data.X.mean(axis=1))
+    shuffled = next((space for space in spaces if space.name == "raw+hfmh"), spaces[0])
+    permuted = make_pipeline(TimePermutation(random_state=0), RawSignal())
+
+    def task(name: str, transformer: Any, model: BaseEstimator, of: GramBank) -> Task:
+        return Task(Space(name, transformer, None, learns=False), model, of, kind="control")
+
+    return [
+        _rest(data, classifier),
+        PlannedControl(
+            "means",
+            f"{n_axes} per-axis means, standardised",
+            task("means", _AsGiven(), scaled, means),
+            above="can be answered above chance without the course in time",
+        ),
+        _clock(data),
+        PlannedControl(
+            "shuffled",
+            f"{shuffled.name}, trained on shuffled labels",
+            Task(
+                Space("shuffled", shuffled.transformer, None, shuffled.learns),
+                classifier,
+                bank,
+                shuffled=True,
+                kind="control",
+            ),
+        ),
+        PlannedControl(
+            "permuted",
+            "the raw samples of each recording in random order",
+            task("permuted", permuted, classifier, bank),
+            above="can be answered above chance without the order in time",
+        ),
+    ]
+
+
+def judge(
+    planned: PlannedControl,
+    predicted: Mapping[str, Sequence[Codes]],
+    partitions: Mapping[str, Sequence[Partition]],
+    truth: Codes,
+) -> Control:
+    """Say what the predictions of a control show.
+
+    Parameters
+    ----------
+    planned : PlannedControl
+    predicted : mapping of str to sequence of int arrays
+        Protocol to class numbers, one array per partition; not looked at when the control was left out.
+    partitions : mapping of str to sequence of Partition
+        Protocol to its partitions.
+    truth : (n,) int array
+        Class number of each recording.
+    """
+    chances = {
+        protocol: float(np.mean([_guessing(p, truth) for p in drawn]))
+        for protocol, drawn in partitions.items()
+    }
+    chance = max(chances.values())
+    if planned.task is None:
+        return Control(planned.name, planned.what, {}, chance, f"left out: {planned.why_not}")
+    means, above = {}, []
+    for protocol, drawn in partitions.items():
+        hits = [truth[p.test] == said for p, said in zip(drawn, predicted[protocol], strict=True)]
+        means[protocol] = float(np.mean([np.mean(hit) for hit in hits]))
+        n_tested = np.unique(np.concatenate([p.test for p in drawn])).size
+        guess = chances[protocol]
+        if means[protocol] > guess + STANDARD_ERRORS * math.sqrt(guess * (1 - guess) / n_tested):
+            above.append(protocol_name(protocol, drawn))
+    return Control(planned.name, planned.what, means, chance, _verdict(planned, above))
+
+
+class _AsGiven(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Rows that are features already."""
+
+    learns = False
+
+    def fit(self, X: Floats, y: object = None) -> _AsGiven:  # noqa: ARG002
+        return self
+
+    def transform(self, X: Floats) -> Floats:
+        return X
+
+
+def _rest(data: Dataset, classifier: BaseEstimator) -> PlannedControl:
+    triggers = [recording.trigger_index for recording in data]
+    n_samples = data.X.shape[1]
+    known = [trigger for trigger in triggers if trigger is not None]
+    if len(known) == len(triggers):
+        n_rest = min(known)
+        what = f"the {n_rest / data.rate_hz:.2f} s before the motion only"
+        above = "can be answered above chance before anything moves"
+        why_not = "a motion begins at the first sample" if n_rest == 0 else ""
+    else:
+        n_rest = round(REST_S * data.rate_hz)
+        what = f"the first {REST_S:g} s only, as the start of the motion is not known"
+        above = f"can be answered above chance from the first {REST_S:g} s"
+        why_not = "" if 1 <= n_rest <= n_samples / 2 else f"{REST_S:g} s are {n_rest} of {n_samples} samples"
+    if why_not:
+        return PlannedControl("rest", what, None, why_not=why_not)
+    bank = GramBank(np.ascontiguousarray(data.X[:, :n_rest]))
+    space = Space("rest", RawSignal(), None, learns=False)
+    return PlannedControl("rest", what, Task(space, classifier, bank, kind="control"), above)
+
+
+def _clock(data: Dataset) -> PlannedControl:
+    what = "the time of acquisition only (nearest neighbour)"
+    times = data.start_times
+    unknown = int(np.isnan(times).sum())
+    if unknown:
+        which = "no recording carries" if unknown == times.size else f"{unknown} recordings do not carry"
+        return PlannedControl("clock", what, None, why_not=f"{which} a start time")
+    if (times == times[0]).all():
+        return PlannedControl("clock", what, None, why_not="all recordings start at the same time")
+    # Seconds since 1970 squared leave no digits for seconds: distances need times about their middle.
+    bank = GramBank((times - times.mean())[:, np.newaxis])
+    space = Space("clock", _AsGiven(), None, learns=False)
+    task = Task(space, KNeighborsClassifier(1), bank, kind="control")
+    return PlannedControl("clock", what, task, "can be answered above chance without touching the material")
+
+
+def _guessing(partition: Partition, truth: Codes) -> float:
+    """Accuracy of always naming the class that is most frequent in training."""
+    counts = np.bincount(truth[partition.train])
+    frequent = np.flatnonzero(counts == counts.max())
+    return float(np.mean(np.isin(truth[partition.test], frequent))) / frequent.size
+
+
+def _verdict(planned: PlannedControl, above: Sequence[str]) -> str:
+    which = " and ".join(above)
+    if planned.name == "shuffled":
+        leak = f"above chance on {which} with labels that mean nothing, so the accuracies there cannot be trusted"
+        return leak if above else "not above chance, as it must be"
+    return f"{which} {planned.above}" if above else "not above chance"
