@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
-from granular_id.ecoc import ECOCClassifier, dual_svm
+from granular_id.ecoc import ECOCClassifier, dual_svm, one_vs_one
 from granular_id.ecoc.dual_svm import NotSeparableError, solve_binary
 from granular_id.gram import linear_gram
 
@@ -169,9 +169,43 @@ def test_equal_rows_of_both_classes_do_not_hang_nor_fail():
     np.testing.assert_array_equal(clf.predict(np.ones((2, 2))), [0, 0])
 
 
+@pytest.mark.parametrize("bounded", [True, False])
+def test_repetitions_are_one_row_of_their_common_weight(monkeypatch, bounded):
+    X, targets = problem(2, 40, 5 if bounded else 60, distance=0.4)
+    times = np.random.default_rng(1).integers(1, 4, 40)
+    again = np.repeat(np.arange(40), times)
+    upper = times.astype(float) if bounded else None
+    weighted = solve_binary(linear_gram(X), targets, upper)
+    ones = np.ones(len(again)) if bounded else None
+    gram = linear_gram(X[again])
+    repeated = solve_binary(gram, targets[again], ones)
+    # The way out when libsvm's split of multipliers among equal rows leads to no exact solution.
+    monkeypatch.setattr(dual_svm, "_active_set_solution", first_call_fails(dual_svm._active_set_solution))
+    merged = solve_binary(gram, targets[again], ones)
+    for solution in (repeated, merged):
+        np.testing.assert_allclose(
+            solution.dual_coef @ X[again], weighted.dual_coef @ X, rtol=1e-7, atol=1e-9
+        )
+        assert solution.intercept == pytest.approx(weighted.intercept, abs=1e-8)
+    np.testing.assert_allclose(np.bincount(again, merged.dual_coef), weighted.dual_coef, rtol=1e-7, atol=1e-9)
+    if bounded:
+        assert worst_violation(gram, targets[again], ones, merged) < 1e-8
+        assert merged.at_bound == np.count_nonzero(np.abs(merged.dual_coef) >= 1 - 1e-12) > 0
+
+
+def first_call_fails(solve):
+    n_rows = []
+
+    def of_fewer_rows_only(gram, *arguments):
+        n_rows.append(len(gram))
+        return None if len(gram) == n_rows[0] else solve(gram, *arguments)
+
+    return of_fewer_rows_only
+
+
 def test_giving_up_is_a_warning_that_names_the_classes(monkeypatch):
     monkeypatch.setattr(dual_svm, "_MAX_STEPS", 2)
-    monkeypatch.setattr(dual_svm, "_MAX_STEPS_GUESS", 2)
+    monkeypatch.setattr(one_vs_one, "_MAX_STEPS_GUESS", 2)
     X, targets = problem(0, 60, 3, distance=0.1)
     with pytest.warns(ConvergenceWarning, match="'rice' against 'sand' did not converge"):
         ECOCClassifier().fit(X, np.where(targets > 0, "rice", "sand"))

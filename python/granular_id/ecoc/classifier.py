@@ -69,9 +69,9 @@ class ECOCClassifier(GramMethods):
     posterior : {"kullback_leibler", "wu_lin_weng"}, optional
         Also fit class probabilities, for `predict_proba`: Platt's sigmoid for each learner, on scores of rows
         that it has not seen (5 folds of each class; five more trainings), then coupled; see
-        `granular_id.ecoc.coupling`. "kullback_leibler" serves any coding, "wu_lin_weng" one-vs-one. Each class
-        needs two different rows. Labels come from the losses all the same: where classes are close, the
-        likeliest can be another.
+        `granular_id.ecoc.coupling`. "kullback_leibler" serves any coding, "wu_lin_weng" one-vs-one. A class needs
+        two different rows; a warning names those with one, which learners know when they score it. Labels come
+        from the losses all the same: where classes are close, the likeliest can be another.
     n_jobs : int, optional
         Threads over learners, as in joblib. The numbers do not depend on it.
     random_state : int or RandomState, optional
@@ -103,8 +103,7 @@ class ECOCClassifier(GramMethods):
     TypeError, ValueError
         From `fit`: a parameter outside its range, a loss that does not fit the scores of the estimator, more than
         100,000 learners, a coding matrix that does not fit the classes, fewer than two classes, NaN or infinity in
-        X, negative weights or an estimator that takes none, `hard_margin` with classes that overlap, `posterior`
-        with a class of one row.
+        X, negative weights or an estimator that takes none, `hard_margin` with classes that overlap.
 
     Notes
     -----

@@ -6,12 +6,13 @@ own rows say nothing of how sure it is. Each row is scored by learners trained o
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["N_FOLDS", "cross_fitted", "folds_of", "kinds_from_gram"]
+__all__ = ["KEPT", "N_FOLDS", "cross_fitted", "folds_of"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -19,8 +20,8 @@ IntArray = npt.NDArray[np.intp]
 N_FOLDS = 5
 """Folds of the cross-fit: four fifths of the rows train, close to the learners that are used in the end."""
 
-# Rows this near on the scale of the largest are repetitions of one another.
-_SAME = 1e-10
+KEPT = N_FOLDS
+"""Number of the fold that always trains."""
 
 
 def folds_of(
@@ -34,7 +35,9 @@ def folds_of(
 
     Equal rows of a class stay together. A fold would otherwise be scored by learners that know some of its rows, and a
     weight of 2 would not mean the same as a row given twice. Within a class different rows are put in order, shuffled
-    and dealt out in turn, going on in the next class with the next fold.
+    and dealt out in turn, going on in the next class with the next fold. The one row of a class cannot be held out:
+    it goes to the fold `KEPT`, which always trains, and is scored by learners that know it. How sure they are of it is
+    bounded by the softened target of the sigmoid, 2/3 for one row.
 
     Parameters
     ----------
@@ -54,35 +57,32 @@ def folds_of(
     ndarray of int, shape (n,)
         Fold of each row; -1 for rows that do not count.
 
-    Raises
-    ------
-    ValueError
-        A class with fewer than two different rows: one must train while the other is scored.
+    Warns
+    -----
+    UserWarning
+        Classes with a single row, by name.
     """
     rng = np.random.default_rng(seed)
     folds = np.full(len(codes), -1)
-    next_fold = 0
+    next_fold, single = 0, []
     for k, name in enumerate(names):
         own = counted[codes[counted] == k]
         different, inverse = np.unique(rows[own], axis=0, return_inverse=True)
         if len(different) < 2:
-            raise ValueError(
-                f"posterior needs at least 2 different rows of each class, to score some by learners trained on the "
-                f"others: class {str(name)!r} has {len(different)}"
-            )
+            folds[own] = KEPT
+            single.append(repr(str(name)))
+            continue
         order = rng.permutation(len(different))
         folds[own] = (next_fold + order[inverse.ravel()]) % N_FOLDS
         next_fold += len(different)
+    if single:
+        warnings.warn(
+            "posterior needs 2 different rows of a class, to score each by learners trained on the other; "
+            f"scored by learners that know it: the one row of {', '.join(single)}",
+            UserWarning,
+            stacklevel=2,
+        )
     return folds
-
-
-def kinds_from_gram(gram: FloatArray) -> IntArray:
-    """Tell rows apart by their scalar products: for each row the index of the first that equals it, shape (n, 1)."""
-    squares = np.diag(gram)
-    distance = squares[:, None] + squares - 2.0 * gram
-    spread = max(float(np.trace(gram)) / len(gram) - float(gram.mean()), 0.0)
-    first: IntArray = (distance <= _SAME * spread).argmax(axis=1)
-    return first[:, None]
 
 
 def cross_fitted(
@@ -101,6 +101,7 @@ def cross_fitted(
     """
     scores = np.zeros((len(folds), n_learners))
     for fold in np.unique(folds[folds >= 0]):
-        held_out = np.flatnonzero(folds == fold)
-        scores[held_out] = fit_and_score(np.flatnonzero((folds >= 0) & (folds != fold)), held_out)
+        trains = (folds >= 0) & ((folds != fold) | (folds == KEPT))
+        scored = np.flatnonzero(folds == fold)
+        scores[scored] = fit_and_score(np.flatnonzero(trains), scored)
     return scores

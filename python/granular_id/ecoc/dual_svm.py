@@ -8,45 +8,27 @@ the origin lies and on whether a row was repeated or weighted. The solution of t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn import config_context
-from sklearn.svm import SVC
 
-__all__ = ["BinarySolution", "NotSeparableError", "OneVsOneGuess", "one_vs_one_guess", "solve_binary"]
+from granular_id.ecoc.equal_rows import first_equal
+from granular_id.ecoc.libsvm import HARD_BOUND, TOLERANCES, centred_gram, run_libsvm, snapped
+
+__all__ = ["BinarySolution", "NotSeparableError", "solve_binary"]
 
 FloatArray = npt.NDArray[np.float64]
 
-# libsvm needs to name the right rows only, its multipliers are computed anew: its own default does in nearly
-# all cases, the second value where it did not.
-_TOLERANCES = (1e-3, 1e-6)
 # libsvm's own limit. scikit-learn has none, and problems past the accuracy of float32 then never end.
 _MAX_STEPS = 10_000_000
 # With a margin that libsvm can resolve in float32 it ends far below this number of steps.
 _MAX_STEPS_HARD = 1_000_000
-# For a guess it does not pay to wait: pairs that need longer are solved on their own.
-_MAX_STEPS_GUESS = 100_000
-# Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
-# stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
-_HARD_BOUND = 1e10
 _KKT_TOLERANCE = 1e-8
 _MAX_ROUNDS = 20
 
 
 class NotSeparableError(ValueError):
     """No hyperplane separates the two classes, or none that can be found numerically."""
-
-
-class _QuietSVC(SVC):  # type: ignore[misc]
-    """SVC whose caller looks at `fit_status_` and names the classes in a warning of its own.
-
-    `warnings.catch_warnings` would do the same for the whole process, and partitions are trained in threads.
-    """
-
-    def _warn_from_fit_status(self) -> None:
-        pass
 
 
 @dataclass(frozen=True)
@@ -104,22 +86,22 @@ def solve_binary(
     NotSeparableError
         `bounds` is None and the classes overlap, or lie too close for the solver.
     """
-    centred, row_mean, scale = _centred(gram)
+    centred, row_mean, scale = centred_gram(gram)
     hard = bounds is None
-    upper = np.full(len(targets), _HARD_BOUND) if bounds is None else bounds * scale
+    upper = np.full(len(targets), HARD_BOUND) if bounds is None else bounds * scale
 
     dual, intercept, converged = np.zeros(len(targets)), 0.0, False
     exact = None if guess is None else _active_set_solution(centred, targets, upper, targets * guess * scale)
-    for tolerance in _TOLERANCES:
+    for tolerance in TOLERANCES:
         if exact is not None:
             break
-        machine = _libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
+        machine = run_libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
         if converged and machine.fit_status_ != 0:
             break  # the looser tolerance was met, the tighter one is out of reach
         converged = machine.fit_status_ == 0
         dual = np.zeros(len(targets))
         dual[machine.support_] = machine.dual_coef_[0]
-        dual = _snapped(dual, upper)
+        dual = snapped(dual, upper)
         intercept = float(machine.intercept_[0])
         exact = _active_set_solution(centred, targets, upper, dual)
         if not converged:
@@ -127,6 +109,10 @@ def solve_binary(
     if exact is not None:
         dual, intercept = exact
         converged = True
+    else:
+        merged = _without_repetitions(centred, gram, targets, bounds)
+        if merged is not None:
+            return merged
     at_bound = int(np.count_nonzero(np.abs(dual) >= upper))
     if hard:
         _check_separated(targets * (centred @ dual + intercept), at_bound, converged)
@@ -134,94 +120,24 @@ def solve_binary(
     return BinarySolution(dual, intercept - float(dual @ row_mean), at_bound, converged)
 
 
-@dataclass(frozen=True)
-class OneVsOneGuess:
-    """Multipliers of all pairs of classes, kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
+def _without_repetitions(
+    centred: FloatArray, gram: FloatArray, targets: FloatArray, bounds: FloatArray | None
+) -> BinarySolution | None:
+    """Solve with one row for all rows that are equal, which then share its multiplier; None when all differ.
 
-    Attributes
-    ----------
-    by_opponent : ndarray, shape (K - 1, n)
-        Multipliers of each row against each other class: the classes below its own first, then those above.
-    codes : ndarray of int, shape (n,)
-        Class index of each row.
-    pairs : tuple of two ndarrays of int, shape (K (K - 1) / 2,)
-        Lower and higher class of each learner.
+    Of equal rows one may sit at its bound and the next not, in as many ways as there are copies: to tell free rows
+    from bound ones then leads nowhere.
     """
-
-    by_opponent: FloatArray
-    codes: npt.NDArray[np.intp]
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
-
-    def of_rows(self, learner: int, rows: npt.NDArray[np.intp]) -> FloatArray:
-        """Multipliers of the rows of one learner, to start `solve_binary` from."""
-        low, high = self.pairs[0][learner], self.pairs[1][learner]
-        opponent = np.where(self.codes[rows] == low, high - 1, low)
-        multipliers: FloatArray = self.by_opponent[opponent, rows]
-        return multipliers
-
-
-def one_vs_one_guess(
-    gram: FloatArray, codes: npt.NDArray[np.intp], bounds: FloatArray | None
-) -> OneVsOneGuess:
-    """Multipliers of all pairs of classes from a single call of libsvm.
-
-    Parameters
-    ----------
-    gram : ndarray, shape (n, n)
-        Scalar products of the rows of all classes.
-    codes : ndarray of int, shape (n,)
-        Class index of each row; every index from 0 to K - 1 occurs.
-    bounds : ndarray, shape (n,), or None
-        As for `solve_binary`.
-
-    Returns
-    -------
-    OneVsOneGuess
-        Pairs in the order of `granular_id.ecoc.codings.onevsone`.
-    """
-    centred, _, scale = _centred(gram)
-    upper = np.full(len(codes), _HARD_BOUND) if bounds is None else bounds * scale
-    machine = _libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
-    by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
-    by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)
-    low, high = np.triu_indices(len(machine.classes_), 1)
-    return OneVsOneGuess(_snapped(by_opponent, upper) / scale, codes, (low, high))
-
-
-def _centred(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Gram matrix of the rows about their mean in units of their spread; mean of each row before; the unit.
-
-    The unit is a power of two, so that it scales without rounding; it keeps kernels in the range of float32.
-    """
-    row_mean = gram.mean(axis=0)
-    centred = gram - row_mean
-    centred -= row_mean[:, None]
-    centred += row_mean.mean()
-    spread = float(np.trace(centred)) / len(gram)
-    scale = float(np.ldexp(1.0, int(np.frexp(spread)[1]))) if spread > 0 else 1.0
-    centred /= scale
-    return centred, row_mean, scale
-
-
-def _libsvm(
-    gram: FloatArray, labels: npt.NDArray[Any], upper: FloatArray, tolerance: float, max_steps: int
-) -> SVC:
-    largest = float(upper.max())
-    machine = _QuietSVC(
-        C=largest,
-        kernel="precomputed",
-        tol=tolerance,
-        shrinking=False,  # slower than it saves for the few hundred rows of a pair, and less exact
-        max_iter=max_steps,
-    )
-    weights = None if float(upper.min()) == largest else upper / largest
-    with config_context(assume_finite=True, skip_parameter_validation=True):
-        return machine.fit(gram, labels, sample_weight=weights)
-
-
-def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
-    """Multipliers within rounding of their bound, put on it: libsvm multiplies C and weight on its own."""
-    return np.where(np.abs(dual) >= upper * (1 - 1e-12), np.copysign(upper, dual), dual)
+    first = first_equal(centred, targets)
+    kept, kind = np.unique(first, return_inverse=True)
+    if len(kept) == len(targets):
+        return None
+    share = np.ones(len(targets)) if bounds is None else bounds
+    total = np.bincount(kind, weights=share).astype(np.float64)
+    solution = solve_binary(gram[np.ix_(kept, kept)], targets[kept], None if bounds is None else total)
+    at_bound = 0 if bounds is None else np.count_nonzero((np.abs(solution.dual_coef) >= total)[kind])
+    dual_coef = solution.dual_coef[kind] * (share / total[kind])
+    return BinarySolution(dual_coef, solution.intercept, int(at_bound), solution.converged)
 
 
 def _active_set_solution(
@@ -293,7 +209,7 @@ def _middle_intercept(targets: FloatArray, at_bound: FloatArray, scores: FloatAr
 
 def _check_separated(margins: FloatArray, at_bound: int, converged: bool) -> None:
     smallest = float(margins.min())
-    if converged and not at_bound and smallest >= 1.0 - 2.0 * _TOLERANCES[0]:
+    if converged and not at_bound and smallest >= 1.0 - 2.0 * TOLERANCES[0]:
         return
     wrong = int((margins <= 0).sum())
     if wrong:

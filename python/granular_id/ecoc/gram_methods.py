@@ -10,7 +10,7 @@ from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
 from granular_id.ecoc.base import ECOCBase, has_posterior
-from granular_id.ecoc.cross_fit import kinds_from_gram
+from granular_id.ecoc.equal_rows import first_equal
 from granular_id.ecoc.learners import DualLearners, fit_dual
 from granular_id.ecoc.training import checked_weights
 
@@ -69,7 +69,7 @@ class GramMethods(ECOCBase):
         self._keep(fit_dual(products, codes, self.coding_matrix_, **options))
         if self.posterior is not None:
             scorer = gram_scorer(products, codes, self.coding_matrix_, options)
-            self._learn_posterior(scorer, kinds_from_gram(products), codes, weights, fold_seed)
+            self._learn_posterior(scorer, first_equal(products)[:, None], codes, weights, fold_seed)
         return self
 
     def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:

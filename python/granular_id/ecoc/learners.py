@@ -13,13 +13,8 @@ from sklearn.exceptions import ConvergenceWarning
 
 from granular_id.ecoc.coding_matrix import CodingMatrix
 from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.dual_svm import (
-    BinarySolution,
-    NotSeparableError,
-    OneVsOneGuess,
-    one_vs_one_guess,
-    solve_binary,
-)
+from granular_id.ecoc.dual_svm import BinarySolution, NotSeparableError, solve_binary
+from granular_id.ecoc.one_vs_one import OneVsOneGuess, one_vs_one_guess
 from granular_id.ecoc.task import Task, checked_gram, checked_task, over_learners
 from granular_id.ecoc.training import checked_cost
 

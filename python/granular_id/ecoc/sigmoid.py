@@ -52,7 +52,7 @@ def fit_sigmoid(scores: FloatArray, targets: FloatArray, weights: FloatArray | N
     >>> from granular_id.ecoc.sigmoid import fit_sigmoid, sigmoid
     >>> slope, offset = fit_sigmoid(np.array([-1.0, -0.5, 0.5, 1.0]), np.array([-1.0, -1.0, 1.0, 1.0]), None)
     >>> sigmoid(np.array([-1.0, 0.0, 1.0]), slope, offset).round(3)
-    array([0.157, 0.5  , 0.843])
+    array([0.206, 0.5  , 0.794])
     """
     counts = np.ones(len(scores)) if weights is None else weights
     positive = targets > 0
