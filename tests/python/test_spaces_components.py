@@ -59,7 +59,9 @@ def test_both_ways_give_the_same_scores_and_signs(origin, n, n_columns, seed):
     for one in (X, other):
         scores = products.transform_gram(linear_gram(one, X, center=center))
         np.testing.assert_allclose(scores, rows.transform(one), rtol=1e-6, atol=1e-6 * scale)
-    np.testing.assert_allclose(products.explained_variance_, rows.explained_variance_, rtol=1e-8)
+    # Products about a far origin lose the digits that the distance takes.
+    variance = rows.explained_variance_
+    np.testing.assert_allclose(products.explained_variance_, variance, rtol=1e-8, atol=1e-10 * variance[0])
 
 
 def test_the_largest_score_of_each_component_is_positive():
