@@ -19,6 +19,9 @@ __all__ = ["as_percent", "draw_confusion", "plot_confusion"]
 
 _CELL = "#0072B2"
 
+_WHITE_ABOVE = 78.0
+"""Per cent from which on white stands out from a cell on white paper better than ink does."""
+
 
 def plot_confusion(
     matrix: ArrayLike,
@@ -90,7 +93,7 @@ def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[st
             ha="center",
             va="center",
             fontsize=9,
-            color="white" if value > 55 else INK,
+            color="white" if value > _WHITE_ABOVE else INK,
         )
     k = len(labels)
     names = [short(label) for label in labels]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from threading import Lock
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -87,13 +88,19 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
 
 def _drawn(figure: Figure) -> bytes:
     import matplotlib as mpl  # noqa: PLC0415  # an extra
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
 
+    for patch in (figure.patch, *(panel.patch for panel in figure.axes)):
+        patch.set_visible(False)  # the page shows through
     stream = io.BytesIO()
-    with _switch:
+    with _switch, warnings.catch_warnings():
+        # The page's fonts draw the letters; what matplotlib's own font lacks does not matter.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
         before = mpl.rcParams["svg.fonttype"]
         mpl.rcParams["svg.fonttype"] = "none"
         try:
-            figure.savefig(stream, format="svg", transparent=True)
+            # Not savefig: it draws every figure twice, the first time for the layout alone.
+            FigureCanvasSVG(figure).print_svg(stream)
         finally:
             mpl.rcParams["svg.fonttype"] = before
     return stream.getvalue()

@@ -1,0 +1,226 @@
+"""Figures of results and portraits: what they show, and what is refused."""
+
+from __future__ import annotations
+
+import doctest
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from granular_id.plotting import (
+    plot_accuracy,
+    plot_confusion,
+    plot_gap,
+    plot_hfmh,
+    plot_mean_forces,
+    plot_recall,
+    plot_residual,
+    plot_weights,
+)
+from granular_id.plotting.heat import shared_limits
+from granular_id.plotting.style import short
+from report_cases import HOSTILE, hostile_result, small_result
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_result(protocol=("paper", "session", "chronological"))
+
+
+@pytest.fixture(scope="module")
+def portrait(result):
+    return result.portrait
+
+
+def texts(panel):
+    return [text.get_text() for text in panel.texts]
+
+
+def row_names(panel):
+    return [label.get_text() for label in panel.get_yticklabels()]
+
+
+def flat_lines(panel, row):
+    """Horizontal extents of the lines drawn into a row."""
+    return [line.get_xdata() for line in panel.lines if set(np.asarray(line.get_ydata()).tolist()) == {row}]
+
+
+def test_accuracy_bars_are_means_and_lines_their_intervals(result):
+    panel = plot_accuracy(result).axes[0]
+    assert row_names(panel) == ["raw", "hfmh"]
+    widths = [bar.get_width() for bars in panel.containers for bar in bars]
+    means = [
+        result.mean_accuracy(space, protocol) for protocol in result.protocols for space in ("raw", "hfmh")
+    ]
+    assert widths == pytest.approx(means)
+    assert texts(panel) == [f"{100 * mean:.1f}" for mean in means]
+    drawn = [tuple(line.get_xdata()) for line in panel.lines]
+    assert result.interval("raw", "paper") in drawn
+    # two halves have no interval: their dots stand there instead
+    assert tuple(result.accuracies("raw", "chronological")) in drawn
+
+
+def test_the_papers_accuracies_are_marked_when_asked_for(result):
+    marked = plot_accuracy(result, paper=True).axes[0]
+    points = [tuple(line.get_xdata()) for line in marked.lines]
+    assert (0.7614, 0.8705) in points
+    assert (0.7614, 0.8705) not in [tuple(line.get_xdata()) for line in plot_accuracy(result).axes[0].lines]
+
+
+def test_the_gap_lies_between_random_draws_and_the_strictest(result):
+    panel = plot_gap(result, "hfmh").axes[0]
+    assert row_names(panel) == ["random partitions", "held-out sessions", "halves in time order"]
+    (stretch,) = panel.patches
+    left, right = stretch.get_x(), stretch.get_x() + stretch.get_width()
+    ends = sorted(result.mean_accuracy("hfmh", protocol) for protocol in ("paper", "session"))
+    assert (left, right) == pytest.approx(tuple(ends))
+    for row, protocol in enumerate(result.protocols):
+        assert any(np.array_equal(x, result.accuracies("hfmh", protocol)) for x in flat_lines(panel, row))
+        assert f"{100 * result.mean_accuracy('hfmh', protocol):.1f} %" in texts(panel)
+
+
+def test_without_a_strict_protocol_there_is_no_gap(result):
+    alone = replace(result, partitions={"paper": result.partitions["paper"]})
+    assert len(plot_gap(alone).axes[0].patches) == 0
+
+
+def test_recall_has_a_row_a_class_and_a_mark_a_protocol(result):
+    panel = plot_recall(result, "raw").axes[0]
+    assert row_names(panel) == list(result.labels)
+    drawn = [
+        np.asarray(line.get_xdata()) for line in panel.lines if len(line.get_xdata()) == len(result.labels)
+    ]
+    for protocol in result.protocols:
+        assert any(np.array_equal(x, result.recall("raw", protocol)) for x in drawn)
+
+
+@pytest.mark.parametrize("plot", [plot_gap, plot_recall])
+def test_unknown_spaces_are_refused(result, plot):
+    with pytest.raises(ValueError, match="space must be one of 'raw', 'hfmh', got 'nose'"):
+        plot(result, "nose")
+
+
+def maps(figure):
+    return [panel for panel in figure.axes if panel.images]
+
+
+def test_residual_maps_hold_the_portrait(portrait):
+    panels = maps(plot_residual(portrait))
+    assert [panel.get_title() for panel in panels] == ["$F_x$", "$F_y$", "$F_z$", "$T_x$", "$T_y$", "$T_z$"]
+    for axis, panel in enumerate(panels):
+        np.testing.assert_array_equal(panel.images[0].get_array(), portrait.high_pass.residual[:, axis])
+        assert panel.get_xlim() == (0.0, portrait.n_samples / portrait.rate_hz)
+        assert row_names(panel) == list(portrait.labels)
+
+
+def test_histogram_maps_cut_off_what_stays_empty_in_all_materials(portrait):
+    for axis, panel in enumerate(maps(plot_hfmh(portrait))):
+        shown = panel.images[0].get_array().filled(0.0)
+        counts = portrait.high_pass.hfmh[:, axis]
+        assert shown.sum() == pytest.approx(counts.sum())
+        assert shown[:, 0].any()
+        assert shown[:, -1].any()
+        low, high = panel.get_xlim()
+        assert (high - low) / shown.shape[1] == pytest.approx(3.0 / 100)
+
+
+def test_weights_show_the_share_of_each_axis(portrait):
+    figure = plot_weights(portrait)
+    (block,) = portrait.weights
+    labels = [panel.get_ylabel() for panel in figure.axes]
+    assert labels[0] == f"$F_x$\n{100 * block.shares[0]:.1f} %"
+    assert len(labels) == 6
+    assert f"linear model of {portrait.looked_at}" in figure.get_suptitle()
+
+
+def test_mean_forces_of_a_portrait_are_those_of_the_portrait(portrait):
+    figure = plot_mean_forces(portrait, axes=("ty",))
+    assert [panel.get_title() for panel in figure.axes] == list(portrait.labels)
+    line = next(line for line in figure.axes[2].lines if len(line.get_xdata()) == len(portrait.time_s))
+    np.testing.assert_array_equal(line.get_ydata(), portrait.mean[2, 4])
+    assert figure.get_suptitle().startswith("Torque")
+    some = replace(portrait, n_synthetic=3)
+    assert plot_mean_forces(some).get_suptitle().startswith("3 of 40 recordings synthetic")
+
+
+def test_what_a_portrait_does_not_hold_is_said(portrait):
+    bare = replace(portrait, high_pass=None, weights=(), looked_at=None)
+    for plot in (plot_residual, plot_hfmh):
+        with pytest.raises(ValueError, match="portrait has no high-pass: its 500 Hz are too low"):
+            plot(bare)
+    with pytest.raises(ValueError, match="portrait has no weights"):
+        plot_weights(bare)
+
+
+def test_figures_of_simulated_recordings_say_so(result, portrait):
+    synthetic = replace(portrait, n_synthetic=40)
+    for figure in (plot_residual(synthetic), plot_hfmh(synthetic), plot_weights(synthetic)):
+        assert "synthetic" in figure.get_suptitle().lower()
+    assert "SYNTHETIC" in plot_gap(replace(result, synthetic=True)).axes[0].get_title()
+
+
+@pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
+def test_names_are_names_even_where_they_look_like_mathematics(tmp_path):
+    result = hostile_result()
+    for number, figure in enumerate(
+        (
+            plot_recall(result),
+            plot_mean_forces(result.portrait),
+            plot_residual(result.portrait),
+            plot_confusion(result.confusion(), result.labels),
+        )
+    ):
+        figure.savefig(tmp_path / f"{number}.svg")
+        words = [text.get_text() for panel in figure.axes for text in (*panel.get_yticklabels(), panel.title)]
+        assert short(HOSTILE["peas"]) in words
+
+
+@pytest.mark.parametrize(
+    "values", [np.zeros(3), np.array([0.0, 2.0]), np.array([1e-9, 1.0]), np.array([0.5, 0.6])]
+)
+def test_limits_of_colours_ascend_and_hold_the_largest(values):
+    low, high = shared_limits(values, 4)
+    assert 0 < low < high
+    assert high >= values.max()
+    assert low >= 1e-4 * high
+
+
+def luminance(colour):
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in colour]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize(("ground", "ink"), [("#ffffff", "#333333"), ("#14181d", "#e6eaee")])
+def test_numbers_stand_out_from_their_cells_on_white_and_on_dark_pages(ground, ink):
+    from matplotlib.colors import to_rgb
+
+    ratios = []
+    for value in range(1, 100):
+        panel = plot_confusion([[value, 100 - value], [0, 1]], ["a", "b"]).axes[0]
+        cell, text = panel.patches[0], panel.texts[0]
+        alpha = cell.get_alpha()
+        behind = alpha * np.array(to_rgb(cell.get_facecolor())) + (1 - alpha) * np.array(to_rgb(ground))
+        front = to_rgb(ink if text.get_color() == "#333333" else "white")
+        light, dark = sorted((luminance(behind), luminance(front)), reverse=True)
+        ratios.append((light + 0.05) / (dark + 0.05))
+    assert min(ratios) > 3.5
+
+
+@pytest.mark.parametrize("most", [5, 6, 24])
+def test_short_names_keep_both_ends(most):
+    name = "abcdefghijklmnopqrstuvwxyz"
+    cut = short(name, most)
+    assert len(cut) == most
+    head, tail = cut.split("…")
+    assert name.startswith(head)
+    assert name.endswith(tail)
+    assert short("abc", most) == "abc"
+
+
+@pytest.mark.parametrize("name", ["accuracy", "gap", "recall", "residual", "hfmh", "weights", "style"])
+def test_examples_in_docstrings_run(name):
+    found = doctest.testmod(import_module(f"granular_id.plotting.{name}"))
+    assert found.attempted > 0
+    assert found.failed == 0

@@ -1,0 +1,326 @@
+"""The report: what it says, in which order, and that nobody's text becomes markup."""
+
+from __future__ import annotations
+
+import doctest
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from evaluation_cases import make_data
+from granular_id.evaluation.report import figures, report
+from granular_id.evaluation.report.page import html
+from granular_id.evaluation.report.svg import inline_svg
+from granular_id.evaluation.report.words import gap_of, split_notes
+from granular_id.plotting import plot_gap
+from granular_id.synthetic import synthesize
+from report_cases import HOSTILE, hostile_result, many_classes, small_result, two_classes
+
+VOID = {"meta", "link", "br", "img", "hr", "line"}
+
+
+class Page(HTMLParser):
+    """Elements, ids, references and visible text of a page; tags must close in order."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.ids, self.references, self.tags, self.words, self.open = [], [], [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        for name, value in attrs:
+            if name == "id":
+                self.ids.append(value)
+            if name == "href" and value.startswith("#"):
+                self.references.append(value[1:])
+            self.references += re.findall(r"url\(#([^)]+)\)", value or "")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def result():
+    return small_result()
+
+
+@pytest.fixture(scope="module")
+def text(result):
+    return html(result)
+
+
+@pytest.fixture(scope="module")
+def page(text):
+    return Page(text)
+
+
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """Drawing takes most of the time, and words do not depend on it."""
+    monkeypatch.setattr("granular_id.evaluation.report.page.pictures", lambda *_: [])
+
+
+def test_sections_come_in_the_order_of_what_matters(page):
+    sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
+    assert sections == [
+        "gap",
+        "accuracy",
+        "controls",
+        "comparison",
+        "confusions",
+        "forces",
+        "high",
+        "weights",
+        "data",
+        "warnings",
+        "repeat",
+    ]
+
+
+def test_both_figures_of_the_gap_stand_on_top(result, page):
+    space = result.best_space()
+    top = page.text[: page.text.index("Accuracy of each feature space")]
+    for protocol in ("paper", "chronological"):
+        assert f"{100 * result.mean_accuracy(space, protocol):.1f} %" in top
+    assert f"{100 * result.gap(space):.1f}" in top
+    assert "random partitions" in top
+    assert "halves in time order" in top
+
+
+def test_every_number_of_the_tables_is_there(result, page):
+    for space in result.spaces:
+        assert f"{100 * result.mean_accuracy(space.name):.2f}" in page.text
+    for control in result.controls:
+        assert control.verdict in page.text
+        assert control.what in page.text
+    for share in result.recall(result.best_space(), "chronological"):
+        assert f"{100 * share:.1f} %" in page.text
+    assert "Mann-Whitney†" in page.text
+    assert "far too small" in page.text
+    assert "Seed 0" in page.text
+    assert result.command in page.text
+    assert result.versions["numpy"] in page.text
+
+
+def test_ids_are_single_and_every_reference_has_its_target(page):
+    assert len(set(page.ids)) == len(page.ids)
+    assert set(page.references) <= set(page.ids)
+
+
+def test_every_figure_says_what_it_shows(result, page):
+    plots = [attrs for tag, attrs in page.tags if tag == "svg" and attrs.get("class") == "plot"]
+    # gap, accuracy, two confusions, recall; forces by material; residual and histogram by axis; weights
+    assert len(plots) == 5 + len(result.labels) + 12 + len(result.portrait.weights)
+    assert all(plot["role"] == "img" and len(plot["aria-label"]) > 15 for plot in plots)
+
+
+def test_nothing_is_fetched_and_nothing_runs(text, page):
+    assert not any(tag in {"script", "iframe", "object", "embed"} for tag, _ in page.tags)
+    assert not any(name.startswith("on") for _, attrs in page.tags for name in attrs)
+    links = [
+        attrs.get(name) for _, attrs in page.tags for name in ("src", "href", "xlink:href") if name in attrs
+    ]
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", text)
+    assert "@import" not in text
+
+
+def test_a_figure_is_drawn_the_same_every_time(result):
+    first, again = (plot_gap(result, "raw") for _ in range(2))
+    assert inline_svg(first, "gap", "alt") == inline_svg(again, "gap", "alt")
+
+
+def test_hostile_names_stay_text():
+    text = html(hostile_result())
+    page = Page(text)
+    assert "<script" not in text
+    assert "<img" not in text
+    for label in HOSTILE.values():
+        assert " ".join(label.split()) in page.text
+    assert text.count("</style>") == 1
+
+
+def test_synthetic_recordings_are_called_so_first_of_all(no_pictures):
+    data = synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=0.5)
+    page = Page(html(small_result(data, ["hfmh"], ["paper"])))
+    assert page.text.startswith("SYNTHETIC: hfmh names")  # the title
+    assert page.text.index("SYNTHETIC recordings.") < page.text.index("granular_id ")
+    assert "SYNTHETIC" not in Page(html(small_result(spaces=["raw"], protocol=["paper"]))).text
+
+
+def test_two_classes_and_one_space_leave_no_empty_section(no_pictures):
+    result = small_result(two_classes(), ["hfmh"], ["paper"], controls=False)
+    page = Page(html(result))
+    sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
+    assert "controls" not in sections
+    assert "comparison" not in sections
+    assert "no protocol held out a session or a stretch of time" in page.text
+
+
+def test_twenty_classes_make_a_page_of_moderate_size():
+    result = small_result(
+        many_classes(), ["raw", "hfmh"], train_per_class=4, test_per_class=2, controls=False
+    )
+    text = html(result)
+    assert len(result.labels) == 20
+    assert len(text.encode()) < 3_000_000
+    page = Page(text)
+    assert len(set(page.ids)) == len(page.ids)
+
+
+def test_a_result_without_portrait_still_reports(result):
+    page = Page(html(replace(result, portrait=None)))
+    assert "Forces of each material" not in page.text
+    assert "Accuracy of each feature space" in page.text
+
+
+def test_the_rate_may_be_too_low_for_the_filter(result):
+    portrait = replace(result.portrait, high_pass=None, weights=(), looked_at=None)
+    page = Page(html(replace(result, portrait=portrait)))
+    assert "Forces of each material" in page.text
+    assert "histogram of the same signal" not in page.text
+
+
+def right_share(result, share, protocol):
+    """The result with this share of right answers in one protocol, the same in every partition."""
+    predicted = dict(result.predicted)
+    for (name, space), said in result.predicted.items():
+        if name == protocol:
+            truths = [result.truth[p.test] for p in result.partitions[name]]
+            wrong = [np.arange(t.size) >= round(share * t.size) for t in truths]
+            said = tuple((t + w) % len(result.labels) for t, w in zip(truths, wrong, strict=True))  # noqa: PLW2901
+        predicted[name, space] = said
+    return replace(result, predicted=predicted)
+
+
+@pytest.mark.parametrize(
+    ("strict", "kind", "words"),
+    [
+        (0.5, "lost", "50.0 points do not survive different halves in time"),
+        (1.0, "kept", "Less than a point is lost"),
+    ],
+)
+def test_the_verdict_follows_the_gap(result, strict, kind, words):
+    both = right_share(right_share(result, 1.0, "paper"), strict, "chronological")
+    gap = gap_of(both, "raw")
+    assert gap.kind == kind
+    assert words in gap.verdict
+    assert gap.sides[0].spread == "the same in each of 3 partitions"
+
+
+def test_a_gap_within_the_uncertainty_is_not_called_one(result):
+    low, _ = result.interval("raw", "paper")
+    gap = result.mean_accuracy("raw", "paper") - result.mean_accuracy("raw", "chronological")
+    assert 0.01 < gap < result.mean_accuracy("raw", "paper") - low
+    gap = gap_of(result, "raw")
+    assert gap.kind == "unsure"
+    assert "do not show a gap" in gap.verdict
+
+
+def test_a_strict_protocol_alone_is_not_praised_or_blamed(result):
+    alone = replace(
+        result,
+        partitions={"chronological": result.partitions["chronological"]},
+        predicted={key: said for key, said in result.predicted.items() if key[0] == "chronological"},
+    )
+    gap = gap_of(alone, "raw")
+    assert gap.kind == "unknown"
+    assert "Only halves in time order ran" in gap.verdict
+
+
+def test_warnings_are_told_from_notes(result, no_pictures):
+    noted = replace(result, notes=("warning: beware", "random: 5 train", "error: broken"))
+    assert split_notes(noted) == (("beware", "broken"), ("random: 5 train",))
+    assert "Warnings (2)" in Page(html(noted)).text
+
+
+def test_the_file_is_whole_or_absent(result, tmp_path, monkeypatch, no_pictures):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    report(result, path)
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.setattr("granular_id.evaluation.report.page.html", lambda result: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        report(result, path)
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_target_that_cannot_be_is_refused_before_anything_is_drawn(result, tmp_path, monkeypatch):
+    monkeypatch.setattr("granular_id.evaluation.report.page.html", lambda result: pytest.fail("drawn"))
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        report(result, tmp_path / "missing" / "report.html")
+
+
+@pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
+def test_without_its_libraries_the_extra_is_named(result, tmp_path, monkeypatch, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r"pip install 'granular-id\[app\]'"):
+        report(result, tmp_path / "report.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_are_written_for_every_part(result, tmp_path):
+    written = figures(result, tmp_path / "new", ".svg")
+    names = {path.name for path in written}
+    stems = {
+        "accuracy",
+        "gap",
+        "recall",
+        "confusion_paper",
+        "confusion_chronological",
+        "mean_forces",
+        "residual",
+        "hfmh",
+        "weights",
+    }
+    assert names == {f"{stem}.svg" for stem in stems}
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(names)
+
+
+def test_figures_refuse_what_they_do_not_know(result, tmp_path):
+    with pytest.raises(ValueError, match="formats must name at least one ending"):
+        figures(result, tmp_path, [])
+    with pytest.raises(ValueError, match="path must end in one of"):
+        figures(result, tmp_path / "new", "xyz")
+    with pytest.raises(ValueError, match="space must be one of"):
+        figures(result, tmp_path, space="nose")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_sessions_held_out_are_called_so(no_pictures):
+    result = small_result(make_data(), ["raw"], ["kfold", "session"], n_folds=3, controls=False)
+    page = Page(html(result))
+    assert "random folds" in page.text
+    assert "different sessions" in page.text
+
+
+@pytest.mark.parametrize("name", ["page", "files"])
+def test_examples_in_docstrings_run(name):
+    found = doctest.testmod(import_module(f"granular_id.evaluation.report.{name}"))
+    assert found.attempted > 0
+    assert found.failed == 0

@@ -1,0 +1,147 @@
+"""The report in a real browser: quiet, complete, and readable on a phone, in the dark and on paper."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from granular_id.evaluation.report import report
+from report_cases import hostile_result, many_classes, small_result, two_classes
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+RESULTS = {
+    "four classes": small_result,
+    "hostile names": hostile_result,
+    "two classes, one space": lambda: small_result(two_classes(), ["hfmh"], ["paper"]),
+    "twenty classes": lambda: small_result(many_classes(), train_per_class=4, controls=False),
+}
+
+# Contrast of text with what lies behind it, by WCAG; 4.5 is what normal text needs.
+CONTRAST = """
+() => {
+  const linear = (x) => x <= .04045 ? x / 12.92 : ((x + .055) / 1.055) ** 2.4;
+  const light = (c) => { const v = c.map((x) => linear(x / 255));
+    return .2126 * v[0] + .7152 * v[1] + .0722 * v[2]; };
+  const parse = (text) => text.match(/[\\d.]+/g).map(Number);
+  const behind = (node) => { for (; node; node = node.parentElement) {
+    const c = parse(getComputedStyle(node).backgroundColor); if (c.length < 4 || c[3] === 1) return c; }
+    return [255, 255, 255]; };
+  const poor = [];
+  for (const node of document.querySelectorAll('p, td, th, h1, h2, h3, a, li, dd, dt, pre, .side span, svg text')) {
+    const style = getComputedStyle(node), text = parse(node.closest('svg') ? style.fill : style.color);
+    if (node.closest('figure.confusion')) continue;  // its numbers stand on cells, see below
+    const [a, b] = [light(text), light(behind(node))].sort((x, y) => y - x);
+    if ((a + .05) / (b + .05) < 4.5) poor.push([node.tagName, node.textContent.slice(0, 40), (a + .05) / (b + .05)]);
+  }
+  return poor;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("no chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture(scope="module", params=RESULTS)
+def case(request, browser, tmp_path_factory):
+    """A result and its page on disk."""
+    result = RESULTS[request.param]()
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    report(result, path)
+    return result, path
+
+
+@pytest.fixture
+def opened(case, browser):
+    """Return a function that opens the page; everything it says or asks for is collected."""
+    contexts = []
+
+    def open_page(width=1280, scheme="light"):
+        context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=scheme)
+        contexts.append(context)
+        page = context.new_page()
+        page.said, page.asked = [], []
+        page.on("console", lambda message: page.said.append(message.text))
+        page.on("pageerror", lambda error: page.said.append(str(error)))
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("requestfailed", lambda request: page.said.append(f"failed: {request.url}"))
+        page.goto(case[1].as_uri(), wait_until="load")
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def test_the_page_is_quiet_and_asks_for_nothing_but_itself(case, opened):
+    page = opened()
+    assert page.said == []
+    assert [url for url in page.asked if not url.startswith("data:")] == [case[1].as_uri()]
+    assert page.title() != "owned"
+
+
+def test_all_figures_are_drawn(case, opened):
+    result, _ = case
+    page = opened()
+    # gap, accuracy, recall and a confusion for each protocol; forces by material; two maps by axis; weights
+    wanted = 3 + len(result.protocols) + len(result.labels) + 12 + len(result.portrait.weights)
+    boxes = page.eval_on_selector_all(
+        "svg.plot", "all => all.map((svg) => svg.getBoundingClientRect().toJSON())"
+    )
+    assert len(boxes) == wanted
+    assert min(box["width"] for box in boxes) > 150
+    assert min(box["height"] for box in boxes) > 60
+    # every id that a figure refers to is its own
+    assert page.evaluate(
+        "() => [...document.querySelectorAll('[clip-path]')].every((node) => node.closest('svg').contains("
+        "document.getElementById(node.getAttribute('clip-path').slice(5, -1))))"
+    )
+
+
+@pytest.mark.parametrize("width", [400, 768, 1280])
+def test_nothing_sticks_out(opened, width):
+    page = opened(width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    # what is wider than the screen scrolls inside a box that can be reached by keyboard, or is a figure
+    assert page.evaluate(
+        "() => [...document.querySelectorAll('main *')].filter((node) => node.scrollWidth > node.clientWidth + 1 "
+        "&& ['auto', 'scroll'].includes(getComputedStyle(node).overflowX)).every((node) => "
+        "node.tabIndex === 0 || node.querySelector('svg.plot'))"
+    )
+
+
+def test_both_figures_of_the_gap_are_seen_without_scrolling(case, opened):
+    result, _ = case
+    page = opened(1280)
+    values = page.locator(".side .value")
+    assert values.count() == len(result.protocols)
+    for number in range(values.count()):
+        box = values.nth(number).bounding_box()
+        assert box["y"] + box["height"] < 800
+        assert box["height"] > 40
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_ground(opened, scheme):
+    page = opened(scheme=scheme)
+    ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (ground == "rgb(255, 255, 255)") == (scheme == "light")
+    assert page.evaluate(CONTRAST) == []
+
+
+def test_it_prints(opened):
+    page = opened()
+    pdf = page.pdf(format="A4")
+    assert pdf.startswith(b"%PDF")
+    assert pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") >= 4
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
