@@ -181,10 +181,17 @@ def test_names_are_names_even_where_they_look_like_mathematics(tmp_path):
     "values", [np.zeros(3), np.array([0.0, 2.0]), np.array([1e-9, 1.0]), np.array([0.5, 0.6])]
 )
 def test_limits_of_colours_ascend_and_hold_the_largest(values):
-    low, high = shared_limits(values, 4)
+    low, high = shared_limits(values)
     assert 0 < low < high
     assert high >= values.max()
     assert low >= 1e-4 * high
+
+
+def test_a_few_large_values_do_not_take_all_the_colours():
+    values = np.full((10, 40), 0.1)
+    values[:, 0] = 50.0
+    assert shared_limits(values)[1] == 50.0
+    assert shared_limits(values, share=0.97)[1] == pytest.approx(0.1)
 
 
 def luminance(colour):

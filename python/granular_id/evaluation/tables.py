@@ -139,15 +139,21 @@ def _gap_line(result: EvaluationResult, space: str, random: str, strictest: str)
     return f"{start}less than a point is lost"
 
 
-def controls_table(result: EvaluationResult) -> Table:
-    """Accuracy of each control under each protocol, with its verdict in the notes."""
+def controls_table(result: EvaluationResult, space: str | None = None) -> Table:
+    """Accuracy of each control under each protocol below that of the method; verdicts in the notes.
+
+    The method is `space`, by default the best of the first protocol.
+    """
+    method = space or result.best_space()
     header = ("control", *(protocol_name(name, drawn) for name, drawn in result.partitions.items()))
+    first = (method, *(percent(result.mean_accuracy(method, protocol)) for protocol in result.protocols))
     rows = tuple(
         (control.name, *(percent(control.accuracies.get(protocol)) for protocol in result.protocols))
         for control in result.controls
     )
     notes = tuple(f"{control.name}: {control.what}. {control.verdict}" for control in result.controls)
-    return Table(f"Controls (chance {percent(result.chance)}){_marked(result)}", header, rows, notes)
+    title = f"Controls beside the method, {method} (chance {percent(result.chance)}){_marked(result)}"
+    return Table(title, header, (first, *rows), notes)
 
 
 def seconds_table(result: EvaluationResult) -> Table:

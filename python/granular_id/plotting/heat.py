@@ -65,7 +65,8 @@ def draw_heat(
     panel.tick_params(labelsize=7.5, colors=INK)
     for spine in panel.spines.values():
         spine.set_visible(False)
-    bar = panel.figure.colorbar(image, ax=panel, pad=0.02, aspect=25)
+    beyond = "max" if values.max() > limits[1] else "neither"
+    bar = panel.figure.colorbar(image, ax=panel, pad=0.02, aspect=25, extend=beyond)
     bar.solids.set_rasterized(True)  # else a path for each of 256 colours
     bar.outline.set_visible(False)
     bar.set_ticks(ticks := _ticks(limits), labels=[f"{tick:g}" for tick in ticks])
@@ -85,9 +86,15 @@ def _ticks(limits: tuple[float, float]) -> list[float]:
     return inside
 
 
-def shared_limits(values: NDArray[np.float64], decades: float) -> tuple[float, float]:
-    """Limits of the colours: the largest value, and at most so many decades below it."""
-    top = float(values.max())
+def shared_limits(
+    values: NDArray[np.float64], decades: float = 4.0, share: float = 1.0
+) -> tuple[float, float]:
+    """Limits of the colours: the value that this share does not exceed, and at most so many decades below it.
+
+    Where the largest values are a few, such as a filter's first response to an offset, a share below 1 leaves
+    the colours to the rest.
+    """
+    top = float(np.quantile(values, share))
     if top <= 0:
         return 0.1, 1.0
     smallest = float(values[values > 0].min())

@@ -71,7 +71,7 @@ def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
         values[:, first:last],
         across=(float(edges[first]), float(edges[last])),
         labels=portrait.labels,
-        limits=shared_limits(values, 4),
+        limits=shared_limits(values),
         key="density" if part.settings.get("density") else "samples in a bin",
     )
     panel.locator_params(axis="x", nbins=5)

@@ -87,7 +87,7 @@ def html(result: EvaluationResult) -> str:
             accuracies=Table(
                 "", accuracies.header, accuracies.rows, (PAPER_NOTE,) if shows_paper(result) else ()
             ),
-            controls=controls_table(result),
+            controls=controls_table(result, space),
             comparisons=[_in_words(table, result) for table in comparison_tables(result, space)],
             mistakes=_in_words(mistakes_table(result, space, judged), result),
             recalls=recall_table(result, space),
