@@ -76,10 +76,10 @@ def draw_heat(
 
 
 def _ticks(limits: tuple[float, float]) -> list[float]:
-    """Powers of ten within limits; where there are fewer than three, 1, 2 and 5 times those."""
+    """Powers of ten within limits; where there are fewer than three, more steps between them."""
     low, high = limits
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in ((1,), (1, 2, 5)):
+    for steps in ((1,), (1, 2, 5), (1, 2, 3, 4, 5, 6, 8)):
         inside = [step * 10.0**e for e in exponents for step in steps if low <= step * 10.0**e <= high]
         if len(inside) > 2:
             break

@@ -72,7 +72,7 @@ def draw_weights(panels: Any, block: WeightBlock) -> None:
     top = float(block.influence.max()) or 1.0
     left, right = float(block.coordinates.min()), float(block.coordinates.max())
     used = np.flatnonzero(block.influence.max(axis=0) > 0.01 * top)
-    if block.kind == "magnitude" and used.size > 1:  # most bins of a wide range stay empty
+    if block.kind != "time" and used.size > 1:  # most bins of a wide range stay empty, most bands silent
         left, right = block.coordinates[[used[0], used[-1]]].tolist()
     for axis, panel in zip(block.axes, panels, strict=False):
         number = block.axes.index(axis)
