@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from sklearn.base import clone
+from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.exceptions import NotFittedError
 
-from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc import ECOCClassifier, random_codings
 
 
 def blobs(n_classes, per_class=24, n_features=60):
@@ -61,6 +63,18 @@ def test_bad_gram():
         ),
         ({"hard_margin": 1}, TypeError, "hard_margin must be True or False, got 1"),
         ({"standardize": "yes"}, TypeError, "standardize must be True or False, got 'yes'"),
+        ({"n_jobs": 0}, ValueError, "n_jobs must be None, positive, or negative .* got 0"),
+        ({"n_jobs": "two"}, TypeError, "n_jobs must be None or a whole number, got 'two'"),
+        ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', .*, got 'pairs'"),
+        ({"coding": None}, TypeError, "coding must be the name of a design or a matrix .* got None"),
+        ({"coding": np.ones((3, 2))}, ValueError, "column 0 must hold both"),
+        (
+            {"coding": [[1], [-1], [-1]]},
+            ValueError,
+            r"coding must have 2 rows, one per class, got shape \(3, 1\)",
+        ),
+        ({"posterior": "platt"}, ValueError, "posterior must be one of .* got 'platt'"),
+        ({"random_state": "now"}, ValueError, "'now' cannot be used to seed"),
     ],
 )
 def test_bad_parameters(params, kind, message):
@@ -95,3 +109,63 @@ def test_bad_data():
         clf.fit(X, y, sample_weight=np.zeros(len(y)))
     with pytest.raises(NotFittedError):
         ECOCClassifier().predict(X)
+
+
+class TestTwoHundredClasses:
+    def data(self):
+        y = np.repeat(np.arange(200), 2)
+        centres = 5.0 * np.random.default_rng(0).standard_normal((200, 12))
+        return np.random.default_rng(1).standard_normal((400, 12)) * 0.3 + centres[y], y
+
+    def test_pairs_work(self):
+        X, y = self.data()
+        clf = ECOCClassifier().fit(X, y)
+        assert clf.coef_.shape == (19_900, 12)
+        assert clf.score(X, y) > 0.99
+
+    def test_few_learners_work(self, monkeypatch):
+        monkeypatch.setattr(random_codings, "_DRAWS", 50)
+        X, y = self.data()
+        clf = ECOCClassifier(LinearDiscriminantAnalysis(), coding="denserandom", random_state=0).fit(X, y)
+        assert clf.coding_matrix_.shape == (200, 77)
+        assert clf.predict(X).shape == (400,)
+
+    @pytest.mark.parametrize("coding", ["binarycomplete", "ternarycomplete"])
+    def test_complete_designs_refuse(self, coding):
+        with pytest.raises(
+            ValueError, match=r"learners for K = 200 classes, more than 100,000; 'denserandom' needs 77"
+        ):
+            ECOCClassifier(coding=coding).fit(*self.data())
+
+
+CODED = ["onevsone", "onevsall", "ordinal", "sparserandom"]
+
+
+@pytest.mark.parametrize("coding", CODED)
+@pytest.mark.parametrize("standardize", [False, True])
+class TestPoorData:
+    def test_a_class_of_one_row(self, coding, standardize):
+        X, y = blobs(n_classes=3)
+        kept = np.flatnonzero((y != 1) | (np.arange(len(y)) == np.argmax(y == 1)))
+        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0).fit(X[kept], y[kept])
+        assert clf.score(X[kept], y[kept]) == 1.0
+
+    def test_two_rows_in_all(self, coding, standardize):
+        clf = ECOCClassifier(coding=coding, standardize=standardize).fit([[0.0], [2.0]], ["a", "b"])
+        assert clf.predict([[0.5], [1.5]]).tolist() == ["a", "b"]
+
+    def test_equal_rows(self, coding, standardize):
+        y = np.repeat([0, 1, 2], [8, 4, 4])
+        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0).fit(np.ones((16, 3)), y)
+        assert np.isfinite(clf.decision_function(np.ones((2, 3)))).all()
+        assert len(set(clf.predict(np.ones((5, 3))))) == 1
+
+    def test_constant_features_say_nothing(self, coding, standardize):
+        X, y = blobs(n_classes=3)
+        wide = np.column_stack([X, np.full(len(y), 0.1), np.zeros(len(y))])
+        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0)
+        np.testing.assert_allclose(
+            clone(clf).fit(wide, y).decision_function(wide),
+            clone(clf).fit(X, y).decision_function(X),
+            atol=1e-6,
+        )

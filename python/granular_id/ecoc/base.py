@@ -20,7 +20,7 @@ from granular_id.ecoc.learners import DualLearners, LinearLearner
 from granular_id.ecoc.losses import fitting_loss
 from granular_id.ecoc.posterior import POSTERIORS, Posterior, check_posterior, fit_posterior
 from granular_id.ecoc.task import checked_task
-from granular_id.ecoc.training import checked_cost, checked_flag, class_indices, named
+from granular_id.ecoc.training import checked_cost, checked_flag, checked_n_jobs, class_indices, named
 
 __all__ = ["ECOCBase", "has_posterior"]
 
@@ -88,6 +88,7 @@ class ECOCBase(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         checked_cost(self.C)
         checked_flag("hard_margin", self.hard_margin)
         checked_flag("standardize", self.standardize)
+        checked_n_jobs(self.n_jobs)
         if self.posterior is not None:
             named(POSTERIORS, "posterior", self.posterior)
         if self.estimator is not None:

@@ -21,6 +21,9 @@ __all__ = ["DECODINGS", "class_values", "decode"]
 
 FloatArray = npt.NDArray[np.float64]
 
+# Losses are made for as many rows at a time.
+_BLOCK_BYTES = 10_000_000
+
 
 def _weights_of_row(matrix: CodingMatrix) -> FloatArray:
     weights: FloatArray = np.abs(matrix).sum(axis=1, dtype=np.float64)
@@ -96,13 +99,19 @@ def class_values(
 ) -> FloatArray:
     """`decode` for arguments whose names and shapes are checked already; looks at the scores only."""
     _check_scores(scores, loss)
-    # Row l: the loss of a class with code +1 at learner l. Then the same for -1, then a row of zeros.
-    costs = np.concatenate((loss(1, scores).T, loss(-1, scores).T, np.zeros((1, len(scores)))))
-    total = np.zeros((coding_matrix.shape[0], len(scores)))
-    # One step adds the next learner of every class: as many steps as the busiest class has learners.
-    for taken in _steps(coding_matrix):
-        total += costs[taken]
-    values: FloatArray = np.ascontiguousarray((-total / DECODINGS[decoding](coding_matrix)[:, None]).T)
+    n_classes, n_learners = coding_matrix.shape
+    steps, divisor = _steps(coding_matrix), DECODINGS[decoding](coding_matrix)
+    values = np.empty((len(scores), n_classes))
+    size = max(1, _BLOCK_BYTES // (16 * n_learners))
+    for start in range(0, len(scores), size):
+        block = scores[start : start + size]
+        # Row l: the loss of a class with code +1 at learner l. Then the same for -1, then a row of zeros.
+        costs = np.concatenate((loss(1, block).T, loss(-1, block).T, np.zeros((1, len(block)))))
+        total = np.zeros((n_classes, len(block)))
+        # One step adds the next learner of every class: as many steps as the busiest class has learners.
+        for taken in steps:
+            total += costs[taken]
+        values[start : start + size] = -total.T / divisor
     return values
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.multiclass import check_classification_targets
 
-__all__ = ["checked_cost", "checked_flag", "checked_weights", "class_indices", "named"]
+__all__ = ["checked_cost", "checked_flag", "checked_n_jobs", "checked_weights", "class_indices", "named"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -28,6 +28,19 @@ def checked_flag(argument: str, value: object) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise TypeError(f"{argument} must be True or False, got {value!r}")
     return bool(value)
+
+
+def checked_n_jobs(n_jobs: object) -> int | None:
+    """Return the number of threads as joblib takes it, or say in an error what is wrong with it."""
+    if n_jobs is None:
+        return None
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, (int, np.integer)):
+        raise TypeError(f"n_jobs must be None or a whole number, got {n_jobs!r}")
+    if n_jobs == 0:
+        raise ValueError(
+            "n_jobs must be None, positive, or negative to leave processors out (-1: none), got 0"
+        )
+    return int(n_jobs)
 
 
 def checked_cost(C: object) -> float:
