@@ -35,21 +35,21 @@ def test_raw_five_fold_is_near_what_others_found(folder, name, counts, published
 
 
 def test_all_spaces_and_controls_over_folds(folder):
-    data = load_failures(folder, "lp4")
+    data = load_failures(folder, "lp2")
     spaces = feature_spaces(rate_hz=RATE_HZ, bin_range=(-100.0, 100.0))
     names = in_paper_order(spaces)
     result = evaluate(data, {name: spaces[name] for name in names}, "kfold", progress=False)
     assert [space.name for space in result.spaces] == names
     assert len(names) == 11
-    majority = 72 / 117
+    majority = 20 / 47
     for name in names:
-        assert result.mean_accuracy(name) > 0.5
-        assert sum(p.test.size for p in result.partitions["kfold"]) == 117
+        assert result.mean_accuracy(name) > 0.3
+    assert sum(p.test.size for p in result.partitions["kfold"]) == 47
     assert result.mean_accuracy("raw") > majority + 0.1
     controls = {control.name: control for control in result.controls}
     assert controls["rest"].verdict == "left out: 0.3 s are 14 of 15 samples"
     assert controls["clock"].verdict == "left out: no recording carries a start time"
-    assert controls["shuffled"].chance == pytest.approx(majority, abs=0.01)
+    assert controls["shuffled"].chance == pytest.approx(majority, abs=0.02)
     assert controls["shuffled"].verdict == "not above chance, as it must be"
 
 

@@ -35,7 +35,7 @@ def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequenc
     data : Dataset
         Recordings of equal length and rate: samples, labels, sessions and times count, names do too.
     described : mapping
-        Settings and versions, in types that JSON knows.
+        Settings and versions, in types that JSON knows. Numbers of threads, at any depth, do not count.
     partitions : sequence of Partition
         Rows that train and that are tested.
 
@@ -46,7 +46,7 @@ def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequenc
     """
     digest = hashlib.blake2b(digest_size=16)
     plain = {
-        **described,
+        **_what_counts(described),
         "shape": data.X.shape,
         "rate_hz": data.rate_hz,
         "recordings": [
@@ -57,6 +57,16 @@ def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequenc
     digest.update(json.dumps(plain, sort_keys=True).encode())
     digest.update(np.ascontiguousarray(data.X, dtype="<f8").data)
     return digest.hexdigest()
+
+
+def _what_counts(described: Any) -> Any:
+    """Leave out numbers of threads, which change no number of a result."""
+    if isinstance(described, list | tuple):
+        return [_what_counts(item) for item in described]
+    if not isinstance(described, Mapping):
+        return described
+    idle = {"threads", "n_jobs"}
+    return {name: _what_counts(value) for name, value in described.items() if name not in idle}
 
 
 class Checkpoint:

@@ -45,20 +45,20 @@ class Task:
         Of the recordings; shared by the tasks on the same recordings.
     shuffled : bool
         Whether the labels of the training rows are shuffled first, see `granular_id.evaluation.controls`.
-    kind : str
-        What it is in files and progress, beside its name: a control may be called like a space.
+    kind : {"space", "control"}
+        A control may be called like a space.
     """
 
     space: Space
     classifier: BaseEstimator
     bank: GramBank
     shuffled: bool = False
-    kind: str = ""
+    kind: str = "space"
 
     @property
-    def name(self) -> str:
-        """Name in files and progress."""
-        return f"{self.kind} {self.space.name}".lstrip()
+    def key(self) -> str:
+        """What no other task of an evaluation is called."""
+        return f"{self.kind} {self.space.name}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +139,26 @@ def run_space(
     Returns
     -------
     SpaceRun
+
+    Raises
+    ------
+    ValueError
+        From transformer or classifier, with the name of the space.
     """
-    name = task.name
-    found = [None if answers is None else answers.load(name, partition) for partition in partitions]
+    name = task.space.name if task.kind == "space" else task.key
+    found = [None if answers is None else answers.load(task.key, partition) for partition in partitions]
     missing = [partition for partition, answer in zip(partitions, found, strict=True) if answer is None]
     computed: Iterator[Answer] = iter(())
     complaints: list[str] = []
     if missing:
-        work = _Work(task, y, seed)
+        with _naming(task):
+            work = _Work(task, y, seed)
 
         def run(partition: Partition) -> Answer:
-            answer = work.answer(partition)
+            with _naming(task):
+                answer = work.answer(partition)
             if answers is not None:
-                answers.save(name, partition, answer)
+                answers.save(task.key, partition, answer)
             ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
             return answer
 
@@ -170,6 +177,18 @@ def run_space(
         seconds={stage: float(seconds[stage]) for stage in STAGES},
         complaints=tuple(complaints),
     )
+
+
+@contextmanager
+def _naming(task: Task) -> Iterator[None]:
+    """Let errors say which space they are from: of eleven only one may not suit the recordings."""
+    try:
+        yield
+    except ValueError as error:
+        if repr(task.space.name) in str(error):
+            raise
+        kind = "feature space" if task.kind == "space" else task.kind
+        raise ValueError(f"{kind} {task.space.name!r}: {error}") from error
 
 
 class _Clock:

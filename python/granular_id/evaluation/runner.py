@@ -181,16 +181,16 @@ def evaluate(
         steps = [*tasks, *(check.task for check in checks if check.task is not None)]
         ticker = Ticker(len(steps) * (len(every) + 1), callback)
         for task in steps:
-            runs[task.name] = run_space(
+            runs[task.key] = run_space(
                 task, data.y, every, seed=seed, n_jobs=n_jobs, ticker=ticker, answers=kept
             )
     predicted = {
         (protocol, task.space.name): tuple(said)
         for task in tasks
-        for protocol, said in _by_protocol(runs[task.name], partitions).items()
+        for protocol, said in _by_protocol(runs[task.key], partitions).items()
     }
     verdicts = [
-        judge(check, _by_protocol(runs[check.task.name], partitions) if check.task else {}, partitions, truth)
+        judge(check, _by_protocol(runs[check.task.key], partitions) if check.task else {}, partitions, truth)
         for check in checks
     ]
     result = EvaluationResult(
@@ -199,8 +199,8 @@ def evaluate(
                 name=space.name,
                 paper_accuracy=space.paper_accuracy,
                 learns=space.learns,
-                n_features=runs[task.name].n_features,
-                seconds=runs[task.name].seconds,
+                n_features=runs[task.key].n_features,
+                seconds=runs[task.key].seconds,
                 settings=transformers[space.name],
             )
             for space, task in zip(planned, tasks, strict=True)

@@ -1,0 +1,167 @@
+"""Results written and read back: equal in everything; a file that is anything else is one clear error."""
+
+import copy
+import json
+import re
+
+import numpy as np
+import pytest
+
+from evaluation_cases import SMALL, make_data
+from granular_id.evaluation import EvaluationResult, evaluate
+from granular_id.evaluation.export import FORMAT
+
+
+@pytest.fixture(scope="module")
+def result():
+    return evaluate(make_data(), ["raw+hfmh", "raw"], **{**SMALL, "controls": True})
+
+
+@pytest.fixture(scope="module")
+def saved(result, tmp_path_factory):
+    path = tmp_path_factory.mktemp("json") / "result.json"
+    result.to_json(path)
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def test_what_is_read_back_equals_what_was_written(result, tmp_path):
+    path = tmp_path / "result.json"
+    result.to_json(path)
+    read = EvaluationResult.from_json(path)
+    assert read.to_dict() == result.to_dict()
+    assert list(read.predictions()) == list(result.predictions())
+    assert str(read) == str(result)
+    assert repr(read) == repr(result)
+    assert read.controls == result.controls
+    assert read.wall_s == result.wall_s
+    assert read.portrait.to_dict() == result.portrait.to_dict()
+    assert read.spaces == result.spaces
+    assert read.comparison().pairs == result.comparison().pairs
+    for protocol, partitions in result.partitions.items():
+        for one, other in zip(read.partitions[protocol], partitions, strict=True):
+            assert (one.protocol, one.index, one.description) == (
+                other.protocol,
+                other.index,
+                other.description,
+            )
+            np.testing.assert_array_equal(one.train, other.train)
+            np.testing.assert_array_equal(one.test, other.test)
+            assert one.train.dtype == other.train.dtype
+    assert read.truth.dtype == result.truth.dtype
+    read.to_json(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_what_is_missing_is_read_back_as_missing(tmp_path):
+    bare = evaluate(make_data(), "raw", "kfold", **SMALL)
+    bare = EvaluationResult(**{**vars(bare), "portrait": None, "wall_s": float("nan")})
+    bare.to_json(tmp_path / "r.json")
+    read = EvaluationResult.from_json(tmp_path / "r.json")
+    assert read.portrait is None
+    assert np.isnan(read.wall_s)
+    assert read.controls == ()
+    assert read.gap("raw") is None
+
+
+def put(*path_and_value):
+    *path, last, value = path_and_value
+
+    def change(saved):
+        place = saved
+        for step in path:
+            place = place[step]
+        place[last] = value
+
+    return change
+
+
+def drop(*path):
+    def change(saved):
+        place = saved
+        for step in path[:-1]:
+            place = place[step]
+        del place[path[-1]]
+
+    return change
+
+
+BAD = [
+    (drop("format"), "has format None, wanted 'granular_id.evaluation/2'"),
+    (put("format", "granular_id.evaluation/1"), "has format 'granular_id.evaluation/1', wanted"),
+    (drop("labels"), "lacks the field 'labels'"),
+    (drop("recordings", 0, "name"), "lacks the field 'name'"),
+    (drop("spaces", 1, "protocols", "paper"), "lacks the field 'paper'"),
+    (drop("spaces", 0, "protocols", "paper", "predicted"), "lacks the field 'predicted'"),
+    (drop("portrait"), "lacks the field 'portrait'"),
+    (put("labels", "oat"), "labels: wanted a list of texts"),
+    (put("notes", [1]), "notes: wanted a list of texts"),
+    (put("recordings", 3, "label", "salt"), "label 'salt' of a recording is not among the labels"),
+    (put("recordings", []), "paper partition 0, train: numbers from"),
+    (put("spaces", []), "no space or no partition"),
+    (put("partitions", {}), "no space or no partition"),
+    (put("partitions", "paper", []), "no space or no partition"),
+    (put("partitions", "lottery", [{"index": 0}]), "there is no protocol 'lottery'"),
+    (put("partitions", "paper", 1, "index", 7), "paper partition 1 has index 7"),
+    (put("partitions", "paper", 1, "test", 0, 999), "paper partition 1, test: numbers from"),
+    (put("partitions", "paper", 1, "test", []), "paper partition 1, test: wanted whole numbers"),
+    (put("partitions", "paper", 1, "test", ["x"]), "paper partition 1, test: wanted whole numbers"),
+    (put("partitions", "paper", 1, "train", [0.5]), "paper partition 1, train: wanted whole numbers"),
+    (
+        put("spaces", 0, "protocols", "paper", "predicted", []),
+        "predictions of 'raw+hfmh', paper: 0 partitions, wanted 3",
+    ),
+    (
+        put("spaces", 0, "protocols", "paper", "predicted", 1, [0, 1]),
+        "predictions of 'raw+hfmh', paper: wanted 12 whole numbers, got 2",
+    ),
+    (
+        put("spaces", 0, "protocols", "paper", "predicted", 1, [9] * 12),
+        "predictions of 'raw+hfmh', paper: numbers from 9 to 9, wanted 0 to 3",
+    ),
+    (put("spaces", 0, "seconds", None), "does not hold a whole evaluation"),
+    (put("wall_s", "long"), "does not hold a whole evaluation"),
+    (put("controls", 0, "accuracies", None), "does not hold a whole evaluation"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD, ids=[message for _, message in BAD])
+def test_a_file_that_was_changed_is_refused(saved, tmp_path, change, message):
+    broken = copy.deepcopy(saved)
+    change(broken)
+    path = tmp_path / "broken.json"
+    path.write_text(json.dumps(broken), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))} .*{re.escape(message)}"):
+        EvaluationResult.from_json(path)
+
+
+def test_a_recording_in_both_parts_is_refused(saved, tmp_path):
+    broken = copy.deepcopy(saved)
+    partition = broken["partitions"]["paper"][0]
+    partition["test"][0] = partition["train"][0]
+    (tmp_path / "r.json").write_text(json.dumps(broken))
+    with pytest.raises(ValueError, match="paper partition 0 has a recording twice"):
+        EvaluationResult.from_json(tmp_path / "r.json")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is no JSON"),
+        (b"protocol,partition,space\n", "is no JSON"),
+        (b"\xff\xfe\x00", "is no JSON"),
+        (b"[" * 100_000, "is no JSON"),
+        (b"null", "has format None"),
+        (b"[1, 2]", "has format None"),
+        (json.dumps({"format": FORMAT}).encode(), "lacks the field"),
+    ],
+)
+def test_another_file_is_refused(tmp_path, content, message):
+    path = tmp_path / "other.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(path))} {message}"):
+        EvaluationResult.from_json(path)
+
+
+def test_a_file_that_is_not_there_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        EvaluationResult.from_json(tmp_path / "absent.json")
