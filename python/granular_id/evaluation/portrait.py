@@ -15,7 +15,6 @@ from granular_id.evaluation.describe import describe_estimator, is_simulated
 from granular_id.evaluation.gaze import WeightBlock, weight_blocks
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
-from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces import HFMH, feature_blocks
 
 __all__ = ["HighPass", "Portrait", "portrait"]
@@ -242,7 +241,7 @@ def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH | None
     sizes = np.diff(starts, append=X.shape[1])
     residual = np.empty((len(groups), X.shape[2], len(starts)))
     for axis in range(X.shape[2]):  # one at a time: a copy of one axis, not of all
-        power = np.add.reduceat(_high_passed(X[:, :, axis], histogram) ** 2, starts, axis=1) / sizes
+        power = np.add.reduceat(histogram.high_passed(X[:, :, axis]) ** 2, starts, axis=1) / sizes
         for k, rows in enumerate(groups):
             residual[k, axis] = np.sqrt(power[rows].mean(axis=0))
     return HighPass(
@@ -252,15 +251,6 @@ def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH | None
         bin_range=np.array(fitted.bin_range_, dtype=np.float64),
         hfmh=rounded(np.stack([counts[rows].mean(axis=0) for rows in groups])),
     )
-
-
-def _high_passed(signals: Floats, histogram: HFMH) -> Floats:
-    signals = np.ascontiguousarray(signals)
-    sos = butter(histogram.order, histogram.cutoff_hz, "highpass", fs=histogram.rate_hz, output="sos")
-    if histogram.initial == "steady":
-        state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]
-        return sosfilt(sos, signals, axis=1, zi=state)[0]
-    return sosfilt(sos, signals, axis=1)
 
 
 def _floats(values: Any) -> Floats:

@@ -142,9 +142,9 @@ def _gap_line(result: EvaluationResult, space: str, random: str, strictest: str)
 def controls_table(result: EvaluationResult, space: str | None = None) -> Table:
     """Accuracy of each control under each protocol below that of the method; verdicts in the notes.
 
-    The method is `space`, by default the best of the first protocol.
+    The method is `space`, by default the best under random draws.
     """
-    method = space or result.best_space()
+    method = space or result.best_space(result.random)
     header = ("control", *(protocol_name(name, drawn) for name, drawn in result.partitions.items()))
     first = (method, *(percent(result.mean_accuracy(method, protocol)) for protocol in result.protocols))
     rows = tuple(

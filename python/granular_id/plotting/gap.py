@@ -29,7 +29,7 @@ def plot_gap(
     ----------
     result : EvaluationResult
     space : str, optional
-        Default: the best space of the first protocol.
+        Default: the best under random draws.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -56,7 +56,7 @@ def plot_gap(
     >>> [label.get_text() for label in plot_gap(result).axes[0].get_yticklabels()]
     ['random partitions', 'halves in time order']
     """
-    name = result.space(space).name if space is not None else result.best_space()
+    name = result.space(space).name if space is not None else result.best_space(result.random)
     shown = looks(result)
     figure = new_figure(5.2, 0.75 + 0.42 * len(shown))
     panel = figure.subplots()

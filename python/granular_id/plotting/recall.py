@@ -25,7 +25,7 @@ def plot_recall(
     ----------
     result : EvaluationResult
     space : str, optional
-        Default: the best space of the first protocol.
+        Default: the best under random draws.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -49,7 +49,7 @@ def plot_recall(
     >>> [label.get_text() for label in plot_recall(result).axes[0].get_yticklabels()]
     ['fine sugar', 'rice']
     """
-    name = result.space(space).name if space is not None else result.best_space()
+    name = result.space(space).name if space is not None else result.best_space(result.random)
     shown = looks(result)
     recalls = {protocol: result.recall(name, protocol) for protocol in shown}
     rows = range(len(result.labels))

@@ -156,17 +156,19 @@ class HFMH(RecordingTransformer):
         self.bin_range_ = per_axis(bounds, recordings.shape[2])
         return spec
 
-    def _learned_range(self, recordings: FloatArray) -> FloatArray:
+    def high_passed(self, signals: FloatArray) -> FloatArray:
+        """One axis of recordings, shape (n, T), after the filter whose output is counted."""
         sos = butter(self.order, self.cutoff_hz, "highpass", fs=self.rate_hz, output="sos")
+        signals = np.ascontiguousarray(signals)
+        if self.initial == "steady":
+            state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]
+            return sosfilt(sos, signals, axis=1, zi=state)[0]
+        return sosfilt(sos, signals, axis=1)
+
+    def _learned_range(self, recordings: FloatArray) -> FloatArray:
         bounds = np.empty((recordings.shape[2], 2))
         for axis in range(recordings.shape[2]):  # one at a time: a copy of one axis, not of all
-            signal = np.ascontiguousarray(recordings[:, :, axis])
-            if self.initial == "steady":
-                state = sosfilt_zi(sos)[:, np.newaxis, :] * signal[:, :1]
-                high_passed, _ = sosfilt(sos, signal, axis=1, zi=state)
-            else:
-                high_passed = sosfilt(sos, signal, axis=1)
-            reach = float(np.quantile(np.abs(high_passed), _AUTO_QUANTILE))
+            reach = float(np.quantile(np.abs(self.high_passed(recordings[:, :, axis])), _AUTO_QUANTILE))
             bounds[axis] = (-reach, reach) if reach > 0 else DEFAULT_RANGE
         return bounds
 

@@ -48,7 +48,7 @@ def figures(
     formats : str or sequence of str
         Endings that matplotlib knows: png, svg, pdf, ...
     space : str, optional
-        Whose gap, confusion and recall are shown; default: the best of the first protocol.
+        Whose gap, confusion and recall are shown; default: the best under random draws.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def figures(
     endings = [formats] if isinstance(formats, str) else list(formats)
     if not endings:
         raise ValueError("formats must name at least one ending, such as png, got none")
-    chosen = result.space(space).name if space is not None else result.best_space()
+    chosen = result.space(space).name if space is not None else result.best_space(result.random)
     written = []
     with made_folder(folder) as place:
         for name, plot in _plots(result, chosen).items():

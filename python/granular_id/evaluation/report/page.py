@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -94,6 +95,7 @@ def html(result: EvaluationResult) -> str:
             seconds=seconds_table(result),
             summary=_summary(result.data["summary"]["rows"]),
             history=[str(StepReport(**step)) for step in result.data["history"]],
+            settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
             portrait=result.portrait,
             axis_lines=AXIS_LINES,
         )

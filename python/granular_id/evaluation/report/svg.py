@@ -12,7 +12,7 @@ import io
 import re
 import warnings
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK
@@ -100,7 +100,8 @@ def _drawn(figure: Figure) -> bytes:
         mpl.rcParams["svg.fonttype"] = "none"
         try:
             # Not savefig: it draws every figure twice, the first time for the layout alone.
-            FigureCanvasSVG(figure).print_svg(stream)
+            canvas: Any = FigureCanvasSVG(figure)
+            canvas.print_svg(stream)
         finally:
             mpl.rcParams["svg.fonttype"] = before
     return stream.getvalue()

@@ -61,7 +61,6 @@ class Gap:
     """
 
     kind: str
-    space: str
     headline: str
     sides: tuple[Side, ...]
     points: str
@@ -74,17 +73,16 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     shown = [name for name in (result.random, result.strictest) if name is not None]
     sides = tuple(_side(result, space, name) for name in shown or result.protocols[:1])
     gap = result.gap(space)
-    many = f"{len(result.names):,} recordings of {len(result.labels)} materials"
     if gap is None:
-        headline = f"{space} names {sides[0].accuracy} of {many} rightly ({sides[0].name})"
-        return Gap("unknown", space, headline, sides, "", _one_sided(result, sides[0]), ())
+        headline = f"{space} names {sides[0].accuracy} of recordings rightly ({sides[0].name})"
+        return Gap("unknown", headline, sides, "", _one_sided(result, sides[0]), _chosen(result))
     random, strict = sides
     apart = _APART.get(strict.name, strict.name)
     kind = _kind(result, space, gap)
     but = {"lost": "but only", "unsure": "and"}.get(kind, "and still")
     headline = (
-        f"{space} names {random.accuracy} of {many} rightly when training and test are drawn at random, {but} "
-        f"{strict.accuracy} when they come from {apart}"
+        f"{space} names {random.accuracy} of recordings rightly when training and test are drawn at random, "
+        f"{but} {strict.accuracy} when they come from {apart}"
     )
     verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)
     remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
@@ -93,7 +91,8 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
         remarks.append(
             f"best with {strict.name}: {best}, {percent(result.mean_accuracy(best, strict.protocol))}"
         )
-    return Gap(kind, space, headline, sides, f"{-100 * gap:+.1f}".replace("-", "−"), verdict, tuple(remarks))
+    points = f"{-100 * gap:+.1f}".replace("-", "−")
+    return Gap(kind, headline, sides, points, verdict, (*remarks, *_chosen(result)))
 
 
 def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -101,6 +100,13 @@ def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, .
     marked = [note for note in result.notes if note.startswith(_MARKS)]
     others = [note for note in result.notes if not note.startswith(_MARKS)]
     return tuple(note.partition(": ")[2] for note in marked), tuple(others)
+
+
+def _chosen(result: EvaluationResult) -> tuple[str, ...]:
+    n = len(result.spaces)
+    if n == 1:
+        return ()
+    return (f"the best of {n} feature spaces, chosen by these same recordings: a little flattered by that",)
 
 
 def _kind(result: EvaluationResult, space: str, gap: float) -> str:
