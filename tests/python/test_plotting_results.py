@@ -73,9 +73,9 @@ def test_the_gap_lies_between_random_draws_and_the_strictest(result):
     panel = plot_gap(result, "hfmh").axes[0]
     assert row_names(panel) == ["random partitions", "held-out sessions", "halves in time order"]
     (stretch,) = panel.patches
-    left, right = stretch.get_x(), stretch.get_x() + stretch.get_width()
+    across = stretch.get_patch_transform().transform(stretch.get_path().vertices)[:, 0]
     ends = sorted(result.mean_accuracy("hfmh", protocol) for protocol in ("paper", "session"))
-    assert (left, right) == pytest.approx(tuple(ends))
+    assert [across.min(), across.max()] == pytest.approx(ends)
     for row, protocol in enumerate(result.protocols):
         assert any(np.array_equal(x, result.accuracies("hfmh", protocol)) for x in flat_lines(panel, row))
         assert f"{100 * result.mean_accuracy('hfmh', protocol):.1f} %" in texts(panel)
