@@ -99,9 +99,11 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
     from granular_id.evaluation import evaluate  # noqa: PLC0415
 
     command = repeated_command()
-    with kept_for(command, fresh=run.fresh) as folder:
-        result = evaluate(
-            data, run.spaces, run.protocol, checkpoint=folder, progress=not quiet, **run.arguments
+    with kept_for(command, fresh=run.fresh) as kept:
+        result = kept.going_on(
+            lambda folder: evaluate(
+                data, run.spaces, run.protocol, checkpoint=folder, progress=not quiet, **run.arguments
+            )
         )
         result = replace(result, command=command)
         console = Console(highlight=False)

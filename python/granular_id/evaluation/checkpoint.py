@@ -21,10 +21,15 @@ from granular_id.evaluation.one_space import STAGES, Answer
 from granular_id.evaluation.partition import Partition
 from granular_id.recording import Dataset
 
-__all__ = ["Checkpoint", "fingerprint"]
+__all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]
 
 FORMAT = "granular_id.checkpoint/1"
 RUN = "run.json"
+"""Name of the file that says what a folder belongs to."""
+
+
+class OtherEvaluationError(ValueError):
+    """A folder that keeps the partitions of other recordings, settings or versions."""
 
 
 def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequence[Partition]) -> str:
@@ -179,7 +184,7 @@ class Checkpoint:
         if form != FORMAT:
             raise ValueError(f"checkpoint={str(self.folder)!r} has format {form!r}, wanted {FORMAT!r}")
         if mark != self._mark:
-            raise ValueError(
+            raise OtherEvaluationError(
                 f"checkpoint={str(self.folder)!r} belongs to another evaluation (other recordings, settings or "
                 "versions): give a new folder, or the arguments with which it was begun"
             )
