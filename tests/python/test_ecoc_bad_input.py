@@ -111,6 +111,17 @@ def test_bad_data():
         ECOCClassifier().predict(X)
 
 
+@pytest.mark.parametrize("params", [{"coding": "pairs"}, {"hard_margin": True}])
+def test_a_fit_that_failed_is_no_fit(params):
+    X, y = np.ones((6, 2)), [0, 0, 0, 1, 1, 1]
+    clf = ECOCClassifier(**params)
+    with pytest.raises(ValueError, match=r"coding must be|cannot be separated"):
+        clf.fit(X, y)
+    for use in (clf.predict, clf.decision_function, clf.predict_gram, lambda _: clf.learners_):
+        with pytest.raises(NotFittedError):
+            use(X)
+
+
 class TestTwoHundredClasses:
     def data(self):
         y = np.repeat(np.arange(200), 2)

@@ -77,7 +77,7 @@ class ECOCBase(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     @property
     def learners_(self) -> tuple[LinearLearner, ...] | tuple[EstimatorLearner, ...]:
         """The binary learners, in the order of the columns of `coding_matrix_`."""
-        check_is_fitted(self, "coding_matrix_")
+        check_is_fitted(self, ["dual_coef_", "_estimators"], all_or_any=any)
         if hasattr(self, "_estimators"):
             return self._estimators.each
         columns = zip(self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist(), strict=True)

@@ -215,7 +215,10 @@ class ECOCClassifier(GramMethods):
         Of learners that give probabilities: that of the code +1.
         """
         check_is_fitted(
-            self, "n_features_in_", msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)"
+            self,
+            ["coef_", "_estimators"],
+            all_or_any=any,
+            msg="This %(name)s has no coef_: call fit (fit_gram serves *_gram only)",
         )
         rows = validate_data(self, X, dtype=np.float64, reset=False)
         if hasattr(self, "_estimators"):

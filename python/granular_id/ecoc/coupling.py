@@ -101,6 +101,7 @@ class _Divergence:
     """
 
     def __init__(self, matrix: CodingMatrix, weights: FloatArray) -> None:
+        self.n_classes = int(matrix.shape[0])
         self._weights = (weights / weights.sum())[:, None]
         self._sides = tuple(csr_array((matrix == side).astype(np.float64)) for side in (1, -1))
         self._totals = tuple(csr_array(side.T) for side in self._sides)
@@ -124,15 +125,18 @@ class _Divergence:
         )
         plus, minus = self._sides
         gradient = shares * (plus @ (against - for_positive) + minus @ (against - for_negative))
-        n_classes = len(logs)
         of_positive, of_negative, of_both = self._pairs
         products = (
             of_positive @ (for_positive / positive)
             + of_negative @ (for_negative / negative)
             - of_both @ (against / both)
         )
-        curvature = products.T.reshape(-1, n_classes, n_classes) * shares.T[:, :, None] * shares.T[:, None, :]
-        diagonal = np.arange(n_classes)
+        curvature = (
+            products.T.reshape(-1, self.n_classes, self.n_classes)
+            * shares.T[:, :, None]
+            * shares.T[:, None, :]
+        )
+        diagonal = np.arange(self.n_classes)
         curvature[:, diagonal, diagonal] += gradient.T
         return gradient, curvature
 
@@ -149,7 +153,7 @@ def _pairs_of_classes(mask: npt.NDArray[np.bool_]) -> csr_array:
 
 def _minimised(divergence: _Divergence, given: FloatArray) -> tuple[FloatArray, int]:
     """Log-probabilities (K, n) at the minimum; number of rows that did not reach it."""
-    logs = np.zeros((divergence._sides[0].shape[0], given.shape[1]))
+    logs = np.zeros((divergence.n_classes, given.shape[1]))
     active = np.arange(given.shape[1])
     for _ in range(_MAX_STEPS):
         gradient, curvature = divergence.slopes(logs[:, active], given[:, active])

@@ -189,7 +189,7 @@ def _stationary_point(
         solved = False
     if not solved:
         # Repeated rows make the system singular, not unsolvable: the shortest solution shares their weight.
-        solution = np.linalg.lstsq(system, wanted)[0]
+        solution = np.linalg.lstsq(system, wanted, rcond=None)[0]
     exact = at_bound.copy()
     exact[free] = solution[:n_free]
     return exact, float(solution[n_free])

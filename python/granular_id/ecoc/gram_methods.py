@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
 from granular_id.ecoc.base import ECOCBase, has_posterior
+from granular_id.ecoc.coding_matrix import CodingMatrix
 from granular_id.ecoc.equal_rows import first_equal
 from granular_id.ecoc.learners import DualLearners, fit_dual
 from granular_id.ecoc.training import checked_weights
@@ -74,10 +76,10 @@ class GramMethods(ECOCBase):
 
     def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
         """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
-        check_is_fitted(self, "coding_matrix_")
-        if not self.supports_gram or not hasattr(self, "dual_coef_"):
+        if not self.supports_gram:
             what = "an estimator" if self.estimator is not None else "standardize=True"
             raise ValueError(f"{what} has no shared Gram matrix: use the methods that take X")
+        check_is_fitted(self, "dual_coef_")
         return DualLearners(self.dual_coef_, self.intercept_, self.alpha_at_bound_).scores(gram)
 
     def decision_function_gram(self, gram: npt.ArrayLike) -> FloatArray:
@@ -95,8 +97,8 @@ class GramMethods(ECOCBase):
 
 
 def gram_scorer(
-    gram: FloatArray, codes: IntArray, matrix: npt.NDArray[np.int8], options: dict[str, Any]
-) -> Any:
+    gram: FloatArray, codes: IntArray, matrix: CodingMatrix, options: dict[str, Any]
+) -> Callable[[IntArray, IntArray], FloatArray]:
     """Train on some rows of a Gram matrix and score others, for `granular_id.ecoc.cross_fit.cross_fitted`."""
 
     def fit_and_score(train: IntArray, test: IntArray) -> FloatArray:
