@@ -196,7 +196,7 @@ def test_what_is_recorded(data, both):
     assert "chronological: by start time" in both.notes
     assert both.command == (
         "granular_id.evaluate(data, spaces=['raw+hfmh', 'hfmh', 'raw'], protocol=['paper', 'chronological'], "
-        "n_partitions=3, train_per_class=6, test_per_class=3, n_folds=3, random_state=0)"
+        "n_partitions=3, train_per_class=6, test_per_class=3, n_folds=3, controls=False, random_state=0)"
     )
     assert both.wall_s > 0
     assert both.controls == ()

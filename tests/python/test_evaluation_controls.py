@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from evaluation_cases import SMALL, changed, make_data
+from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.evaluation.controls import Control, PlannedControl, judge
 from granular_id.evaluation.partitions import kfold_partitions, paper_partitions
@@ -91,7 +92,7 @@ def test_the_clock_alone_answers_random_partitions_of_classes_recorded_one_after
     ("start_time", "why"),
     [
         (lambda r: None, "no recording carries a start time"),
-        (lambda r: None if r.name == "rice_3" else r.start_time, "1 recordings do not carry a start time"),
+        (lambda r: None if r.name == "rice_3" else r.start_time, "1 of 40 carry no start time"),
         (lambda r: 7.0, "all recordings start at the same time"),
     ],
 )
@@ -172,6 +173,25 @@ def test_a_leak_is_called_one():
     assert control.verdict == (
         "above chance on random folds with labels that mean nothing, so the accuracies there cannot be trusted"
     )
+
+
+class Picky(ECOCClassifier):
+    """Suits the spaces, and nothing smaller."""
+
+    def fit_gram(self, gram, y, sample_weight=None):
+        if np.trace(gram) < 1e5:
+            raise ValueError("too little to see")
+        return super().fit_gram(gram, y, sample_weight)
+
+
+def test_a_control_that_the_classifier_cannot_do_is_left_out_and_says_why():
+    data = noise(level=100.0)
+    result = evaluate(data, "raw", "paper", classifier=Picky(), **ON)
+    assert result.mean_accuracy("raw") == 1.0
+    rest, _, clock, *_ = result.controls
+    assert rest.verdict == "left out: control 'rest': too little to see"
+    assert clock.accuracies["paper"] == 1.0
+    assert "classifier=Picky()" in result.command
 
 
 def test_round_trip():

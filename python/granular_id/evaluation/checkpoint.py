@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import made_folder, whole_file
-from granular_id.evaluation.one_space import STAGES, Answer
 from granular_id.evaluation.partition import Partition
+from granular_id.evaluation.task import STAGES, Answer
 from granular_id.recording import Dataset
 
 __all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]

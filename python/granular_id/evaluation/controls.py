@@ -21,9 +21,9 @@ from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram_engine import GramBank
-from granular_id.evaluation.one_space import Task
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space
+from granular_id.evaluation.task import Task
 from granular_id.plotting.protocols import protocol_name
 from granular_id.recording import Dataset
 from granular_id.spaces import RawSignal, TimePermutation
@@ -225,8 +225,8 @@ def _clock(data: Dataset) -> PlannedControl:
     times = data.start_times
     unknown = int(np.isnan(times).sum())
     if unknown:
-        which = "no recording carries" if unknown == times.size else f"{unknown} recordings do not carry"
-        return PlannedControl("clock", what, None, why_not=f"{which} a start time")
+        which = "no recording carries a" if unknown == times.size else f"{unknown} of {times.size} carry no"
+        return PlannedControl("clock", what, None, why_not=f"{which} start time")
     if (times == times[0]).all():
         return PlannedControl("clock", what, None, why_not="all recordings start at the same time")
     # Seconds since 1970 squared leave no digits for seconds: distances need times about their middle.
@@ -244,7 +244,7 @@ def _guessing(partition: Partition, truth: Codes) -> float:
 
 
 def _verdict(planned: PlannedControl, above: Sequence[str]) -> str:
-    which = " and ".join(above)
+    which = " and ".join(filter(None, (", ".join(above[:-1]), *above[-1:])))
     if planned.name == "shuffled":
         leak = f"above chance on {which} with labels that mean nothing, so the accuracies there cannot be trusted"
         return leak if above else "not above chance, as it must be"

@@ -119,7 +119,6 @@ class GramBank:
     def __init__(self, X: Floats) -> None:
         self.X = X
         self._blocks: dict[Hashable, _Block] = {}
-        self._sums: dict[Hashable, Floats] = {}
         self._components: dict[Hashable, tuple[Floats, Floats]] = {}
         self._lock = Lock()
 
@@ -150,16 +149,17 @@ class GramBank:
         train_gram : (n_train, n_train) float array
         cross_gram : (n_test, n_train) float array
         """
-        within, across = np.ix_(train, train), np.ix_(test, train)
-        if plan.block_weights != "unit":
-            gram = self._summed(plan)
-            return gram[within], gram[across]
         blocks = self._blocks_of(plan)
+        weights = [1.0] * len(blocks)
+        if plan.block_weights == "unit":
+            weights = [unit_weight(block.norms[train]) for block in blocks]
+        elif isinstance(plan.block_weights, tuple):
+            weights = list(plan.block_weights)
+        within, across = np.ix_(train, train), np.ix_(test, train)
         train_gram, cross_gram = np.zeros((train.size, train.size)), np.zeros((test.size, train.size))
-        for block in blocks:
-            square = unit_weight(block.norms[train]) ** 2
-            train_gram += square * block.gram[within]
-            cross_gram += square * block.gram[across]
+        for weight, block in zip(weights, blocks, strict=True):
+            train_gram += weight**2 * block.gram[within]
+            cross_gram += weight**2 * block.gram[across]
         return train_gram, cross_gram
 
     def components(self, plan: GramPlan, train: Rows, test: Rows) -> tuple[Floats, Floats]:
@@ -181,7 +181,8 @@ class GramBank:
         """
         first = plan.after[0]
         rows = hashlib.blake2b(train.tobytes() + b"|" + test.tobytes()).digest()
-        key = (self._sum_key(plan), first.n_components, rows)
+        blocks = tuple(_key(transformer) for _, transformer in plan.blocks)
+        key = (blocks, plan.block_weights, _key(first), rows)
         known = self._components.get(key)
         if known is None:
             train_gram, cross_gram = self.sliced(plan, train, test)
@@ -191,24 +192,6 @@ class GramBank:
                 scores.setflags(write=False)
             self._components[key] = known
         return known
-
-    def _summed(self, plan: GramPlan) -> Floats:
-        """Products of all rows, with fixed weights."""
-        blocks = self._blocks_of(plan)
-        weights = plan.block_weights if isinstance(plan.block_weights, tuple) else (1.0,) * len(blocks)
-        if len(blocks) == 1 and weights[0] == 1.0:
-            return blocks[0].gram
-        key = self._sum_key(plan)
-        with self._lock:
-            if key not in self._sums:
-                total = np.zeros_like(blocks[0].gram)
-                for weight, block in zip(weights, blocks, strict=True):
-                    total += weight**2 * block.gram
-                self._sums[key] = total
-            return self._sums[key]
-
-    def _sum_key(self, plan: GramPlan) -> Hashable:
-        return tuple(_key(transformer) for _, transformer in plan.blocks), plan.block_weights
 
     def _blocks_of(self, plan: GramPlan) -> list[_Block]:
         return [self._block(name, transformer) for name, transformer in plan.blocks]

@@ -6,101 +6,26 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import clone
 
 from granular_id._blas import single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.complaints import heard_complaints
-from granular_id.evaluation.gram_engine import GramBank, features_of, plan_for
+from granular_id.evaluation.gram_engine import features_of, plan_for
 from granular_id.evaluation.partition import Partition
-from granular_id.evaluation.plan import Space
+from granular_id.evaluation.task import STAGES, Answer, Answers, SpaceRun, Task
 from granular_id.gram import linear_gram
 from granular_id.spaces import GramPlan
 
-__all__ = ["STAGES", "Answer", "Answers", "SpaceRun", "Task", "run_space"]
+__all__ = ["run_space"]
 
-Codes = NDArray[np.intp]
 Floats = NDArray[np.float64]
-
-STAGES = ("features", "gram", "training", "prediction")
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """One space and one classifier, to be asked about every partition.
-
-    Parameters
-    ----------
-    space : Space
-    classifier : estimator
-        Not changed; each partition fits a clone.
-    bank : GramBank
-        Of the recordings; shared by the tasks on the same recordings.
-    shuffled : bool
-        Whether the labels of the training rows are shuffled first, see `granular_id.evaluation.controls`.
-    kind : {"space", "control"}
-        A control may be called like a space.
-    """
-
-    space: Space
-    classifier: BaseEstimator
-    bank: GramBank
-    shuffled: bool = False
-    kind: str = "space"
-
-    @property
-    def key(self) -> str:
-        """What no other task of an evaluation is called."""
-        return f"{self.kind} {self.space.name}"
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """What one partition said.
-
-    Parameters
-    ----------
-    predicted : (n_test,) int array
-        Class numbers.
-    n_features : int
-        Length of a feature vector.
-    seconds : mapping of str to float
-        Of this partition alone.
-    shared_seconds : mapping of str to float
-        Of what all partitions of the space share.
-    """
-
-    predicted: Codes
-    n_features: int
-    seconds: dict[str, float]
-    shared_seconds: dict[str, float]
-
-
-class Answers(Protocol):
-    """Where answers are kept as they come, see `granular_id.evaluation.checkpoint`."""
-
-    def load(self, task: str, partition: Partition) -> Answer | None:
-        """Return the answer of an earlier run, or None."""
-
-    def save(self, task: str, partition: Partition, answer: Answer) -> None:
-        """Keep an answer."""
-
-
-@dataclass(frozen=True, eq=False)
-class SpaceRun:
-    """Predictions of one space, one array per partition, what they took, and what did not converge."""
-
-    predicted: list[Codes]
-    n_features: int
-    seconds: dict[str, float]
-    complaints: tuple[str, ...] = ()
 
 
 def run_space(
@@ -132,7 +57,7 @@ def run_space(
     n_jobs : int or None
         Threads, as in joblib; the numbers do not depend on it.
     ticker : Ticker
-        Told when the shared work is done and about each partition; what `answers` knew is not told.
+        Told when the shared work is done, and about each partition.
     answers : Answers, optional
         Asked before a partition is computed, and given what was computed.
 
@@ -153,6 +78,10 @@ def run_space(
     if missing:
         with _naming(task):
             work = _Work(task, y, seed)
+    ticker.tick(f"{name}: ready")
+    for _ in range(len(partitions) - len(missing)):
+        ticker.tick(f"{name}: from the checkpoint")
+    if missing:
 
         def run(partition: Partition) -> Answer:
             with _naming(task):
@@ -162,7 +91,6 @@ def run_space(
             ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
             return answer
 
-        ticker.tick(f"{name}: ready")
         # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
         # matrices of a pair of classes are small: more threads for each took twice the time of one.
         with single_threaded_blas(), heard_complaints(name) as complaints:

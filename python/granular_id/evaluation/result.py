@@ -258,16 +258,9 @@ class EvaluationResult:
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> EvaluationResult:
-        """Read what `to_json` wrote.
+        """Read what `to_json` wrote; a ValueError names a file that is anything else, and what is wrong.
 
-        Figures are computed from the predictions, those in the file are for other programs.
-
-        Raises
-        ------
-        OSError
-            The file cannot be read.
-        ValueError
-            It is no JSON, of another format or version, or lacks something; naming the file.
+        Figures are computed from the predictions; those in the file are for other programs.
         """
         return cls(**restore.read_json(path))
 

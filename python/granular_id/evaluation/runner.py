@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import joblib
@@ -20,16 +21,17 @@ from granular_id import _core
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
-from granular_id.evaluation.controls import judge, plan_controls
+from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
 from granular_id.evaluation.describe import describe_data, describe_estimator, is_synthetic, warnings_in
 from granular_id.evaluation.gram_engine import GramBank, plan_for
-from granular_id.evaluation.one_space import SpaceRun, Task, run_space
+from granular_id.evaluation.one_space import run_space
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space, plan_seed, plan_spaces
 from granular_id.evaluation.portrait import Portrait, portrait
 from granular_id.evaluation.protocols import plan_partitions, plan_protocols
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.summary import SpaceSummary
+from granular_id.evaluation.task import SpaceRun, Task
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace
 
@@ -165,48 +167,32 @@ def evaluate(
         "controls": controls,
         "seed": seed,
     }
-    bank = GramBank(X)
-    tasks = [Task(space, chosen, bank) for space in planned]
-    checks = plan_controls(data, planned, chosen, bank) if controls else []
-    every = [partition for drawn in partitions.values() for partition in drawn]
     transformers = {space.name: describe_estimator(space.transformer) for space in planned}
+    every = [partition for drawn in partitions.values() for partition in drawn]
     kept = None
     if checkpoint is not None:
         described = {"settings": settings, "transformers": transformers, "versions": versions()}
         kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
 
     labels, truth = np.unique(data.y, return_inverse=True)
-    runs = {}
+    bank = GramBank(X)
+    checks = plan_controls(data, planned, chosen, bank) if controls else []
+    tasks = [Task(space, chosen, bank) for space in planned]
     with showing(progress) as callback:
-        steps = [*tasks, *(check.task for check in checks if check.task is not None)]
-        ticker = Ticker(len(steps) * (len(every) + 1), callback)
-        for task in steps:
-            runs[task.key] = run_space(
-                task, data.y, every, seed=seed, n_jobs=n_jobs, ticker=ticker, answers=kept
-            )
-    predicted = {
-        (protocol, task.space.name): tuple(said)
-        for task in tasks
-        for protocol, said in _by_protocol(runs[task.key], partitions).items()
-    }
-    verdicts = [
-        judge(check, _by_protocol(runs[check.task.key], partitions) if check.task else {}, partitions, truth)
-        for check in checks
-    ]
+        ticker = Ticker((len(tasks) + sum(c.task is not None for c in checks)) * (len(every) + 1), callback)
+        ask = partial(
+            run_space, y=data.y, partitions=every, seed=seed, n_jobs=n_jobs, ticker=ticker, answers=kept
+        )
+        runs = {task.space.name: ask(task) for task in tasks}
+        verdicts = tuple(_judged(check, ask, partitions, truth) for check in checks)
     result = EvaluationResult(
-        spaces=tuple(
-            SpaceSummary(
-                name=space.name,
-                paper_accuracy=space.paper_accuracy,
-                learns=space.learns,
-                n_features=runs[task.key].n_features,
-                seconds=runs[task.key].seconds,
-                settings=transformers[space.name],
-            )
-            for space, task in zip(planned, tasks, strict=True)
-        ),
+        spaces=tuple(_summary(space, runs[space.name], transformers[space.name]) for space in planned),
         partitions=partitions,
-        predicted=predicted,
+        predicted={
+            (protocol, name): said
+            for name, run in runs.items()
+            for protocol, said in _by_protocol(run, partitions).items()
+        },
         labels=tuple(labels.tolist()),
         truth=truth.astype(np.intp),
         names=tuple(data.names),
@@ -221,8 +207,8 @@ def evaluate(
             *(kept.notes() if kept is not None else ()),
         ),
         synthetic=is_synthetic(data),
-        command=_call(settings),
-        controls=tuple(verdicts),
+        command=_call(settings, None if classifier is None else chosen),
+        controls=verdicts,
     )
     seen = _portrait(data, result, planned, chosen)
     return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
@@ -241,10 +227,32 @@ def versions() -> dict[str, str]:
     }
 
 
-def _by_protocol(run: SpaceRun, partitions: Mapping[str, Sequence[Partition]]) -> dict[str, list[Codes]]:
+def _judged(
+    check: PlannedControl,
+    ask: Callable[[Task], SpaceRun],
+    partitions: Mapping[str, Sequence[Partition]],
+    truth: Codes,
+) -> Control:
+    if check.task is None:
+        return judge(check, {}, partitions, truth)
+    try:
+        predicted = _by_protocol(ask(check.task), partitions)
+    except ValueError as error:
+        # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
+        return judge(replace(check, task=None, why_not=str(error)), {}, partitions, truth)
+    return judge(check, predicted, partitions, truth)
+
+
+def _by_protocol(
+    run: SpaceRun, partitions: Mapping[str, Sequence[Partition]]
+) -> dict[str, tuple[Codes, ...]]:
     """Deal the predictions of all partitions out to their protocols."""
     said = iter(run.predicted)
-    return {name: [next(said) for _ in drawn] for name, drawn in partitions.items()}
+    return {name: tuple(next(said) for _ in drawn) for name, drawn in partitions.items()}
+
+
+def _summary(space: Space, run: SpaceRun, settings: Mapping[str, Any]) -> SpaceSummary:
+    return SpaceSummary(space.name, space.paper_accuracy, space.learns, run.n_features, run.seconds, settings)
 
 
 def _portrait(
@@ -261,9 +269,11 @@ def _portrait(
     return portrait(data, unmixed, classifier=model)
 
 
-def _call(settings: Mapping[str, Any]) -> str:
-    said = ", ".join(
+def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
+    said = [
         f"{name}={settings[name]!r}"
         for name in ("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds")
-    )
-    return f"granular_id.evaluate(data, {said}, random_state={settings['seed']})"
+    ]
+    said += [] if classifier is None else [f"classifier={' '.join(repr(classifier).split())}"]
+    said += [] if settings["controls"] else ["controls=False"]
+    return f"granular_id.evaluate(data, {', '.join(said)}, random_state={settings['seed']})"
