@@ -1,7 +1,10 @@
-"""Results of the kinds that a report has to show."""
+"""Results of the kinds that a report has to show, and their pages, made once for all tests."""
+
+from functools import cache
 
 from evaluation_cases import changed, make_data
 from granular_id.evaluation import evaluate
+from granular_id.evaluation.report.page import html
 from granular_id.recording import Dataset, Recording
 
 HOSTILE = {
@@ -46,3 +49,18 @@ def two_classes():
 def small_result(data=None, spaces=("raw", "hfmh"), protocol=("paper", "chronological"), **options):
     counts = {"n_partitions": 3, "train_per_class": 5, "test_per_class": 2, "progress": False}
     return evaluate(make_data() if data is None else data, list(spaces), list(protocol), **(counts | options))
+
+
+CASES = {
+    "four classes": small_result,
+    "hostile names": hostile_result,
+    "two classes, one space": lambda: small_result(two_classes(), ["hfmh"], ["paper"], controls=False),
+    "twenty classes": lambda: small_result(many_classes(), train_per_class=4, controls=False),
+}
+
+
+@cache
+def made(case):
+    """The result of a case and its page; drawing takes seconds."""
+    result = CASES[case]()
+    return result, html(result)

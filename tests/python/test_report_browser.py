@@ -6,17 +6,9 @@ import shutil
 
 import pytest
 
-from granular_id.evaluation.report import report
-from report_cases import hostile_result, many_classes, small_result, two_classes
+from report_cases import CASES, made
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-RESULTS = {
-    "four classes": small_result,
-    "hostile names": hostile_result,
-    "two classes, one space": lambda: small_result(two_classes(), ["hfmh"], ["paper"]),
-    "twenty classes": lambda: small_result(many_classes(), train_per_class=4, controls=False),
-}
 
 # Contrast of text with what lies behind it, by WCAG; 4.5 is what normal text needs.
 CONTRAST = """
@@ -51,12 +43,12 @@ def browser():
         running.close()
 
 
-@pytest.fixture(scope="module", params=RESULTS)
+@pytest.fixture(scope="module", params=CASES)
 def case(request, browser, tmp_path_factory):
     """A result and its page on disk."""
-    result = RESULTS[request.param]()
+    result, text = made(request.param)
     path = tmp_path_factory.mktemp("report") / "report.html"
-    report(result, path)
+    path.write_text(text, encoding="utf-8")
     return result, path
 
 
