@@ -153,7 +153,7 @@ def test_standardize_is_that_of_each_learner(blobs, estimator):
 class TestEveryCoding:
     def test_learns_iris_with_either_kind_of_learner(self, coding):
         X, y = load_iris(return_X_y=True)
-        # Cuts between sorted classes: versicolor is between the others in some order only.
+        # Versicolor lies between the others: no plane has it alone on one side.
         for estimator in (None, DecisionTreeClassifier(max_depth=3)):
             clf = ECOCClassifier(estimator, coding=coding, random_state=0).fit(X, y)
             assert clf.coding_matrix_.shape == (3, CODINGS[coding].n_learners(3))

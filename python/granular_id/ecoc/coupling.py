@@ -25,6 +25,7 @@ IntArray = npt.NDArray[np.intp]
 
 _LEAST = 1e-12  # a learner that is certain would make the divergence infinite
 _TOLERANCE = 1e-11  # of the gradient, for weights that sum to 1
+_ACCEPTED = 1e-8  # of the gradient where the steps ran out: the probabilities are right to many digits
 _MAX_STEPS = 500
 _LONGEST_STEP = 5.0  # of a log-probability: past it the quadratic model says nothing
 _LEAST_CURVATURE = 1e-14
@@ -168,7 +169,8 @@ def _minimised(divergence: _Divergence, given: FloatArray) -> tuple[FloatArray, 
         direction = -(axes * along[:, None, :]).sum(axis=2).T
         direction *= np.minimum(1.0, _LONGEST_STEP / np.abs(direction).max(axis=0))
         logs[:, active] = _line_search(divergence, logs[:, active], given[:, active], gradient, direction)
-    return logs, len(active)
+    gradient, _ = divergence.slopes(logs[:, active], given[:, active])
+    return logs, int((np.abs(gradient).max(axis=0) > _ACCEPTED).sum())
 
 
 def _line_search(

@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 from joblib import effective_n_jobs
-from sklearn.utils.parallel import Parallel, delayed
 
+from granular_id._threads import in_threads
 from granular_id.ecoc.coding_matrix import CodingMatrix, check_coding_matrix
 from granular_id.ecoc.training import checked_weights
 
@@ -152,5 +152,5 @@ def over_learners(work: Callable[[int], Result], n_learners: int, n_jobs: int | 
 
     # A linear learner takes less time than to hand it out: whole runs of them, a few for each thread.
     runs = np.array_split(np.arange(n_learners), min(n_learners, 4 * n_threads))
-    done = Parallel(n_jobs=n_threads, require="sharedmem")(delayed(several)(run) for run in runs)
+    done = in_threads(several, runs, n_threads)
     return [result for results in done for result in results]
