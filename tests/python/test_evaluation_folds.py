@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation_cases import changed, make_data
+from evaluation_cases import SMALL, changed, make_data
+from granular_id.evaluation import evaluate
 from granular_id.evaluation.partitions import block_partitions, kfold_partitions, session_partitions
 from granular_id.evaluation.protocols import plan_partitions, strictest
 from granular_id.recording import Dataset, Recording
@@ -200,6 +201,30 @@ def test_the_strictest_protocol_and_why_no_stricter_one():
     assert "chronological protocol left out: recording 'rice_1' has no start time" in why
     with pytest.raises(ValueError, match="have no label, the first is 'lost'"):
         strictest(Dataset([*make_data(n=4), Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")]))
+
+
+def test_the_strictest_that_ran_is_whole_sessions_then_halves_then_blocks():
+    both = {**SMALL, "protocol": ["paper", "session", "chronological"]}
+    assert evaluate(make_data(), "raw", **both).strictest == "session"
+    alone = changed(make_data(), session=lambda r: r.label)
+    assert evaluate(alone, "raw", **both).strictest == "chronological"
+    result = evaluate(alone, "raw", ["kfold", "session"], **SMALL)
+    assert result.strictest == "session"
+    assert result.gap("raw") == result.mean_accuracy("raw", "kfold") - result.mean_accuracy("raw", "session")
+    assert evaluate(alone, "raw", "kfold", **SMALL).strictest is None
+
+
+def test_auto_says_what_it_left_out():
+    result = evaluate(changed(make_data(), session=lambda r: None), "raw", **SMALL)
+    assert result.protocols == ("paper", "chronological")
+    assert "session protocol left out: no recording says which session it is from" in result.notes
+    assert evaluate(make_data(), "raw", **SMALL).protocols == ("paper", "session")
+    half_timed = changed(
+        make_data(), session=lambda r: None, start_time=lambda r: None if r.name == "rice_1" else r.start_time
+    )
+    alone = evaluate(half_timed, "raw", **SMALL)
+    assert alone.protocols == ("paper",)
+    assert any("chronological protocol left out: recording 'rice_1'" in note for note in alone.notes)
 
 
 def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():
