@@ -33,7 +33,7 @@ def expected_failures(estimator):
         ECOCClassifier(),
         ECOCClassifier(standardize=True, decoding="loss_based", loss="logit"),
         ECOCClassifier(coding="sparserandom"),
-        ECOCClassifier(coding="ordinal", n_jobs=2),
+        ECOCClassifier(coding="ordinal"),
         ECOCClassifier(LogisticRegression(), standardize=True),
         ECOCClassifier(GaussianNB(), coding="onevsall"),
         ECOCClassifier(posterior="kullback_leibler"),
