@@ -130,7 +130,7 @@ class TestTwoHundredClasses:
 
     def test_pairs_work(self):
         X, y = self.data()
-        clf = ECOCClassifier().fit(X[::2], y[::2])
+        clf = ECOCClassifier().fit(X, y)
         assert clf.coef_.shape == (19_900, 12)
         assert clf.score(X, y) > 0.99
 
