@@ -1,7 +1,7 @@
 """The paper's table on the synthetic recordings: what it says, and how long it takes beside scikit-learn's one-vs-one.
 
-Run: python benches/table.py [partitions] [partitions of the peer]. The synthetic recordings are made once and not timed.
-The peer is OneVsOneClassifier(SVC(kernel="linear")) behind the same features; it is slow, so it may be given fewer
+Run: python benches/table.py [partitions] [partitions of the peer]. The recordings are made once and not timed. The
+peer is OneVsOneClassifier(SVC(kernel="linear")) behind the same features; it is slow, so it may be given fewer
 partitions, and its time is then given per partition.
 """
 
@@ -20,7 +20,9 @@ from granular_id.spaces import feature_spaces
 SLOW = "pca+rica"
 
 
-def timed(data: gid.Dataset, names: list[str], partitions: int, peer: bool) -> tuple[float, gid.EvaluationResult]:
+def timed(
+    data: gid.Dataset, names: list[str], partitions: int, peer: bool
+) -> tuple[float, gid.EvaluationResult]:
     """Seconds of one evaluation with the paper's protocol, and its result."""
     start = time.perf_counter()
     result = gid.evaluate(

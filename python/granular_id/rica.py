@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed
 from scipy.optimize import minimize
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
@@ -25,6 +24,7 @@ from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._blas import single_threaded_blas
+from granular_id._threads import in_threads
 from granular_id.rica_objective import CONTRASTS, Objective
 
 __all__ = ["RICA"]
@@ -186,8 +186,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
             raise ValueError(f"X must vary: every feature {constant} (n_samples = {len(rows)})")
         with single_threaded_blas():
             terms = (float(self.alpha), self.contrast, signs)
-            work = (delayed(_descend)(Objective(rows, *terms), start, options) for start in starts)
-            ends: list[_End] = Parallel(require="sharedmem")(work)
+            ends = in_threads(lambda start: _descend(Objective(rows, *terms), start, options), starts, None)
         self.objectives_ = np.array([end.value for end in ends])
         best = ends[int(np.argmin(self.objectives_))]
         self.components_, self.objective_ = best.components, best.value

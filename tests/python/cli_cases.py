@@ -30,7 +30,18 @@ def saved(data, folder):
     return folder
 
 
-SMALL = ["--train", "6", "--test", "3", "--partitions", "3", "--n-bins", "10"]
+SMALL = [
+    "--train",
+    "6",
+    "--test",
+    "3",
+    "--partitions",
+    "3",
+    "--n-bins",
+    "10",
+    "--spaces",
+    "raw+hfmh,hfmh,raw",
+]
 
 
 def run(*words, columns=200):

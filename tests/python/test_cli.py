@@ -10,7 +10,8 @@ import pytest
 
 from cli_cases import SMALL, ended_well, make, saved
 
-FIGURES = ("mean_forces.png", "confusion_paper.png", "confusion_chronological.png")
+NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
+FIGURES = tuple(f"{name}.png" for name in NAMES.split())
 
 
 @pytest.fixture(scope="module")
@@ -22,8 +23,9 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
     monkeypatch.setattr(sys, "argv", ["granular_id/__main__.py", "evaluate", "my folder"])
     out = ended_well(
         "evaluate", folder, *SMALL, "--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv",
-        "--figures", tmp_path / "new" / "figures",
+        "--figures", tmp_path / "new" / "figures", "--report", tmp_path / "r.html",
     )  # fmt: skip
+    assert "</html>" in (tmp_path / "r.html").read_text(encoding="utf-8")
     result = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
     with (tmp_path / "p.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -76,7 +78,7 @@ def test_options_reach_the_evaluation(folder, tmp_path):
 
 def test_learned_ranges_and_one_protocol(folder):
     out = ended_well("evaluate", folder, *SMALL, "--bin-range", "auto", "--protocol", "chronological")
-    assert "random" not in out
+    assert "3 random" not in out
     assert "1st->2nd half" in out
 
 
@@ -102,18 +104,23 @@ def test_excluded_materials_are_counted(folder):
     assert "--exclude left out oat (10 recordings); 20 recordings, 2 materials remain\n" in out
 
 
-def test_both_protocols_get_their_own_confusion_in_the_figures(folder, tmp_path, monkeypatch):
+def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
     drawn = []
     monkeypatch.setattr(
-        "granular_id.plotting.plot_confusion", lambda counts, labels, **more: drawn.append((counts, more))
+        "granular_id.evaluation.report.files.plot_confusion",
+        lambda counts, labels, **more: drawn.append((counts, more)),
     )
-    out = tmp_path / "r.json"
-    ended_well("evaluate", folder, *SMALL, "--figures", tmp_path, "--spaces", "raw", "--json", out)
-    (space,) = json.loads(out.read_text(encoding="utf-8"))["spaces"]
-    assert [more["path"].name for _, more in drawn] == list(FIGURES[1:])
+    json_file = tmp_path / "r.json"
+    words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", json_file)
+    out = ended_well("evaluate", folder, *SMALL, *words)
+    of_raw = json.loads(json_file.read_text(encoding="utf-8"))["spaces"][2]
+    assert of_raw["name"] == "raw"
     for (counts, more), protocol in zip(drawn, ("paper", "chronological"), strict=True):
-        assert counts.tolist() == space["protocols"][protocol]["confusion"]
-        assert more["title"] == f"raw, {protocol} protocol"
+        assert counts.tolist() == of_raw["protocols"][protocol]["confusion"]
+        assert more["path"].name == f"confusion_{protocol}.png"
+        assert more["title"].startswith("raw, ")
+    assert "Confusion of raw, " in out
+    assert "Confusion of raw+hfmh" not in out
 
 
 def test_many_classes_on_a_narrow_terminal_become_a_list_of_mistakes(folder):
@@ -124,15 +131,17 @@ def test_many_classes_on_a_narrow_terminal_become_a_list_of_mistakes(folder):
 def test_tables_fit_eighty_columns(folder):
     out = ended_well("evaluate", folder, *SMALL, columns=80)
     rows = [line for line in out.splitlines() if line.startswith(("raw+hfmh  ", "hfmh  ", "raw  "))]
-    assert len(rows) == 6
-    assert all(re.search(r"\d$", line) for line in rows)
+    assert len(rows) >= 6
+    assert all(re.search(r"[\d%]$", line) for line in rows)
+    assert max(map(len, out.splitlines()[:-1])) <= 80  # but for the line to repeat
 
 
 def test_help_names_every_option_with_examples():
     out = ended_well("evaluate", "--help", columns=120)
     options = (
-        "rate-hz max-gap-s duration-s n-samples on-gap on-short on-error train test partitions protocol "
-        "spaces cutoff-hz order n-bins bin-range C seed threads json csv figures quiet"
+        "rate-hz max-gap-s duration-s n-samples on-gap on-short on-error train test partitions protocol folds "
+        "controls no-controls spaces cutoff-hz order n-bins bin-range initial tare-s block-weights C seed threads "
+        "report json csv figures fresh quiet"
     )
     for option in options.split():
         assert f"--{option}" in out
@@ -146,8 +155,9 @@ def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path):
     assert out.startswith("SYNTHETIC data: 132 simulated pushes through 11 materials")
     assert "Accuracy on SYNTHETIC recordings: says nothing about real materials" in out
     files = {path.name for path in (tmp_path / "demo").iterdir()}
-    assert files == {"result.json", "predictions.csv", *FIGURES}
-    assert all(name in ended_well("demo", "--help") for name in files)
+    confusions = {"confusion_session.png" if "chronological" in name else name for name in FIGURES}
+    assert files == {"report.html", "result.json", "predictions.csv", *confusions}
+    assert all(name in ended_well("demo", "--help") for name in files if not name.endswith(".png"))
     assert "paper*" in out
     result = json.loads((tmp_path / "demo" / "result.json").read_text(encoding="utf-8"))
     assert result["synthetic"] is True

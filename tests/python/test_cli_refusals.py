@@ -123,7 +123,7 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
     ("words", "message"),
     [
         (["--train", "50"], r"class 'oat' has 10 recordings, wanted 53 \(50 .*: add --train 9 --test 1$"),
-        (["--spaces", "raw,dft"], "there is no feature space 'dft'; there are raw"),
+        (["--spaces", "raw,dtf"], "there is no feature space 'dtf'; there are raw"),
         (["--bin-range", "wide"], "--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got 'wide'"),
         (["--n-samples", "few"], "--n-samples must be a whole number or 'shortest', got 'few'"),
         (["--n-samples", "999"], "too short"),
@@ -148,10 +148,10 @@ def test_bad_options_end_in_one_line(folder, words, message):
         (["--partitions", "0"], "--partitions must be at least 1, got 0"),
         (["--seed", "-1"], "--seed must not be negative, got -1"),
         (["--threads", "0"], "--threads must be at least 1, got 0"),
-        (["--spaces", "raw,dft"], "there is no feature space 'dft'"),
+        (["--spaces", "raw,dtf"], "there is no feature space 'dtf'"),
         (["--spaces", ","], "--spaces must name at least one feature space, got ','"),
         (["--spaces", "raw,raw"], "--spaces must name each feature space once"),
-        (["--confusion", "dft"], "there is no feature space 'dft'"),
+        (["--confusion", "dtf"], "there is no feature space 'dtf'"),
         (["--spaces", "raw", "--confusion", "hfmh"], "--confusion hfmh is not among"),
         (["--cutoff-hz", "0"], "--cutoff-hz must be positive and finite, got 0"),
         (["--cutoff-hz", "80", "--rate-hz", "100"], "--cutoff-hz must be in .*, got 80"),
@@ -182,7 +182,7 @@ def test_demo_checks_its_options_too(tmp_path, words, message):
 def test_a_file_and_an_index_without_labels_are_told(tmp_path):
     file = tmp_path / "x.csv"
     file.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n", encoding="utf-8")
-    assert f"{file} is a file; evaluate wants a folder of recordings" in refused("evaluate", file)
+    assert f"{file} is a file; wanted a folder of recordings" in refused("evaluate", file)
     (tmp_path / "index.csv").write_text("file,material\nx.csv,rice\n", encoding="utf-8")
     line = refused("evaluate", tmp_path)
     assert line.endswith(f"{tmp_path}: index.csv has no column label (found: file, material)")

@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from sklearn.base import clone
 
 from granular_id._blas import single_threaded_blas
 from granular_id._progress import Ticker
+from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.complaints import heard_complaints
 from granular_id.evaluation.gram_engine import features_of, plan_for
@@ -94,7 +94,7 @@ def run_space(
         # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
         # matrices of a pair of classes are small: more threads for each took twice the time of one.
         with single_threaded_blas(), heard_complaints(name) as complaints:
-            computed = iter(Parallel(n_jobs=n_jobs, require="sharedmem")(delayed(run)(p) for p in missing))
+            computed = iter(in_threads(run, missing, n_jobs))
     every = [next(computed) if answer is None else answer for answer in found]
     seconds = Counter(dict.fromkeys(STAGES, 0.0))
     for spent in (every[-1].shared_seconds, *(answer.seconds for answer in every)):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from sklearn.base import clone
 
 from granular_id._progress import Ticker
+from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram_engine import GramBank, features_of, plan_for
 from granular_id.evaluation.partition import Partition
@@ -72,17 +73,14 @@ def score_all(
         By partition, then candidate.
     """
 
-    def run(partition: Partition, candidate: Candidate) -> Scores:
+    def run(pair: tuple[Partition, Candidate]) -> Scores:
+        partition, candidate = pair
         scores = _score(candidate, costs, partition, y, bank)
         ticker.tick(f"{candidate.name}: {partition.description}")
         return scores
 
     # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock.
-    flat = iter(
-        Parallel(n_jobs=n_jobs, require="sharedmem")(
-            delayed(run)(partition, candidate) for partition in partitions for candidate in candidates
-        )
-    )
+    flat = iter(in_threads(run, product(partitions, candidates), n_jobs))
     return [[next(flat) for _ in candidates] for _ in partitions]
 
 

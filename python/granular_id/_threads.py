@@ -1,0 +1,77 @@
+"""Work spread over threads that are all gone when it ends, however it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event, Lock
+from typing import TypeVar
+
+from joblib import effective_n_jobs
+from sklearn import config_context, get_config
+
+__all__ = ["in_threads"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: int | None) -> list[Result]:
+    """Do some work for each item; results in the order of the items.
+
+    When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
+    several items that fail the first in order is told.
+    joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
+    back from compiled code into an interpreter that is no more.
+
+    Parameters
+    ----------
+    work : callable
+        From an item to a result.
+    items : iterable
+    n_jobs : int or None
+        Threads, as in joblib: None is 1, -1 all cores. One thread is the caller's own.
+
+    Returns
+    -------
+    list
+
+    Examples
+    --------
+    >>> in_threads(abs, [-2, 1], n_jobs=2)
+    [2, 1]
+    """
+    every = list(items)
+    n_threads = min(effective_n_jobs(n_jobs), len(every))
+    if n_threads <= 1:
+        return [work(item) for item in every]
+    results: dict[int, Result] = {}
+    errors: dict[int, BaseException] = {}
+    places = iter(range(len(every)))
+    next_place, stopped = Lock(), Event()
+    configuration = get_config()  # scikit-learn keeps one for each thread
+
+    def work_on() -> None:
+        with config_context(**configuration):
+            while not stopped.is_set():
+                with next_place:
+                    place = next(places, None)
+                if place is None:
+                    return
+                try:
+                    results[place] = work(every[place])
+                except BaseException as error:
+                    errors[place] = error
+                    stopped.set()
+
+    # The caller does nothing but wait: Ctrl-C is raised there, and must not meet it with a lock in its hands.
+    pool = ThreadPoolExecutor(n_threads)
+    try:
+        for done in [pool.submit(work_on) for _ in range(n_threads)]:
+            done.result()
+    finally:
+        stopped.set()
+        pool.shutdown(wait=True)
+    if errors:
+        raise errors[min(errors)]
+    return [results[place] for place in range(len(every))]

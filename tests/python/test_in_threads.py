@@ -1,0 +1,65 @@
+"""Work in threads: results in order, the first error in order, nothing left behind."""
+
+import threading
+import time
+
+import pytest
+from sklearn import config_context, get_config
+
+from granular_id._threads import in_threads
+
+
+@pytest.mark.parametrize("n_jobs", [None, 1, 2, 5])
+def test_results_come_in_the_order_of_the_items(n_jobs):
+    def slow_first(number):
+        time.sleep(0.002 * (10 - number))
+        return number**2
+
+    assert in_threads(slow_first, iter(range(10)), n_jobs) == [number**2 for number in range(10)]
+    assert in_threads(slow_first, [], n_jobs) == []
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
+def test_the_first_error_in_order_is_told_and_nothing_is_begun_after_it(stop):
+    begun, after = [], threading.Event()
+
+    def failing(number):
+        begun.append(number)
+        if number == 1:
+            after.set()
+            raise stop("fast")
+        if number == 0:
+            after.wait(10)
+            raise stop("slow")
+        return number
+
+    with pytest.raises(stop, match="slow"):
+        in_threads(failing, range(1000), 2)
+    assert set(begun) <= {0, 1}
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
+
+
+def test_ctrl_c_in_the_caller_waits_for_what_was_begun(monkeypatch):
+    begun, ended = [], []
+
+    def item(number):
+        begun.append(number)
+        time.sleep(0.02)
+        ended.append(number)
+
+    def interrupted(_):
+        time.sleep(0.03)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("concurrent.futures.Future.result", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        in_threads(item, range(1000), 2)
+    assert sorted(begun) == sorted(ended)
+    assert 1 <= len(begun) < 20
+    time.sleep(0.05)
+    assert sorted(begun) == sorted(ended), "nothing goes on behind the caller's back"
+
+
+def test_the_configuration_of_scikit_learn_is_that_of_the_caller():
+    with config_context(assume_finite=True):
+        assert in_threads(lambda _: get_config()["assume_finite"], range(4), 2) == [True] * 4
