@@ -28,14 +28,14 @@ __all__ = ["print_result", "print_table"]
 
 
 def print_result(console: Console, result: EvaluationResult, space: str | None, *, brief: bool) -> None:
-    """Print accuracies with gaps and notes; unless `brief` controls, comparisons, confusions and seconds too.
+    """Print accuracies with gaps and notes; unless `brief` controls, comparison, confusion and seconds too.
 
     Parameters
     ----------
     console : Console
     result : EvaluationResult
     space : str or None
-        Whose confusion matrix; None: the space with the best mean accuracy of each protocol.
+        Whose confusion matrix; None: the best of the strictest protocol that ran.
     brief : bool
         The table of accuracies only, without gaps and notes.
     """
@@ -47,13 +47,14 @@ def print_result(console: Console, result: EvaluationResult, space: str | None, 
     print_table(console, accuracies, strong=result.synthetic)
     if result.controls:
         print_table(console, controls_table(result))
-    for table in comparison_tables(result):
+    for table in comparison_tables(result)[:1]:
         print_table(console, table)
-    for protocol in result.protocols:
-        chosen = space or result.best_space(protocol)
-        matrix = confusion_table(result, chosen, protocol)
-        fits = _width(matrix) <= console.width
-        print_table(console, matrix if fits else mistakes_table(result, chosen, protocol), tight=fits)
+    # The matrix of the protocol that flatters least; the report and the figures have all of them.
+    protocol = result.strictest or result.protocols[0]
+    chosen = space or result.best_space(protocol)
+    matrix = confusion_table(result, chosen, protocol)
+    fits = _width(matrix) <= console.width
+    print_table(console, matrix if fits else mistakes_table(result, chosen, protocol), tight=fits)
     print_table(console, seconds_table(result))
 
 

@@ -108,7 +108,10 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
         result = replace(result, command=command)
         console = Console(highlight=False)
         print_result(console, result, run.confusion_of, brief=quiet)
-        say_written(console, outputs.write(result, run.confusion_of), None if quiet else command)
+        written = outputs.write(result, run.confusion_of)
+        if not quiet and outputs.report is None:
+            console.print("\nall tables and figures on one page: add --report FILE.html", soft_wrap=True)
+        say_written(console, written, None if quiet else command)
 
 
 def say_written(console: Console, written: Sequence[Path], command: str | None) -> None:
