@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 
 from granular_id._blas import single_threaded_blas
 from granular_id._progress import Ticker
+from granular_id._seeds import seeded_clone
 from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.complaints import heard_complaints
@@ -214,15 +214,6 @@ class _Work:
 
 
 def _seeded(estimator: Any, seed: int, partition: Partition | None = None) -> Any:
-    """Clone, and give every open ``random_state`` a seed, of its own for each partition: same seed, same numbers."""
-    fresh = clone(estimator)
-    names = sorted(
-        name
-        for name, value in fresh.get_params(deep=True).items()
-        if value is None and (name == "random_state" or name.endswith("__random_state"))
-    )
-    if names:
-        key = (3,) if partition is None else (1, partition.index)
-        words = np.random.SeedSequence(seed, spawn_key=key).generate_state(len(names))
-        fresh.set_params(**{name: int(word) for name, word in zip(names, words, strict=True)})
-    return fresh
+    """Clone, and give every open ``random_state`` a number, another in each partition."""
+    key = (3,) if partition is None else (1, partition.index)
+    return seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=key))
