@@ -192,6 +192,14 @@ def test_importing_is_cheap_and_plotting_touches_no_global_state():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
+def test_measuring_imports_no_plotting():
+    code = (
+        "import sys, granular_id.evaluation, granular_id.selection\n"
+        "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
 @pytest.mark.parametrize("name", ["confusion", "mean_forces"])
 def test_examples_in_docstrings_run(name):
     result = doctest.testmod(import_module(f"granular_id.plotting.{name}"))

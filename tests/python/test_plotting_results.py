@@ -81,6 +81,13 @@ def test_the_gap_lies_between_random_draws_and_the_strictest(result):
         assert f"{100 * result.mean_accuracy('hfmh', protocol):.1f} %" in texts(panel)
 
 
+def test_the_gap_of_random_folds_is_shaded_too(result):
+    folds = {"kfold": result.partitions["paper"], "session": result.partitions["session"]}
+    predicted = result.predicted | {("kfold", "hfmh"): result.predicted["paper", "hfmh"]}
+    panel = plot_gap(replace(result, partitions=folds, predicted=predicted), "hfmh").axes[0]
+    assert len(panel.patches) == 1
+
+
 def test_without_a_strict_protocol_there_is_no_gap(result):
     alone = replace(result, partitions={"paper": result.partitions["paper"]})
     assert len(plot_gap(alone).axes[0].patches) == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from evaluation_cases import changed, make_data
 from granular_id.evaluation.tables import (
     accuracy_table,
     comparison_tables,
@@ -119,3 +120,17 @@ def test_plain_text_holds_them_all(every):
     ]
     places = [text.index(title) for title in titles]
     assert places == sorted(places)
+
+
+def test_sessions_that_are_called_blocks_are_sessions():
+    data = changed(make_data(), session=lambda r: r.session.replace(f"{r.label} day", "block"))
+    result = small_result(
+        data, spaces=["raw"], protocol=("paper", "session", "chronological"), controls=False
+    )
+    assert result.strictest == "session"
+    assert accuracy_table(result).header[3] == "2 session folds"
+    assert recall_table(result, "raw").header[2] == "held-out sessions"
+    without = changed(make_data(), session=lambda r: None)
+    blocks = small_result(without, spaces=["raw"], protocol=("session", "chronological"), controls=False)
+    assert blocks.strictest == "chronological"
+    assert recall_table(blocks, "raw").header[1] == "blocks in time order"

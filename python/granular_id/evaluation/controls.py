@@ -23,8 +23,8 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space
+from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.task import Task
-from granular_id.plotting.protocols import protocol_name
 from granular_id.recording import Dataset
 from granular_id.spaces import RawSignal, TimePermutation
 

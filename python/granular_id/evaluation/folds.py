@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id.evaluation.partition import Partition, positive_int, splittable_rows
+from granular_id.evaluation.protocol_names import block_name
 
-__all__ = ["BLOCK", "block_partitions", "kfold_partitions", "lone_session", "session_partitions"]
+__all__ = ["block_partitions", "kfold_partitions", "lone_session", "session_partitions"]
 
 Codes = NDArray[np.intp]
-
-BLOCK = "block"
-"""How the description of a block in time begins."""
 
 MAX_SESSION_FOLDS = 10
 """Up to this many sessions per class one is left out at a time; more are held out in groups."""
@@ -105,7 +103,7 @@ def block_partitions(
         in_time = own[np.argsort(rank[own])]
         for j, block in enumerate(np.array_split(in_time, n_folds)):
             fold_of[block] = j
-    return _from_folds(protocol, fold_of, [f"{BLOCK} {j + 1} of {n_folds}" for j in range(n_folds)])
+    return _from_folds(protocol, fold_of, [block_name(j, n_folds) for j in range(n_folds)])
 
 
 def session_partitions(

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from granular_id.evaluation import export, restore, tables
 from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, compare
 from granular_id.evaluation.controls import Control
-from granular_id.evaluation.folds import BLOCK
 from granular_id.evaluation.metrics import confusion_counts, macro_f1, recall_per_class, sample_sd
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.portrait import Portrait
+from granular_id.evaluation.protocol_names import are_blocks
 from granular_id.evaluation.statistics import corrected_interval
 from granular_id.evaluation.summary import Prediction, SpaceSummary
 
@@ -93,7 +93,7 @@ class EvaluationResult:
         Whole sessions, then halves in time order, then blocks in time that stood in for sessions.
         """
         order = ["session", "chronological"]
-        if "session" in self.partitions and self.partitions["session"][0].description.startswith(BLOCK):
+        if "session" in self.partitions and are_blocks(self.partitions["session"]):
             order.reverse()
         return next((name for name in order if name in self.partitions), None)
 

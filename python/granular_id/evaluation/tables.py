@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular_id._percent import whole_percent
-from granular_id.plotting.protocols import protocol_name
+from granular_id.evaluation.protocol_names import are_blocks, protocol_name
+from granular_id.evaluation.task import STAGES
 from granular_id.synthetic.materials import PAPER_MATERIALS
 
 if TYPE_CHECKING:
@@ -38,8 +39,6 @@ SMALL_GAP = 0.01
 """A gap below one point is called none."""
 
 _GAPS_IN_WORDS = 3
-
-STAGES = ("features", "gram", "training", "prediction")
 
 
 @dataclass(frozen=True)
@@ -241,8 +240,11 @@ def _columns(result: EvaluationResult, protocol: str) -> list[str]:
     partitions = result.partitions[protocol]
     if protocol == "chronological":
         return [partition.description for partition in partitions]
-    blocks = partitions[0].description.startswith("block")
-    kinds = {"paper": "random", "kfold": "folds", "session": "blocks" if blocks else "session folds"}
+    kinds = {
+        "paper": "random",
+        "kfold": "folds",
+        "session": "blocks" if are_blocks(partitions) else "session folds",
+    }
     names = [f"{len(partitions)} {kinds[protocol]}"]
     return [*names, "macro-F1"] if protocol == result.protocols[0] else names
 

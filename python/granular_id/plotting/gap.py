@@ -38,7 +38,7 @@ def plot_gap(
     matplotlib.figure.Figure
         One row a protocol: dots are partitions, the large mark is their mean, the line the 95 % interval
         (`EvaluationResult.interval`; none below three partitions). The shaded stretch is the gap between
-        random partitions and the strictest protocol; the dashed line is chance.
+        random draws and the strictest protocol; the dashed line is chance.
 
     Raises
     ------
@@ -61,8 +61,8 @@ def plot_gap(
     figure = new_figure(5.2, 0.75 + 0.42 * len(shown))
     panel = figure.subplots()
     strictest = result.strictest
-    if strictest is not None and "paper" in shown:
-        means = [result.mean_accuracy(name, protocol) for protocol in ("paper", strictest)]
+    if result.random is not None and strictest is not None:
+        means = [result.mean_accuracy(name, protocol) for protocol in (result.random, strictest)]
         panel.axvspan(min(means), max(means), color=_GAP_COLOUR, alpha=0.3, linewidth=0)
     for row, (protocol, look) in enumerate(shown.items()):
         _draw_row(panel, result, name, protocol, row, look)

@@ -1,22 +1,16 @@
-"""What a protocol is called in front of a reader, and how it looks in a figure."""
+"""How a protocol looks in a figure."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
+
+from granular_id.evaluation.protocol_names import protocol_name
 
 if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
-    from granular_id.evaluation.partitions import Partition
 
-__all__ = ["Look", "looks", "protocol_name"]
+__all__ = ["Look", "looks"]
 
-_NAMES = {
-    "paper": "random partitions",
-    "session": "held-out sessions",
-    "chronological": "halves in time order",
-    "kfold": "random folds",
-}
 _MARKS = {
     "paper": ("#0072B2", "o"),
     "session": ("#D55E00", "s"),
@@ -31,13 +25,6 @@ class Look(NamedTuple):
     name: str
     colour: str
     marker: str
-
-
-def protocol_name(protocol: str, partitions: Sequence[Partition]) -> str:
-    """Name a protocol in words; blocks in time that stand in for sessions are called blocks."""
-    if protocol == "session" and partitions and partitions[0].description.startswith("block"):
-        return "blocks in time order"
-    return _NAMES.get(protocol, protocol)
 
 
 def looks(result: EvaluationResult) -> dict[str, Look]:

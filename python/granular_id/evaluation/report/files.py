@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import made_folder
+from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.tables import shows_paper
 from granular_id.plotting import (
     plot_accuracy,
@@ -23,7 +24,6 @@ from granular_id.plotting import (
     plot_residual,
     plot_weights,
 )
-from granular_id.plotting.protocols import protocol_name
 
 if TYPE_CHECKING:
     from granular_id.evaluation.result import EvaluationResult

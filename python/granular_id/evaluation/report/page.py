@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from granular_id._files import check_target, whole_file
+from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.report.pictures import Picture, pictures
 from granular_id.evaluation.report.words import gap_of, split_notes
 from granular_id.evaluation.tables import (
@@ -24,7 +25,6 @@ from granular_id.evaluation.tables import (
     shows_paper,
 )
 from granular_id.plotting.mean_forces import AXIS_LINES
-from granular_id.plotting.protocols import protocol_name
 from granular_id.recording import StepReport
 
 if TYPE_CHECKING:

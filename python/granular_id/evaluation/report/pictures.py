@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.report.svg import inline_svg
 from granular_id.evaluation.tables import percent, shows_paper
 from granular_id.plotting import plot_accuracy, plot_gap, plot_recall
 from granular_id.plotting.confusion import as_percent, draw_confusion
 from granular_id.plotting.hfmh import draw_hfmh
 from granular_id.plotting.mean_forces import Curves, curves_in, draw_mean_forces
-from granular_id.plotting.protocols import protocol_name
 from granular_id.plotting.residual import draw_residual
 from granular_id.plotting.style import INK, new_figure
 from granular_id.plotting.weights import draw_weights

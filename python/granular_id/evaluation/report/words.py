@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.tables import SMALL_GAP, gap_lines, percent
-from granular_id.plotting.protocols import protocol_name
 
 if TYPE_CHECKING:
     from granular_id.evaluation.result import EvaluationResult
