@@ -263,3 +263,33 @@ def test_rates_that_differ_are_refused_with_the_lowest_proposed():
         ValueError, match="sampled at 50 to 500 Hz; nothing is resampled unasked: add --rate-hz 50"
     ):
         prepare(Dataset([slow, fast]), plain, print)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--space", "paper"], "there is no feature space 'paper'; there are raw"),
+        (["--space", "raw,hfmh"], "there is no feature space 'raw,hfmh'"),
+        (["--figure", "f.xyz"], "path must end in one of"),
+        (["--figure", "one.svg", "--json", "one.svg"], "one.svg would be written twice"),
+        (["--json", "no/where.json"], "the folder no does not exist"),
+    ],
+)
+def test_explain_is_refused_before_anything_is_read(tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused("explain", tmp_path / "nowhere", "oat", "rice", *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_output_is_written_over_another(tmp_path):
+    line = refused("evaluate", tmp_path, "--json", tmp_path / "r", "--csv", tmp_path / "." / "r")
+    assert "would be written twice" in line
+
+
+def test_a_result_that_is_not_there_is_told_in_words(tmp_path):
+    (tmp_path / "folder").mkdir()
+    assert (
+        refused("report", tmp_path / "none.json") == f"error: {tmp_path}/none.json: no such file or directory"
+    )
+    line = refused("report", tmp_path / "folder", "-o", tmp_path / "a.html")
+    assert line == f"error: {tmp_path}/folder: is a directory"

@@ -44,7 +44,6 @@ OPTIONS = {
     "block_weights": "--block-weights",
     "n_outer": "--outer",
     "n_inner": "--inner",
-    "relative_costs": "--costs",
 }
 
 TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")
@@ -70,7 +69,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if os.environ.get(DEBUG) or (isinstance(error, ImportError) and error.name is not None):
                 raise
-            _say(f"error: {in_options(str(error))}", "bold red")
+            _say(f"error: {in_options(_words_of(error))}", "bold red")
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
 
     return run
@@ -111,6 +110,13 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         else:  # also an everyday word: an argument only where a message begins with it
             one_line = re.sub(rf"^{name}(?= must )", option, one_line)
     return one_line
+
+
+def _words_of(error: Exception) -> str:
+    """Leave out the number that the system gives an error, and put the file first."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
+    return str(error)
 
 
 def _say(line: str, style: str) -> None:

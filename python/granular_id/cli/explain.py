@@ -14,8 +14,8 @@ from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Weights
 from granular_id.cli.recordings import Source
-from granular_id.cli.session import repeated_command, say_written
-from granular_id.cli.settings import chosen_spaces, positive
+from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.settings import known_spaces, positive
 
 if TYPE_CHECKING:
     from granular_id.explanation import Explanation
@@ -55,14 +55,14 @@ def explain(
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the explanation only.")] = False,
 ) -> None:
     """Print what decides between two materials; see `TEXT`."""
-    from granular_id._files import check_target, whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
-
     positive("--C", c)
     method.fits(source.preparation.rate_hz)
-    chosen_spaces(space, None)
-    for path in (figure, json):
-        if path is not None:
-            check_target(path)
+    known_spaces(space)
+    check_targets(figure, json)
+    if figure is not None:
+        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
+
+        file_format(figure)
     data = source.load(quiet=quiet)
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:
@@ -84,6 +84,8 @@ def explain(
             explanation, title="SYNTHETIC recordings" if is_synthetic(data) else None, path=figure
         )
     if json is not None:
+        from granular_id._files import whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
+
         with whole_file(json) as draft:
             draft.write_text(json_format.dumps(explanation.to_dict(), indent=1) + "\n", encoding="utf-8")
     written = [path for path in (figure, json) if path is not None]

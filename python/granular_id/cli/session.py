@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
-__all__ = ["Outputs", "Run", "evaluate_and_show", "repeated_command", "say_written"]
+__all__ = ["Outputs", "Run", "check_targets", "evaluate_and_show", "repeated_command", "say_written"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Outputs:
 
         The folder for figures is made, and is removed again when the block raises and left it empty.
         """
-        from granular_id._files import check_target, made_folder  # noqa: PLC0415 (slow to import)
+        from granular_id._files import made_folder  # noqa: PLC0415 (slow to import)
 
         for wanted, module, path in (
             ("figures need", "matplotlib", self.figures),
@@ -47,9 +47,7 @@ class Outputs:
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
         with nullcontext() if self.figures is None else made_folder(self.figures):
-            for path in (self.report, self.json, self.csv):
-                if path is not None:
-                    check_target(path)
+            check_targets(self.report, self.json, self.csv)
             yield
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
@@ -68,6 +66,17 @@ class Outputs:
 
             written += figures(result, self.figures, "png", space=space)
         return written
+
+
+def check_targets(*paths: Path | None) -> None:
+    """Refuse files that cannot be written, and one that would be written twice; None is no file."""
+    from granular_id._files import check_target  # noqa: PLC0415 (slow to import)
+
+    targets = [check_target(path) for path in paths if path is not None]
+    places = [target.resolve() for target in targets]
+    for k, place in enumerate(places):
+        if place in places[:k]:
+            raise ValueError(f"{targets[k]} would be written twice: give each output a file of its own")
 
 
 @dataclass(frozen=True)

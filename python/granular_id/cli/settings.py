@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
-__all__ = ["at_least", "bin_range_of", "chosen_spaces", "length_of", "method_fits", "names_in", "positive"]
+__all__ = [
+    "at_least",
+    "bin_range_of",
+    "chosen_spaces",
+    "known_spaces",
+    "length_of",
+    "method_fits",
+    "names_in",
+    "positive",
+]
 
 
 def at_least(option: str, value: int | None, minimum: int) -> None:
@@ -73,6 +82,16 @@ def method_fits(
     FeatureSpec(**settings)
 
 
+def known_spaces(*names: str) -> None:
+    """Refuse a name that no feature space has."""
+    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import, and rarely needed this early)
+
+    known = feature_spaces()
+    for name in names:
+        if name not in known:
+            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+
+
 def chosen_spaces(spaces: str, confusion: str | None) -> list[str] | None:
     """Read ``--spaces`` and ``--confusion``.
 
@@ -83,13 +102,8 @@ def chosen_spaces(spaces: str, confusion: str | None) -> list[str] | None:
     """
     if spaces == "paper" and confusion is None:
         return None
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import, and rarely needed this early)
-
-    known = feature_spaces()
     chosen = None if spaces == "paper" else names_in(spaces)
-    for name in (*(chosen or ()), *([] if confusion is None else [confusion])):
-        if name not in known:
-            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+    known_spaces(*(chosen or ()), *([] if confusion is None else [confusion]))
     if chosen is None:
         return None
     if not chosen:

@@ -22,6 +22,7 @@ __all__ = [
     "AXIS_DASHES",
     "FAINT",
     "INK",
+    "file_format",
     "new_figure",
     "pretty",
     "quiet",
@@ -63,13 +64,19 @@ def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
     """Save whole or not at all; the ending chooses the format. Nothing happens when `path` is None."""
     if path is None:
         return
+    form = file_format(path)
+    with whole_file(path) as draft:
+        figure.savefig(draft, format=form, dpi=150)
+
+
+def file_format(path: str | os.PathLike[str]) -> str:
+    """Return the format that the ending of a path chooses, or say which endings there are."""
     target = Path(path)
     form = target.suffix.removeprefix(".").lower()
-    supported = figure.canvas.get_supported_filetypes()
+    supported = new_figure(1, 1).canvas.get_supported_filetypes()
     if form not in supported:
         raise ValueError(f"path must end in one of {', '.join(sorted(supported))}, got {str(target)!r}")
-    with whole_file(target) as draft:
-        figure.savefig(draft, format=form, dpi=150)
+    return form
 
 
 def short(text: str, most: int = 24) -> str:
