@@ -13,9 +13,10 @@ from evaluation_cases import LABELS, changed, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording
+from granular_id.rica import RICA
 from granular_id.selection import select
 from granular_id.selection.folds import nested_folds
-from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, feature_spaces
+from granular_id.spaces import HFMH, BlockUnion, PrincipalComponents, RawHFMH, RawSignal, Tare, feature_spaces
 from granular_id.synthetic import synthesize
 
 COSTS = (0.1, 10.0)
@@ -277,6 +278,16 @@ def test_progress_counts_every_candidate_on_every_fold(data):
     assert [done for done, _, _ in seen] == list(range(1, 3 * (1 + 2) * 2 + 1))
     assert {total for _, total, _ in seen} == {18}
     assert seen[0][2].startswith("raw: block 1 of 3")
+
+
+def test_solvers_that_stop_early_are_a_note_and_errors_name_their_space(data):
+    early = make_pipeline(RawSignal(), PrincipalComponents(4), RICA(2, max_iter=2))
+    selection = select(data, spaces={"early": early}, n_jobs=2, **SMALL)
+    (note,) = [note for note in selection.notes if "RICA" in note]
+    assert note.startswith("candidates: ")
+    tare = make_pipeline(Tare(tare_s=10.0), RawSignal())
+    with pytest.raises(ValueError, match=r"^feature space 'late': tare_s"):
+        select(data, spaces={"late": tare}, **SMALL)
 
 
 @pytest.mark.parametrize("n_jobs", [1, 2])

@@ -1,4 +1,4 @@
-"""Solvers that stop early: a line in the result instead of a flood on the terminal."""
+"""What feature spaces complain of: errors that say whose they are, and solvers that stop early in a line each."""
 
 from __future__ import annotations
 
@@ -9,9 +9,28 @@ from contextlib import contextmanager
 
 from sklearn.exceptions import ConvergenceWarning
 
-__all__ = ["heard_complaints"]
+__all__ = ["heard_complaints", "named_errors"]
 
 AT_MOST = 3
+
+
+@contextmanager
+def named_errors(name: str, kind: str = "feature space") -> Iterator[None]:
+    """Let errors say which space they are from: of eleven only one may not suit the recordings.
+
+    Examples
+    --------
+    >>> with named_errors("raw"):
+    ...     raise ValueError("no good")
+    Traceback (most recent call last):
+    ValueError: feature space 'raw': no good
+    """
+    try:
+        yield
+    except ValueError as error:
+        if repr(name) in str(error):
+            raise
+        raise ValueError(f"{kind} {name!r}: {error}") from error
 
 
 @contextmanager

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+import platform
 from typing import Any
 
+import joblib
 import numpy as np
+import scipy
+import sklearn
 from sklearn.base import BaseEstimator
 
+from granular_id import _core
 from granular_id.recording import Dataset, Recording, SampleFlag
 
-__all__ = ["describe_data", "describe_estimator", "is_simulated", "is_synthetic", "warnings_in"]
+__all__ = ["describe_data", "describe_estimator", "is_simulated", "is_synthetic", "versions", "warnings_in"]
 
 MANY_FILLED = 0.05
 """Share of samples inside filled gaps from which on a reader is warned."""
@@ -74,6 +79,19 @@ def warnings_in(data: Dataset) -> list[str]:
             "where high frequencies are lost"
         )
     return lines
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that has a say in the numbers."""
+    return {
+        "granular_id": _core.__version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "scikit-learn": sklearn.__version__,
+        "joblib": joblib.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
 
 
 def _plain(value: Any) -> Any:

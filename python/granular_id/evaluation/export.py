@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from granular_id._files import whole_file
 
 if TYPE_CHECKING:
-    from granular_id.evaluation.partitions import Partition
+    from granular_id.evaluation.partition import Partition
     from granular_id.evaluation.result import EvaluationResult, SpaceSummary
 
 __all__ = ["CSV_COLUMNS", "FORMAT", "as_dict", "write_csv", "write_json"]

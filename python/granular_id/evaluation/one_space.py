@@ -16,7 +16,7 @@ from granular_id._progress import Ticker
 from granular_id._seeds import seeded_clone
 from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.complaints import heard_complaints
+from granular_id.evaluation.complaints import heard_complaints, named_errors
 from granular_id.evaluation.gram_engine import features_of, plan_for
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.task import STAGES, Answer, Answers, SpaceRun, Task
@@ -71,12 +71,13 @@ def run_space(
         From transformer or classifier, with the name of the space.
     """
     name = task.space.name if task.kind == "space" else task.key
+    kind = "feature space" if task.kind == "space" else task.kind
     found = [None if answers is None else answers.load(task.key, partition) for partition in partitions]
     missing = [partition for partition, answer in zip(partitions, found, strict=True) if answer is None]
     computed: Iterator[Answer] = iter(())
     complaints: list[str] = []
     if missing:
-        with _naming(task):
+        with named_errors(task.space.name, kind):
             work = _Work(task, y, seed)
     ticker.tick(f"{name}: ready")
     for _ in range(len(partitions) - len(missing)):
@@ -84,7 +85,7 @@ def run_space(
     if missing:
 
         def run(partition: Partition) -> Answer:
-            with _naming(task):
+            with named_errors(task.space.name, kind):
                 answer = work.answer(partition)
             if answers is not None:
                 answers.save(task.key, partition, answer)
@@ -105,18 +106,6 @@ def run_space(
         seconds={stage: float(seconds[stage]) for stage in STAGES},
         complaints=tuple(complaints),
     )
-
-
-@contextmanager
-def _naming(task: Task) -> Iterator[None]:
-    """Let errors say which space they are from: of eleven only one may not suit the recordings."""
-    try:
-        yield
-    except ValueError as error:
-        if repr(task.space.name) in str(error):
-            raise
-        kind = "feature space" if task.kind == "space" else task.kind
-        raise ValueError(f"{kind} {task.space.name!r}: {error}") from error
 
 
 class _Clock:

@@ -10,10 +10,9 @@ from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from granular_id.evaluation.protocols import plan_partitions, plan_protocols
 from granular_id.spaces import FeatureSpace, feature_spaces, learns
 
-__all__ = ["Space", "in_paper_order", "plan_partitions", "plan_protocols", "plan_seed", "plan_spaces"]
+__all__ = ["Space", "in_paper_order", "plan_seed", "plan_spaces"]
 
 
 @dataclass(frozen=True)

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import os
-import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import joblib
 import numpy as np
-import scipy
-import sklearn
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from granular_id import _core
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
 from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
-from granular_id.evaluation.describe import describe_data, describe_estimator, is_synthetic, warnings_in
+from granular_id.evaluation.describe import (
+    describe_data,
+    describe_estimator,
+    is_synthetic,
+    versions,
+    warnings_in,
+)
 from granular_id.evaluation.gram_engine import GramBank, plan_for
 from granular_id.evaluation.one_space import run_space
 from granular_id.evaluation.partition import Partition
@@ -35,7 +36,7 @@ from granular_id.evaluation.task import SpaceRun, Task
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace
 
-__all__ = ["evaluate", "versions"]
+__all__ = ["evaluate"]
 
 Codes = NDArray[np.intp]
 
@@ -212,19 +213,6 @@ def evaluate(
     )
     seen = _portrait(data, result, planned, chosen)
     return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that has a say in the numbers."""
-    return {
-        "granular_id": _core.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "scikit-learn": sklearn.__version__,
-        "joblib": joblib.__version__,
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
 
 
 def _judged(

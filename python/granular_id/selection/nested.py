@@ -9,11 +9,16 @@ import numpy as np
 from sklearn.base import BaseEstimator
 
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id.evaluation.describe import describe_data, describe_estimator, is_synthetic, warnings_in
+from granular_id.evaluation.describe import (
+    describe_data,
+    describe_estimator,
+    is_synthetic,
+    versions,
+    warnings_in,
+)
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import plan_seed
-from granular_id.evaluation.runner import versions
 from granular_id.recording import Dataset
 from granular_id.selection.candidates import checked_costs, plan_candidates
 from granular_id.selection.choice import choose
@@ -127,7 +132,8 @@ def select(
     every = [partition for fold in folds for partition in (fold.outer, *fold.inner)]
     with showing(progress) as callback:
         ticker = Ticker(len(every) * len(candidates), callback)
-        scored = iter(score_all(candidates, costs, every, y, bank, n_jobs=n_jobs, ticker=ticker))
+        scores, complaints = score_all(candidates, costs, every, y, bank, n_jobs=n_jobs, ticker=ticker)
+    scored = iter(scores)
     outer_scores, inner_scores = [], []
     for fold in folds:
         outer_scores.append(next(scored))
@@ -178,7 +184,7 @@ def select(
         data=describe_data(data),
         versions=versions(),
         held_out=planned.held_out,
-        notes=(*planned.notes, *warnings_in(data)),
+        notes=(*planned.notes, *warnings_in(data), *complaints),
         synthetic=is_synthetic(data),
     )
 

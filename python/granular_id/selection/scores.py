@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from granular_id._blas import single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.complaints import heard_complaints, named_errors
 from granular_id.evaluation.gram_engine import GramBank, features_of, plan_for
 from granular_id.evaluation.partition import Partition
 from granular_id.gram import linear_gram
@@ -49,7 +51,7 @@ def score_all(
     *,
     n_jobs: int | None,
     ticker: Ticker,
-) -> list[list[Scores]]:
+) -> tuple[list[list[Scores]], tuple[str, ...]]:
     """Train and test every candidate on every partition.
 
     Parameters
@@ -69,19 +71,24 @@ def score_all(
 
     Returns
     -------
-    list of lists of Scores
+    scores : list of lists of Scores
         By partition, then candidate.
+    complaints : tuple of str
+        What did not converge.
     """
 
     def run(pair: tuple[Partition, Candidate]) -> Scores:
         partition, candidate = pair
-        scores = _score(candidate, costs, partition, y, bank)
+        with named_errors(candidate.space):
+            scores = _score(candidate, costs, partition, y, bank)
         ticker.tick(f"{candidate.name}: {partition.description}")
         return scores
 
-    # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock.
-    flat = iter(in_threads(run, product(partitions, candidates), n_jobs))
-    return [[next(flat) for _ in candidates] for _ in partitions]
+    # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. More than
+    # one thread for the algebra of each would only take turns with the others.
+    with single_threaded_blas(), heard_complaints("candidates") as complaints:
+        flat = iter(in_threads(run, product(partitions, candidates), n_jobs))
+    return [[next(flat) for _ in candidates] for _ in partitions], tuple(complaints)
 
 
 def spread_of(candidate: Candidate, bank: GramBank, rows: Rows) -> float:
@@ -92,7 +99,9 @@ def spread_of(candidate: Candidate, bank: GramBank, rows: Rows) -> float:
     ValueError
         All rows are equal there: nothing can be told apart.
     """
-    gram, _, _ = _products(candidate, bank, rows, rows[:1])
+    # What does not converge here has been told of the folds.
+    with single_threaded_blas(), heard_complaints(candidate.name):
+        gram, _, _ = _products(candidate, bank, rows, rows[:1])
     return _spread(candidate, gram)
 
 
