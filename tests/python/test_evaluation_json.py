@@ -119,6 +119,10 @@ BAD = [
         "predictions of 'raw+hfmh', paper: numbers from 9 to 9, wanted 0 to 3",
     ),
     (put("spaces", 0, "seconds", None), "does not hold a whole evaluation"),
+    (drop("spaces", 0, "seconds", "gram"), "lacks the field 'gram'"),
+    (put("spaces", 0, "name", True), "spaces: wanted a list of texts"),
+    (put("spaces", 1, "name", "raw+hfmh"), "spaces: 'raw+hfmh' stands there twice"),
+    (put("labels", 1, "oat"), "labels: 'oat' stands there twice"),
     (put("wall_s", "long"), "does not hold a whole evaluation"),
     (put("controls", 0, "accuracies", None), "does not hold a whole evaluation"),
 ]

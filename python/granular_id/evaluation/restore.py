@@ -17,6 +17,7 @@ from granular_id.evaluation.export import FORMAT
 from granular_id.evaluation.partition import PROTOCOLS, Partition
 from granular_id.evaluation.portrait import Portrait
 from granular_id.evaluation.summary import SpaceSummary
+from granular_id.evaluation.task import STAGES
 
 __all__ = ["read_json"]
 
@@ -60,7 +61,8 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
-    labels = tuple(_texts("labels", saved["labels"]))
+    labels = tuple(_once("labels", saved["labels"]))
+    _once("spaces", [space["name"] for space in saved["spaces"]])
     recordings = saved["recordings"]
     truth = np.array([_number_of(one["label"], labels) for one in recordings], dtype=np.intp)
     partitions = {
@@ -104,11 +106,11 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
 def _space(saved: Mapping[str, Any]) -> SpaceSummary:
     paper = saved["accuracy_in_the_paper_on_its_own_data"]
     return SpaceSummary(
-        name=str(saved["name"]),
+        name=saved["name"],
         paper_accuracy=None if paper is None else float(paper),
         learns=bool(saved["fitted_on_training_rows"]),
         n_features=int(saved["n_features"]),
-        seconds={str(stage): float(spent) for stage, spent in saved["seconds"].items()},
+        seconds={stage: float(saved["seconds"][stage]) for stage in STAGES},
         settings=dict(saved["settings"]),
     )
 
@@ -146,3 +148,12 @@ def _texts(name: str, values: Any) -> list[str]:
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
         raise ValueError(f"{name}: wanted a list of texts")
     return values
+
+
+def _once(name: str, values: Any) -> list[str]:
+    """Return texts that all differ."""
+    texts = _texts(name, values)
+    for k, text in enumerate(texts):
+        if text in texts[:k]:
+            raise ValueError(f"{name}: {text!r} stands there twice")
+    return texts
