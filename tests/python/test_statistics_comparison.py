@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from granular_id.evaluation.comparison import compare
-from granular_id.evaluation.statistics import holm
+from granular_id.evaluation.compare import compare
+from granular_id.evaluation.holm import holm
 
 NAMES = ("raw", "hfmh", "raw+hfmh", "dft")
 

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.evaluation import export, restore, tables
-from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, compare
+from granular_id.evaluation.compare import compare
+from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.metrics import confusion_counts, macro_f1, recall_per_class, sample_sd
 from granular_id.evaluation.partition import Partition

@@ -25,7 +25,6 @@ __all__ = [
     "bayesian_correlated_t",
     "corrected_interval",
     "corrected_resampled_t",
-    "holm",
     "mann_whitney",
 ]
 
@@ -213,50 +212,6 @@ def corrected_interval(
     reach = float(stats.t.ppf((1 + confidence) / 2, shares.size - 1)) * error
     mean = float(shares.mean())
     return max(0.0, mean - reach), min(1.0, mean + reach)
-
-
-def holm(p_values: ArrayLike) -> FloatArray:
-    """Adjust p-values for their number, by Holm's step-down method.
-
-    Rejecting where the adjusted value is below alpha keeps the chance of any false rejection below alpha,
-    whatever the dependence between the tests.
-
-    Parameters
-    ----------
-    p_values : array-like, shape (m,)
-        In [0, 1]. NaN stands for a test that could not be made: it stays NaN and does not count.
-
-    Returns
-    -------
-    (m,) float array
-        In the order given, none below its own p-value, none above 1.
-
-    Raises
-    ------
-    ValueError
-        More than one dimension, or values outside [0, 1].
-
-    Notes
-    -----
-    Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6
-    (1979).
-
-    Examples
-    --------
-    >>> holm([0.01, 0.04, 0.03, 0.005]).round(3).tolist()
-    [0.03, 0.06, 0.06, 0.02]
-    """
-    p = np.asarray(p_values, dtype=np.float64)
-    if p.ndim != 1:
-        raise ValueError(f"p_values must have one dimension, got shape {p.shape}")
-    made = np.flatnonzero(~np.isnan(p))
-    if ((p[made] < 0) | (p[made] > 1)).any():
-        raise ValueError(f"p_values must lie in [0, 1], got {p[made].min():g} to {p[made].max():g}")
-    order = made[np.argsort(p[made], kind="stable")]
-    adjusted = np.full(p.shape, np.nan)
-    factors = np.arange(order.size, 0, -1)
-    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(factors * p[order]))
-    return adjusted
 
 
 def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:

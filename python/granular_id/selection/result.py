@@ -18,7 +18,8 @@ from sklearn.pipeline import Pipeline
 
 from granular_id._files import whole_file
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, Pair, compare
+from granular_id.evaluation.compare import compare
+from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, Pair
 from granular_id.evaluation.statistics import corrected_interval
 from granular_id.evaluation.tables import Table
 from granular_id.selection import text
