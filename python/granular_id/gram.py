@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._arrays import float_array
+
 __all__ = ["linear_gram"]
 
 FloatArray = npt.NDArray[np.float64]
@@ -76,14 +78,15 @@ def linear_gram(
             gram += product
             del block, other  # before the next ones are made: two of each would double the memory
     if not np.isfinite(gram).all():
+        arguments = "X" if Y is None else "X and Y"
         raise ValueError(
-            "X and Y must be finite (no NaN, no inf), with scalar products in the range of float64"
+            f"{arguments} must be finite (no NaN, no inf), with scalar products in the range of float64"
         )
     return gram
 
 
 def _rows(argument: str, values: npt.ArrayLike) -> FloatArray:
-    rows = np.asarray(values, dtype=np.float64)
+    rows = float_array(argument, values)
     if rows.ndim != 2 or 0 in rows.shape:
         raise ValueError(f"{argument} must have shape (n >= 1, D >= 1), got shape {rows.shape}")
     return rows
@@ -92,7 +95,7 @@ def _rows(argument: str, values: npt.ArrayLike) -> FloatArray:
 def _per_column(argument: str, values: npt.ArrayLike | None, n_columns: int) -> FloatArray | None:
     if values is None:
         return None
-    vector = np.asarray(values, dtype=np.float64)
+    vector = float_array(argument, values)
     if vector.shape != (n_columns,):
         raise ValueError(f"{argument} must have shape ({n_columns},), got shape {vector.shape}")
     return vector

@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_dat
 from granular_id.ecoc.base import has_posterior
 from granular_id.ecoc.estimators import EstimatorLearners, fit_estimators
 from granular_id.ecoc.gram_methods import GramMethods, gram_scorer
+from granular_id.ecoc.learners import line_scores
 from granular_id.ecoc.losses import fitting_loss
 from granular_id.ecoc.primal import PrimalLearners, fit_shared, fit_standardized
 from granular_id.ecoc.training import checked_weights
@@ -160,7 +161,8 @@ class ECOCClassifier(GramMethods):
         weights = None if sample_weight is None else checked_weights(sample_weight, len(rows))
         codes, fold_seed, learner_seed = self._start(labels, weights)
         if self.supports_gram:
-            origin = rows.mean(axis=0)
+            with np.errstate(over="ignore", invalid="ignore"):  # `linear_gram` refuses what follows from it
+                origin = rows.mean(axis=0)
             gram = linear_gram(rows, center=origin)
             options = self._machine_options(weights)
             self._keep_lines(fit_shared(rows, origin, gram, codes, self.coding_matrix_, **options))
@@ -168,9 +170,10 @@ class ECOCClassifier(GramMethods):
         else:
             every = np.arange(len(rows))
             learned = self._fit_rows(rows, codes, weights, learner_seed, every)
-            self._keep_estimators(learned) if isinstance(learned, EstimatorLearners) else self._keep_lines(
-                learned
-            )
+            if isinstance(learned, EstimatorLearners):
+                self._keep_estimators(learned)
+            else:
+                self._keep_lines(learned)
 
             def scorer(train: IntArray, test: IntArray) -> FloatArray:
                 return self._fit_rows(rows, codes, weights, learner_seed, train).scores(rows[test])
@@ -223,8 +226,7 @@ class ECOCClassifier(GramMethods):
         rows = validate_data(self, X, dtype=np.float64, reset=False)
         if hasattr(self, "_estimators"):
             return self._estimators.scores(rows, self.n_jobs)
-        scores: FloatArray = rows @ self.coef_.T + self.intercept_
-        return scores
+        return line_scores("X", rows, self.coef_, self.intercept_)
 
     def decision_function(self, X: npt.ArrayLike) -> FloatArray:
         """Decision value of each class for features (n, D).

@@ -51,8 +51,12 @@ def own_coding(coding: object, n_classes: int) -> CodingMatrix:
         As `check_coding_matrix`; another number of rows than classes; equal rows (classes that are never told
         apart); columns that are equal, or the negative of each other (the same learner twice).
     """
-    given = np.asarray(coding)
-    if given.dtype.kind not in "biuf" or given.ndim == 0:
+    try:
+        given = np.asarray(coding)
+        is_matrix = given.dtype.kind in "biuf" and given.ndim > 0
+    except ValueError:  # rows of different lengths
+        is_matrix = False
+    if not is_matrix:
         raise TypeError(f"coding must be the name of a design or a matrix of -1, 0 and +1, got {coding!r}")
     matrix = check_coding_matrix(given)
     if len(matrix) != n_classes:

@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._arrays import float_array
 from granular_id.ecoc.coding_matrix import CodingMatrix, check_coding_matrix
 from granular_id.ecoc.losses import LOSSES, BinaryLoss
 from granular_id.ecoc.training import named
@@ -86,7 +87,7 @@ def decode(
     rule = named(LOSSES, "loss", loss)
     named(DECODINGS, "decoding", decoding)
     matrix = check_coding_matrix(coding_matrix)
-    values = np.asarray(scores, dtype=np.float64)
+    values = float_array("scores", scores)
     if values.ndim != 2 or values.shape[1] != matrix.shape[1]:
         raise ValueError(
             f"scores must have shape (n, {matrix.shape[1]}), one column per learner, got shape {values.shape}"

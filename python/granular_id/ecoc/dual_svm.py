@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id.ecoc.equal_rows import first_equal
-from granular_id.ecoc.libsvm import HARD_BOUND, TOLERANCES, centred_gram, run_libsvm, snapped
+from granular_id.ecoc.libsvm import TOLERANCES, centred_gram, run_libsvm, snapped, upper_bounds
 
 __all__ = ["BinarySolution", "NotSeparableError", "solve_binary"]
 
@@ -88,7 +88,7 @@ def solve_binary(
     """
     centred, row_mean, scale = centred_gram(gram)
     hard = bounds is None
-    upper = np.full(len(targets), HARD_BOUND) if bounds is None else bounds * scale
+    upper = upper_bounds(bounds, len(targets), scale)
 
     dual, intercept, converged = np.zeros(len(targets)), 0.0, False
     exact = None if guess is None else _active_set_solution(centred, targets, upper, targets * guess * scale)

@@ -13,6 +13,7 @@ from sklearn.utils.validation import has_fit_parameter
 
 from granular_id._seeds import seeded_clone
 from granular_id.ecoc.coding_matrix import CodingMatrix
+from granular_id.ecoc.learners import line_scores
 from granular_id.ecoc.moments import mean_and_deviation
 from granular_id.ecoc.task import Task, checked_task, over_learners
 
@@ -99,8 +100,7 @@ class EstimatorLearners:
     def scores(self, rows: FloatArray, n_jobs: int | None = None) -> FloatArray:
         """Scores (m, L) of features (m, D)."""
         if self.coef is not None and self.intercept is not None:
-            lines: FloatArray = rows @ self.coef.T + self.intercept
-            return lines
+            return line_scores("X", rows, self.coef, self.intercept)
         columns = over_learners(lambda learner: self.each[learner].scores(rows), len(self.each), n_jobs)
         return np.column_stack(columns)
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
+from granular_id._arrays import float_array
 from granular_id.ecoc.base import ECOCBase, has_posterior
 from granular_id.ecoc.coding_matrix import CodingMatrix
 from granular_id.ecoc.equal_rows import first_equal
@@ -59,7 +60,7 @@ class GramMethods(ECOCBase):
             what = "standardize=True" if self.standardize else "estimator"
             raise ValueError(f"{what} needs the features: use fit(X, y) instead of fit_gram")
         labels = column_or_1d(y, warn=True)
-        products = np.asarray(gram, dtype=np.float64)
+        products = float_array("gram", gram)
         if products.ndim == 0 or len(products) != len(labels):
             raise ValueError(f"gram has shape {products.shape}, but y has {len(labels)} labels")
         weights = None if sample_weight is None else checked_weights(sample_weight, len(products))

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 
+from granular_id._arrays import float_array
 from granular_id.ecoc.coding_matrix import CodingMatrix
 from granular_id.ecoc.codings import onevsone
 from granular_id.ecoc.dual_svm import BinarySolution, NotSeparableError, solve_binary
@@ -18,10 +19,19 @@ from granular_id.ecoc.one_vs_one import OneVsOneGuess, one_vs_one_guess
 from granular_id.ecoc.task import Task, checked_gram, checked_task, over_learners
 from granular_id.ecoc.training import checked_cost
 
-__all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners"]
+__all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners", "line_scores"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+
+def line_scores(argument: str, rows: FloatArray, coef: FloatArray, intercept: FloatArray) -> FloatArray:
+    """Scores (m, L) of rows (m, D) from weights (L, D) and intercepts (L,); a ValueError where they overflow."""
+    with np.errstate(over="ignore", invalid="ignore"):  # reported below, with the argument's name
+        scores: FloatArray = rows @ coef.T + intercept
+    if not np.isfinite(scores).all():
+        raise ValueError(f"{argument} must be finite, with scores in the range of float64")
+    return scores
 
 
 @dataclass(frozen=True)
@@ -50,14 +60,13 @@ class DualLearners:
 
     def scores(self, gram: npt.ArrayLike) -> FloatArray:
         """Scores (m, L) of rows given as their scalar products (m, n) with the training rows."""
-        rows = np.asarray(gram, dtype=np.float64)
+        rows = float_array("gram", gram)
         if rows.ndim != 2 or rows.shape[1] != self.dual_coef.shape[1]:
             raise ValueError(
                 f"gram must have shape (m, {self.dual_coef.shape[1]}), one column per training row, "
                 f"got shape {rows.shape}"
             )
-        scores: FloatArray = rows @ self.dual_coef.T + self.intercept
-        return scores
+        return line_scores("gram", rows, self.dual_coef, self.intercept)
 
 
 @dataclass(frozen=True)
@@ -191,7 +200,8 @@ def _bounds(task: Task, C: float, hard_margin: bool) -> FloatArray | None:
     cost = checked_cost(C)
     if hard_margin:
         return None
-    return cost * (np.ones(len(task.index)) if task.weights is None else task.weights)
+    with np.errstate(over="ignore"):  # `upper_bounds` makes it finite
+        return cost * (np.ones(len(task.index)) if task.weights is None else task.weights)
 
 
 def _train(

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from sklearn import config_context
 from sklearn.svm import SVC
 
-__all__ = ["HARD_BOUND", "TOLERANCES", "centred_gram", "run_libsvm", "snapped"]
+__all__ = ["HARD_BOUND", "TOLERANCES", "centred_gram", "run_libsvm", "snapped", "upper_bounds"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,6 +19,8 @@ TOLERANCES = (1e-3, 1e-6)
 # Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
 # stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
 HARD_BOUND = 1e10
+# What costs and weights far out of the ordinary are brought back to.
+_LARGEST_BOUND, _LEAST_BOUND, _LEAST_SHARE = 1e300, 1e-300, 1e-250
 
 
 class _QuietSVC(SVC):  # type: ignore[misc]
@@ -44,6 +46,17 @@ def centred_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     scale = float(np.ldexp(1.0, int(np.frexp(spread)[1]))) if spread > 0 else 1.0
     centred /= scale
     return centred, row_mean, scale
+
+
+def upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatArray:
+    """Bounds (n,) of the multipliers in units of 1 / `scale`, `HARD_BOUND` for None; none overflows or vanishes."""
+    if bounds is None:
+        return np.full(n_rows, HARD_BOUND)
+    with np.errstate(over="ignore"):
+        upper = np.minimum(bounds * scale, _LARGEST_BOUND)
+    # libsvm drops rows of weight 0, and with them a class.
+    least: FloatArray = np.maximum(upper, max(float(upper.max()) * _LEAST_SHARE, _LEAST_BOUND))
+    return least
 
 
 def run_libsvm(

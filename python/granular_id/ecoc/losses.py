@@ -22,6 +22,8 @@ FloatArray = npt.NDArray[np.float64]
 # exp() is continued along its tangent from here on: exp(650) times any score of a float64 learner up to 1e6,
 # summed over a million learners, still is a finite number.
 _EXP_TANGENT_FROM = 650.0
+# ... as far as the sum over any allowed number of learners is finite, and level from there.
+_EXP_TANGENT_TO = 1e20
 
 SCORE_RANGES: Mapping[str, str] = MappingProxyType(
     {"real": "any real number, as decision_function gives", "unit": "a probability in [0, 1]"}
@@ -70,7 +72,7 @@ def _hinge(z: FloatArray) -> FloatArray:
 
 
 def _exponential(z: FloatArray) -> FloatArray:
-    beyond = np.maximum(-z - _EXP_TANGENT_FROM, 0.0)
+    beyond = np.clip(-z - _EXP_TANGENT_FROM, 0.0, _EXP_TANGENT_TO)
     inside: FloatArray = np.exp(np.minimum(-z, _EXP_TANGENT_FROM))
     return inside * (1.0 + beyond) / 2.0
 
@@ -131,7 +133,7 @@ def fitting_loss(loss: object, scores: str | None) -> BinaryLoss:
     >>> fitting_loss("auto", "unit").name
     'quadratic'
     """
-    if loss == "auto":
+    if isinstance(loss, str) and loss == "auto":
         return LOSSES[_DEFAULTS[scores or "real"]]
     rule: BinaryLoss = named({"auto": None, **LOSSES}, "loss", loss)
     if scores is not None and rule.scores != scores:

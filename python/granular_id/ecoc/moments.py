@@ -14,8 +14,18 @@ def mean_and_deviation(rows: FloatArray, weights: FloatArray | None) -> tuple[Fl
     """Weighted mean and population standard deviation of each column; infinite for a constant column.
 
     Divided by infinity, a feature that says nothing becomes exactly 0, and so does its weight.
+
+    Raises
+    ------
+    ValueError
+        Columns whose sum is beyond the range of float64.
     """
-    mean = np.average(rows, axis=0, weights=weights)
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = np.average(rows, axis=0, weights=weights)
+    if not np.isfinite(mean).all():
+        raise ValueError(
+            f"X is too large to standardize (up to {np.abs(rows).max():.3g}): its sums leave the range of float64"
+        )
     # Rounding leaves a constant column a deviation that is not quite 0.
     constant = rows.min(axis=0) == rows.max(axis=0)
     relative = rows - mean

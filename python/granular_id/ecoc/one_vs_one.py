@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from granular_id.ecoc.libsvm import HARD_BOUND, TOLERANCES, centred_gram, run_libsvm, snapped
+from granular_id.ecoc.libsvm import TOLERANCES, centred_gram, run_libsvm, snapped, upper_bounds
 
 __all__ = ["OneVsOneGuess", "one_vs_one_guess"]
 
@@ -63,7 +63,7 @@ def one_vs_one_guess(
         Pairs in the order of `granular_id.ecoc.codings.onevsone`.
     """
     centred, _, scale = centred_gram(gram)
-    upper = np.full(len(codes), HARD_BOUND) if bounds is None else bounds * scale
+    upper = upper_bounds(bounds, len(codes), scale)
     machine = run_libsvm(centred, codes, upper, TOLERANCES[0], _MAX_STEPS_GUESS)
     by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
     by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)

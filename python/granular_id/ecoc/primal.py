@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id.ecoc.coding_matrix import CodingMatrix
-from granular_id.ecoc.learners import DualLearners, fit_dual, fit_learners
+from granular_id.ecoc.learners import DualLearners, fit_dual, fit_learners, line_scores
 from granular_id.ecoc.moments import mean_and_deviation
 from granular_id.gram import linear_gram
 
@@ -38,8 +38,7 @@ class PrimalLearners:
 
     def scores(self, rows: FloatArray) -> FloatArray:
         """Scores (m, L) of features (m, D)."""
-        scores: FloatArray = rows @ self.coef.T + self.intercept
-        return scores
+        return line_scores("X", rows, self.coef, self.intercept)
 
 
 def primal_of(

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from joblib import effective_n_jobs
 
+from granular_id._arrays import float_array
 from granular_id._threads import in_threads
 from granular_id.ecoc.coding_matrix import CodingMatrix, check_coding_matrix
 from granular_id.ecoc.training import checked_weights
@@ -19,6 +20,9 @@ __all__ = ["Task", "checked_gram", "checked_task", "over_learners"]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 Result = TypeVar("Result")
+
+_LARGEST_PRODUCT = 1e300
+"""Larger scalar products overflow in the sums that centre them."""
 
 
 @dataclass(frozen=True)
@@ -117,16 +121,21 @@ def checked_task(
 
 def checked_gram(gram: npt.ArrayLike) -> FloatArray:
     """Return scalar products (n, n) of training rows as float64, or say in a ValueError what is wrong."""
-    products = np.asarray(gram, dtype=np.float64)
+    products = float_array("gram", gram)
     if products.ndim != 2 or products.shape[0] != products.shape[1] or products.size == 0:
         raise ValueError(
             f"gram must be square, one row and column per training row, got shape {products.shape}"
         )
     if not np.isfinite(products).all():
         raise ValueError("gram must be finite: it contains NaN or inf")
+    largest = float(np.abs(products).max())
+    if largest > _LARGEST_PRODUCT:
+        raise ValueError(
+            f"gram must be within {_LARGEST_PRODUCT:g}, got up to {largest:g}: give the features another unit"
+        )
     # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
     symmetric = np.array_equal(products, products.T)
-    if not symmetric and np.abs(products - products.T).max() > 1e-9 * np.abs(products).max():
+    if not symmetric and np.abs(products - products.T).max() > 1e-9 * largest:
         raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
     return products
 

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.utils.multiclass import check_classification_targets
 
+from granular_id._arrays import float_array
+
 __all__ = ["checked_cost", "checked_flag", "checked_n_jobs", "checked_weights", "class_indices", "named"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+_EXTREME_WEIGHT = 1e100
 
 
 def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
@@ -53,9 +58,12 @@ def checked_cost(C: object) -> float:
     ValueError
         `C` is not positive and finite.
     """
-    if isinstance(C, bool) or not isinstance(C, (int, float, np.number)):
+    if isinstance(C, bool) or not isinstance(C, Real):
         raise TypeError(f"C must be a number, got {C!r}")
-    cost = float(C)
+    try:
+        cost = float(C)
+    except OverflowError:  # a whole number beyond float64
+        cost = math.inf
     if not (math.isfinite(cost) and cost > 0):
         raise ValueError(f"C must be positive and finite, got {C!r}; for no limit hard_margin=True")
     return cost
@@ -67,9 +75,10 @@ def checked_weights(sample_weight: npt.ArrayLike, n_rows: int) -> FloatArray:
     Raises
     ------
     ValueError
-        Another shape, NaN, infinity, a negative weight, or none above 0.
+        Another shape, NaN, infinity, a negative weight, none above 0, or one so large or small that sums and
+        ratios of weights would leave the range of float64.
     """
-    weights = np.asarray(sample_weight, dtype=np.float64)
+    weights = float_array("sample_weight", sample_weight)
     if weights.shape != (n_rows,):
         raise ValueError(f"sample_weight must have shape ({n_rows},), one per row, got shape {weights.shape}")
     if not np.isfinite(weights).all():
@@ -78,7 +87,19 @@ def checked_weights(sample_weight: npt.ArrayLike, n_rows: int) -> FloatArray:
         raise ValueError(f"sample_weight must not be negative, got {weights.min()}")
     if not weights.any():
         raise ValueError("sample_weight must not be zero for every row")
+    least, most = float(weights[weights > 0].min()), float(weights.max())
+    if least < 1.0 / _EXTREME_WEIGHT or most > _EXTREME_WEIGHT:
+        raise ValueError(
+            f"sample_weight must be 0 or from {1.0 / _EXTREME_WEIGHT:g} to {_EXTREME_WEIGHT:g}, "
+            f"got {least:g} to {most:g}"
+        )
     return weights
+
+
+def _examples(labels: npt.NDArray[Any]) -> str:
+    """Text of the first few different labels, for a message."""
+    different = dict.fromkeys(map(repr, labels[:100].tolist()))
+    return ", ".join(list(different)[:3])
 
 
 def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[npt.NDArray[Any], IntArray]:
@@ -110,7 +131,14 @@ def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple
     >>> class_indices(np.array(["rice", "oat", "rice"]), None)
     (array(['oat', 'rice'], dtype='<U4'), array([1, 0, 1]))
     """
-    check_classification_targets(labels)
+    if labels.dtype.kind == "f" and np.isnan(labels).any():
+        raise ValueError("y must hold a label for each row, got NaN")
+    try:
+        check_classification_targets(labels)
+    except ValueError as reason:
+        raise ValueError(
+            f"y must hold labels of one kind, text or whole numbers, got {_examples(labels)}: {reason}"
+        ) from None
     classes = np.unique(labels if weights is None else labels[weights > 0])
     if len(classes) < 2:
         raise ValueError(f"y holds one class only ({classes.tolist()[0]!r}): nothing to tell apart")

@@ -11,6 +11,7 @@ import scipy.linalg
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._arrays import float_array
 from granular_id._blas import single_threaded_blas
 from granular_id.gram import linear_gram
 from granular_id.spaces.base import check_input_names
@@ -242,7 +243,7 @@ def _square(gram: npt.ArrayLike) -> FloatArray:
 
 
 def _finite(argument: str, values: npt.ArrayLike) -> FloatArray:
-    products = np.asarray(values, dtype=np.float64)
+    products = float_array(argument, values)
     if not np.isfinite(products).all():
         raise ValueError(f"{argument} must be finite, got NaN or infinity")
     return products
