@@ -10,30 +10,29 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._arrays import float_array
 from granular_id._blas import single_threaded_blas
 from granular_id._threads import in_threads
 from granular_id.rica_objective import CONTRASTS, Objective
+from granular_id.rica_search import REACHED_MAX_ITER, End, descend, unit_columns
 
 __all__ = ["RICA"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_REACHED_MAX_ITER = (
-    1  # status of scipy's L-BFGS-B; 0 is convergence, 2 a line search that found nothing lower
-)
+_LARGEST_SQUARED = 1e150
+"""Sums of squares of larger numbers overflow."""
 
 
 class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -178,6 +177,9 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         starts = self._starts(n_components, rows.shape[1])
         self.mean_ = self.scale_ = None
         if self.standardize:
+            largest = float(np.abs(rows).max())
+            if largest > _LARGEST_SQUARED:
+                raise ValueError(f"X is too large to standardize (up to {largest:.3g}); use other units")
             scaler = StandardScaler().fit(rows)
             self.mean_, self.scale_ = scaler.mean_, scaler.scale_
             rows = scaler.transform(rows)
@@ -186,7 +188,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
             raise ValueError(f"X must vary: every feature {constant} (n_samples = {len(rows)})")
         with single_threaded_blas():
             terms = (float(self.alpha), self.contrast, signs)
-            ends = in_threads(lambda start: _descend(Objective(rows, *terms), start, options), starts, None)
+            ends = in_threads(lambda start: descend(Objective(rows, *terms), start, options), starts, None)
         self.objectives_ = np.array([end.value for end in ends])
         best = ends[int(np.argmin(self.objectives_))]
         self.components_, self.objective_ = best.components, best.value
@@ -225,7 +227,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
                 raise ValueError(f"{name} must be finite, got {value!r}")
         if not isinstance(self.standardize, (bool, np.bool_)):
             raise TypeError(f"standardize must be True or False, got {self.standardize!r}")
-        if self.contrast not in CONTRASTS:
+        if not isinstance(self.contrast, str) or self.contrast not in CONTRASTS:
             raise ValueError(f"contrast must be one of {', '.join(CONTRASTS)}, got {self.contrast!r}")
         return {"maxiter": int(self.max_iter), "gtol": float(self.gtol), "ftol": float(self.tol)}
 
@@ -235,57 +237,16 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
             random = check_random_state(self.random_state)
             seeds = random.randint(np.iinfo(np.int32).max, size=int(self.n_init))
             shape = (n_features, n_components)
-            return [_unit_columns(np.random.RandomState(seed).standard_normal(shape)) for seed in seeds]
+            return [unit_columns(np.random.RandomState(seed).standard_normal(shape)) for seed in seeds]
         if self.n_init != 1:
             raise ValueError(f"n_init must be 1 where init says where to start, got {self.n_init}")
-        vectors = np.asarray(self.init, dtype=np.float64)
+        vectors = float_array("init", self.init)
         if vectors.shape != (n_components, n_features):
             wanted = f"({n_components}, {n_features}), one row per component"
             raise ValueError(f"init must have shape {wanted}, got {vectors.shape}")
         if not (np.isfinite(vectors).all() and vectors.any(axis=1).all()):
             raise ValueError("init must hold finite vectors, none of them zero")
-        return [_unit_columns(vectors.T)]
-
-
-@dataclass(frozen=True)
-class _End:
-    """Where one start led."""
-
-    components: FloatArray
-    value: float
-    n_iter: int
-    status: int
-
-
-def _descend(objective: Objective, start: FloatArray, options: dict[str, float]) -> _End:
-    shape = start.shape
-
-    def of_free_vectors(flat: FloatArray) -> tuple[float, FloatArray]:
-        vectors = flat.reshape(shape)
-        norms = np.linalg.norm(vectors, axis=0)
-        units = vectors / norms
-        value, gradient = objective(units)
-        gradient -= units * np.einsum("ij,ij->j", units, gradient)
-        gradient /= norms
-        return value, gradient.ravel()
-
-    # Each iteration asks for about one value; the limit on values must never be the one that stops.
-    found = minimize(
-        of_free_vectors,
-        start.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        options={**options, "maxfun": 100 * int(options["maxiter"]) + 100},
-    )
-    components = np.ascontiguousarray(_unit_columns(found.x.reshape(shape)).T)
-    return _End(components, float(found.fun), max(1, int(found.nit)), int(found.status))
-
-
-def _unit_columns(vectors: FloatArray) -> FloatArray:
-    # By the largest element first: squares neither overflow nor vanish.
-    scaled = vectors / np.abs(vectors).max(axis=0)
-    columns: FloatArray = scaled / np.linalg.norm(scaled, axis=0)
-    return columns
+        return [unit_columns(vectors.T)]
 
 
 def _signs(non_gaussianity: float | Sequence[float] | None, n_components: int) -> FloatArray:
@@ -301,8 +262,8 @@ def _signs(non_gaussianity: float | Sequence[float] | None, n_components: int) -
     return np.broadcast_to(given, n_components).astype(np.float64)
 
 
-def _warn(end: _End) -> None:
-    if end.status == _REACHED_MAX_ITER:
+def _warn(end: End) -> None:
+    if end.status == REACHED_MAX_ITER:
         what = f"RICA reached max_iter ({end.n_iter}) before it converged: raise max_iter or tol"
     else:
         what = f"RICA stopped after {end.n_iter} iterations where rounding hides any descent: raise tol"

@@ -14,7 +14,8 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from granular_id._blas import single_threaded_blas
-from granular_id.rica import RICA, _End, _warn
+from granular_id.rica import RICA, _warn
+from granular_id.rica_search import End
 
 # Two known local ends of rica in MATLAB on these rows; random starts reach 192.709, 192.738, 194.717, 198.068.
 GOLDEN_ROWS = np.mod(np.arange(1, 61) * 7, 13).reshape(12, 5, order="F") - 6.0
@@ -195,7 +196,7 @@ def test_max_iter_reached_is_said():
 def test_search_lost_in_rounding_is_said():
     """Whether rounding ends a search before tol = 0 does depends on the machine."""
     with pytest.warns(ConvergenceWarning, match="after 70 iterations where rounding hides any descent"):
-        _warn(_End(np.eye(2), 1.0, n_iter=70, status=2))
+        _warn(End(np.eye(2), 1.0, n_iter=70, status=2))
 
 
 def test_tol_and_gtol_stop():
@@ -237,6 +238,8 @@ def test_set_output_pandas():
         ({"init": np.ones((5, 3))}, ValueError, r"init must have shape \(3, 5\).*got \(5, 3\)"),
         ({"init": np.zeros((3, 5))}, ValueError, "init must hold finite vectors, none of them zero"),
         ({"init": np.ones((3, 5)), "n_init": 2}, ValueError, "n_init must be 1 where init says"),
+        ({"contrast": ["logcosh"]}, ValueError, r"contrast must be one of .* got \['logcosh'\]"),
+        ({"init": "here"}, ValueError, "init must be an array of numbers"),
     ],
 )
 def test_bad_parameters(options, error, message):
@@ -269,3 +272,9 @@ def test_not_fitted_and_other_width():
         RICA(2).transform(GOLDEN_ROWS)
     with pytest.raises(ValueError, match="expecting 5 features"):
         fitted(2).transform(GOLDEN_ROWS[:, :3])
+
+
+def test_rows_too_large_to_standardize():
+    rows = np.random.default_rng(0).standard_normal((20, 3)) * 1e200
+    with pytest.raises(ValueError, match="X is too large to standardize"):
+        RICA(2, standardize=True).fit(rows)
