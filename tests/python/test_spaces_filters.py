@@ -30,6 +30,7 @@ def test_tare_rounds_to_whole_samples(n_tare, rate_hz):
     [
         ({"tare_s": 0.7}, ValueError, "tare_s=0.7 at rate_hz=500 is 350 samples, must be from 1 to the 300"),
         ({"tare_s": 0.0001}, ValueError, "is 0 samples"),
+        ({"tare_s": 1e308, "rate_hz": 1e308}, ValueError, "is 1e\\+300 samples, must be from 1 to"),
         ({"tare_s": 0.0}, ValueError, "tare_s must be positive and finite, got 0.0"),
         ({"tare_s": np.nan}, ValueError, "tare_s must be positive"),
         ({"tare_s": None}, TypeError, "tare_s must be a number of seconds, got None"),

@@ -152,6 +152,7 @@ def test_dft_of_one_recording_is_that_in_a_batch():
         ({"rate_hz": math.inf}, ValueError, "rate_hz must be positive and finite, got inf"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number of hertz or None, got '500'"),
         ({"rate_hz": True}, TypeError, "rate_hz must be a number"),
+        ({"kind": np.array(["complex", "magnitude"])}, ValueError, "kind must be one of"),
     ],
 )
 def test_bad_parameters_of_the_dft(parameters, error, message):

@@ -237,3 +237,13 @@ def test_blocks_of_pipelines():
     ):
         with pytest.raises(TypeError, match="columns that stand for instants, bins or frequencies"):
             feature_blocks(mixed)
+
+
+@pytest.mark.parametrize(
+    "space",
+    [RawHFMH(block_weights=[1e308, 1]), BlockUnion([("raw", RawSignal())], block_weights=[1e308])],
+)
+def test_weights_that_overflow(space):
+    rows = recordings(n=3) * 1e3
+    with pytest.raises(ValueError, match="block_weights must keep features in the range of float64"):
+        space.fit(rows).transform(rows)

@@ -14,6 +14,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id.features import extract_features
+from granular_id.recording import Dataset
 from granular_id.spaces.blocks import FeatureBlock
 
 __all__ = [
@@ -113,6 +114,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         raise NotImplementedError
 
     def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
+        if isinstance(X, Dataset):
+            raise TypeError("X must be an array of shape (n, T, C) or (n, T), got a Dataset: pass its X")
         if _rank(X) > 3:
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
         if not reset and self.n_axes_in_ > 1:

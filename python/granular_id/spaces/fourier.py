@@ -87,7 +87,7 @@ class DFT(RecordingTransformer):
         return tuple(blocks)
 
     def _learn(self, recordings: FloatArray) -> None:  # noqa: ARG002
-        if self.kind not in _KINDS:
+        if not isinstance(self.kind, str) or self.kind not in _KINDS:
             raise ValueError(f"kind must be one of {', '.join(map(repr, _KINDS))}, got {self.kind!r}")
         if isinstance(self.floor, bool) or not isinstance(self.floor, Real):
             raise TypeError(f"floor must be a number, got {self.floor!r}")

@@ -21,6 +21,7 @@ from granular_id.spaces.weights import (
     fixed_weights,
     row_norms,
     unit_weight,
+    weigh,
 )
 
 __all__ = ["DEFAULT_RANGE", "HFMH", "BinRange", "RawHFMH", "per_axis"]
@@ -255,8 +256,7 @@ class RawHFMH(HFMH):
     def _features(self, recordings: FloatArray) -> FloatArray:
         features = super()._features(recordings)
         for columns, weight in zip(self._columns(), self.block_weights_, strict=True):
-            if weight != 1.0:
-                features[:, columns] *= weight
+            weigh(features, columns, weight)
         return features
 
     def _columns(self) -> tuple[slice, slice]:

@@ -62,10 +62,10 @@ class Tare(RecordingFilter):
         if not (math.isfinite(self.tare_s) and self.tare_s > 0):
             raise ValueError(f"tare_s must be positive and finite, got {self.tare_s!r}")
         n_samples = recordings.shape[1]
-        n_tare = round(self.tare_s * self.rate_hz)
+        n_tare = round(min(float(self.tare_s) * float(self.rate_hz), 1e300))  # infinity has no whole number
         if not 1 <= n_tare <= n_samples:
             raise ValueError(
-                f"tare_s={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare} samples, "
+                f"tare_s={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare:g} samples, "
                 f"must be from 1 to the {n_samples} of a recording"
             )
         self.n_tare_ = n_tare

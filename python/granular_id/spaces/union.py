@@ -19,6 +19,7 @@ from granular_id.spaces.weights import (
     fixed_weights,
     row_norms,
     unit_weight,
+    weigh,
 )
 
 __all__ = ["BlockUnion"]
@@ -179,8 +180,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         start = 0
         for block, weight in zip(blocks, self.block_weights_, strict=True):
             stop = start + block.shape[1]
-            if weight != 1.0:
-                together[:, start:stop] *= weight
+            weigh(together, slice(start, stop), weight)
             start = stop
         return together
 

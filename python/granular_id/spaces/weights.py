@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BlockWeights", "check_block_weights", "fixed_weights", "row_norms", "unit_weight"]
+__all__ = ["BlockWeights", "check_block_weights", "fixed_weights", "row_norms", "unit_weight", "weigh"]
 
 FloatArray = npt.NDArray[np.float64]
 BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
@@ -48,6 +48,18 @@ def row_norms(rows: FloatArray) -> FloatArray:
         scaled = row / reach
         norms[i] = reach * np.sqrt(scaled @ scaled)
     return norms
+
+
+def weigh(features: FloatArray, columns: slice, weight: float) -> None:
+    """Multiply columns of features by the weight of their block, in place."""
+    if weight == 1.0:
+        return
+    with np.errstate(over="ignore"):  # reported below
+        features[:, columns] *= weight
+    if not np.isfinite(features[:, columns]).all():
+        raise ValueError(
+            f"block_weights must keep features in the range of float64, got a weight of {weight:g}"
+        )
 
 
 def unit_weight(norms: npt.ArrayLike) -> float:
