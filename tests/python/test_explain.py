@@ -14,6 +14,7 @@ from sklearn.svm import SVC
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.explanation.pairs import pair_factors
+from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
@@ -308,6 +309,14 @@ def test_bad_arguments(data):
         explain(model, "oat", "rice", X[:, :300], y)
     with pytest.raises(ValueError, match="n must not be negative"):
         explain(model, "oat", "rice", X, y).regions(-1)
+    with pytest.raises(TypeError, match=r"n must be a whole number, got 1\.5"):
+        explain(model, "oat", "rice", X, y).top(1.5)
+    with pytest.raises(ValueError, match="first must be one of 'oat', 'peas', 'rice', got array"):
+        explain(model, np.array(["oat", "peas"]), "rice", X, y)
+    with pytest.raises(ValueError, match=r"X must be recordings, an array \(n, T, C\), got Dataset"):
+        explain(model, "oat", "rice", Dataset([Recording(one, 500.0) for one in X[:3]]))
+    with pytest.raises(ValueError, match="X must be recordings of one shape"):
+        explain(model, "oat", "rice", [[1.0, 2.0], [1.0]], ["oat", "rice"])
 
 
 def test_models_that_cannot_be_explained(data):

@@ -87,7 +87,7 @@ def explain(
     pair = (_row_of("first", first, classes), _row_of("second", second, classes))
     if pair[0] == pair[1]:
         raise ValueError(f"first and second must be two materials, got {first!r} twice")
-    recordings = np.asarray(X)
+    recordings = _recordings(X)
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
     factors = pair_factors(chain.classifier.coding_matrix_, *pair, decoding=chain.classifier.decoding)
@@ -109,9 +109,22 @@ def explain(
     )
 
 
+def _recordings(X: npt.ArrayLike) -> npt.NDArray[Any]:
+    try:
+        recordings = np.asarray(X)
+    except ValueError as reason:
+        raise ValueError(f"X must be recordings of one shape, an array (n, T, C): {reason}") from None
+    if recordings.ndim not in (2, 3):
+        raise ValueError(
+            f"X must be recordings, an array (n, T, C), got {type(X).__name__} of shape {recordings.shape}; "
+            "of a Dataset pass its X and y"
+        )
+    return recordings
+
+
 def _row_of(argument: str, label: Any, classes: npt.NDArray[Any]) -> int:
     known: list[Any] = classes.tolist()
-    if label not in known:
+    if isinstance(label, np.ndarray) or label not in known:
         raise ValueError(f"{argument} must be one of {', '.join(map(repr, known))}, got {label!r}")
     return known.index(label)
 
@@ -120,7 +133,7 @@ def _labels(model: Any, recordings: npt.NDArray[Any], y: npt.ArrayLike | None) -
     if y is None:
         return np.asarray(model.predict(recordings))
     labels: npt.NDArray[Any] = column_or_1d(y)
-    if recordings.ndim == 0 or len(labels) != len(recordings):
+    if len(labels) != len(recordings):
         raise ValueError(
             f"y must have one label per recording of X, got {len(labels)} for X of shape {recordings.shape}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import islice
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,8 @@ class Explanation:
 
         What speaks against has no part in them: together they may hold more than the difference.
         """
+        if isinstance(n, bool) or not isinstance(n, Integral):
+            raise TypeError(f"n must be a whole number, got {n!r}")
         if n < 0:
             raise ValueError(f"n must not be negative, got {n}")
         every = [
