@@ -20,7 +20,7 @@ TOLERANCES = (1e-3, 1e-6)
 # stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
 HARD_BOUND = 1e10
 # What costs and weights far out of the ordinary are brought back to.
-_LARGEST_BOUND, _LEAST_BOUND, _LEAST_SHARE = 1e300, 1e-300, 1e-250
+_LARGEST_BOUND, _LEAST_BOUND = 1e300, 1e-300
 
 
 class _QuietSVC(SVC):  # type: ignore[misc]
@@ -53,10 +53,10 @@ def upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatA
     if bounds is None:
         return np.full(n_rows, HARD_BOUND)
     with np.errstate(over="ignore"):
-        upper = np.minimum(bounds * scale, _LARGEST_BOUND)
+        scaled = bounds * scale
     # libsvm drops rows of weight 0, and with them a class.
-    least: FloatArray = np.maximum(upper, max(float(upper.max()) * _LEAST_SHARE, _LEAST_BOUND))
-    return least
+    upper: FloatArray = np.clip(scaled, _LEAST_BOUND, _LARGEST_BOUND)
+    return upper
 
 
 def run_libsvm(
