@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import doctest
 import subprocess
 import sys
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -198,10 +196,3 @@ def test_measuring_imports_no_plotting():
         "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
-
-
-@pytest.mark.parametrize("name", ["confusion", "mean_forces"])
-def test_examples_in_docstrings_run(name):
-    result = doctest.testmod(import_module(f"granular_id.plotting.{name}"))
-    assert result.attempted > 0
-    assert result.failed == 0

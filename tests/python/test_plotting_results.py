@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import doctest
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -231,10 +229,3 @@ def test_short_names_keep_both_ends(most):
     assert name.startswith(head)
     assert name.endswith(tail)
     assert short("abc", most) == "abc"
-
-
-@pytest.mark.parametrize("name", ["accuracy", "gap", "recall", "residual", "hfmh", "weights", "style"])
-def test_examples_in_docstrings_run(name):
-    found = doctest.testmod(import_module(f"granular_id.plotting.{name}"))
-    assert found.attempted > 0
-    assert found.failed == 0

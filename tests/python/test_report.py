@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import doctest
 import re
 import sys
 from dataclasses import replace
 from html.parser import HTMLParser
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -320,10 +318,3 @@ def test_sessions_held_out_are_called_so(no_pictures):
     page = Page(html(result))
     assert "random folds" in page.text
     assert "different sessions" in page.text
-
-
-@pytest.mark.parametrize("name", ["page", "files"])
-def test_examples_in_docstrings_run(name):
-    found = doctest.testmod(import_module(f"granular_id.evaluation.report.{name}"))
-    assert found.attempted > 0
-    assert found.failed == 0

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import doctest
 import json
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -114,10 +112,3 @@ def test_json_and_back_keeps_every_number(seen):
 def test_rounding_keeps_five_digits():
     values = np.random.default_rng(0).normal(size=100) * 10.0 ** np.arange(-50, 50)
     np.testing.assert_allclose(rounded(values), values, rtol=5e-5)
-
-
-@pytest.mark.parametrize("name", ["thinning", "gaze", "portrait"])
-def test_examples_in_docstrings_run(name):
-    result = doctest.testmod(import_module(f"granular_id.evaluation.{name}"))
-    assert result.attempted > 0
-    assert result.failed == 0
