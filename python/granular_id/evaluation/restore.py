@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import AXES
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.export import FORMAT
 from granular_id.evaluation.partition import PROTOCOLS, Partition
 from granular_id.evaluation.portrait import Portrait
 from granular_id.evaluation.summary import SpaceSummary
 from granular_id.evaluation.task import STAGES
+from granular_id.recording import StepReport
 
 __all__ = ["read_json"]
 
@@ -44,8 +46,8 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
         Naming the file and what is wrong with it.
     """
     try:
-        saved = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        saved = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no JSON: {error}") from None
     form = saved.get("format") if isinstance(saved, dict) else None
     if form != FORMAT:
@@ -82,7 +84,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
                 _codes(where, codes, partition.test.size, len(labels))
                 for codes, partition in zip(said, drawn, strict=True)
             )
-    portrait, wall_s = saved["portrait"], saved["wall_s"]
+    wall_s = saved["wall_s"]
     return {
         "spaces": tuple(_space(one) for one in saved["spaces"]),
         "partitions": partitions,
@@ -91,14 +93,14 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "truth": truth,
         "names": tuple(_texts("names", [one["name"] for one in recordings])),
         "sessions": tuple(_texts("sessions", [one["session"] for one in recordings])),
-        "settings": dict(saved["settings"]),
-        "data": dict(saved["data"]),
-        "versions": dict(saved["versions"]),
+        "settings": _with("settings", saved["settings"], "seed"),
+        "data": _data(saved["data"]),
+        "versions": _with("versions", saved["versions"], "granular_id"),
         "notes": tuple(_texts("notes", saved["notes"])),
         "synthetic": bool(saved["synthetic"]),
         "command": str(saved["command"]),
         "controls": tuple(Control.from_dict(one) for one in saved["controls"]),
-        "portrait": None if portrait is None else Portrait.from_dict(portrait),
+        "portrait": None if saved["portrait"] is None else _portrait(saved["portrait"]),
         "wall_s": math.nan if wall_s is None else float(wall_s),
     }
 
@@ -142,6 +144,77 @@ def _number_of(label: Any, labels: tuple[str, ...]) -> int:
     if label not in labels:
         raise ValueError(f"label {label!r} of a recording is not among the labels")
     return labels.index(label)
+
+
+def _data(saved: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the summary of the recordings with all that a report says of it."""
+    for name in ("n_recordings", "n_samples", "n_axes", "rate_hz"):
+        _number(f"data: {name}", saved[name])
+    rows = saved["summary"]["rows"]
+    if not rows or any(row.keys() != rows[0].keys() for row in rows):
+        raise ValueError("data: wanted rows of the same figures in the summary")
+    for step in saved["history"]:
+        str(StepReport(**step))
+    return dict(saved)
+
+
+def _portrait(saved: Mapping[str, Any]) -> Portrait:
+    """Return a portrait whose arrays fit together."""
+    seen = Portrait.from_dict(saved)
+    labels, axes = len(_texts("portrait: labels", list(seen.labels))), _axes(seen.axes)
+    points = seen.time_s.size
+    shapes: list[tuple[str, Any, tuple[int, ...]]] = [
+        ("time_s", seen.time_s, (points,)),
+        ("mean", seen.mean, (labels, axes, points)),
+        ("sd", seen.sd, (labels, axes, points)),
+    ]
+    if seen.high_pass is not None:
+        high, windows = seen.high_pass, seen.high_pass.time_s.size
+        _number("portrait: cutoff_hz", high.settings["cutoff_hz"])
+        _with("portrait: settings", high.settings, "initial")
+        n_bins = int(high.settings["n_bins"])
+        shapes += [
+            ("time_s of the high-passed signal", high.time_s, (windows,)),
+            ("residual", high.residual, (labels, axes, windows)),
+            ("bin_range", high.bin_range, (axes, 2)),
+            ("hfmh", high.hfmh, (labels, axes, n_bins)),
+        ]
+    for block in seen.weights:
+        _texts("portrait: weights", [block.name, block.kind, block.unit])
+        rows, columns = _axes(block.axes), block.coordinates.size
+        shapes += [
+            (f"coordinates of {block.name}", block.coordinates, (columns,)),
+            (f"weights of {block.name}", block.weights, (rows, columns)),
+            (f"influence of {block.name}", block.influence, (rows, columns)),
+            (f"shares of {block.name}", block.shares, (rows,)),
+        ]
+    for name, values, shape in shapes:
+        if values.shape != shape or not values.size or not np.isfinite(values).all():
+            raise ValueError(
+                f"portrait: {name} must hold finite numbers of shape {shape}, got {values.shape}"
+            )
+    return seen
+
+
+def _axes(names: tuple[str, ...]) -> int:
+    if not names or any(name not in AXES for name in names):
+        raise ValueError(f"portrait: axes must be among {', '.join(AXES)}, got {names!r}")
+    return len(names)
+
+
+def _with(name: str, saved: Mapping[str, Any], key: str) -> dict[str, Any]:
+    if key not in saved:
+        raise ValueError(f"{name} lacks {key!r}")
+    return dict(saved)
+
+
+def _number(name: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+
+
+def _no_number(constant: str) -> None:
+    raise ValueError(f"{constant} is no number of JSON")
 
 
 def _texts(name: str, values: Any) -> list[str]:
