@@ -210,7 +210,7 @@ def _with(name: str, saved: Mapping[str, Any], key: str) -> dict[str, Any]:
 
 def _number(name: str, value: Any) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} must be a number, got {value!r}")
+        raise TypeError(f"{name} must be a number, got {value!r}")
 
 
 def _no_number(constant: str) -> None:
