@@ -114,7 +114,7 @@ def test_every_number_of_the_tables_is_there(result, page):
         assert control.what in page.text
     for share in result.recall(result.best_space(), "chronological"):
         assert f"{100 * share:.1f} %" in page.text
-    assert "Mann-Whitney†" in page.text
+    assert "U test†" in page.text
     assert "far too small" in page.text
     assert "Seed 0" in page.text
     assert result.command in page.text

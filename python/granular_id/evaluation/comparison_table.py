@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["MANN_WHITNEY_MARK", "comparison_table", "probability"]
 
 MANN_WHITNEY_MARK = (
-    "† as the paper reports it, but far too small: it takes partitions that share recordings for independent. "
+    "† Mann-Whitney, as the paper reports it, but far too small: it takes partitions that share recordings for independent. "
     "With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data sets, "
     "not in 1 of 20."
 )
@@ -35,7 +35,7 @@ def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
     if not comparison.testable:
         plain = tuple((pair.first, pair.second, _points(pair.difference)) for pair in pairs)
         return Table(title, ("first", "second", "points"), plain, why_not)
-    header = ("first", "second", "points", "Mann-Whitney†", "p", "Holm", "worse", "equal", "better")
+    header = ("first", "second", "points", "U test†", "p", "Holm", "worse", "equal", "better")
     rows = tuple(
         (
             pair.first,
