@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 __all__ = ["MANN_WHITNEY_MARK", "comparison_table", "probability"]
 
 MANN_WHITNEY_MARK = (
-    "† Mann-Whitney, as the paper reports it, but far too small: it takes partitions that share recordings for independent. "
-    "With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data sets, "
-    "not in 1 of 20."
+    "† Mann-Whitney, as the paper reports it, but far too small: it takes partitions that share recordings for "
+    "independent. With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data "
+    "sets, not in 1 of 20."
 )
 
 
