@@ -85,7 +85,8 @@ def evaluate(
         cheap and accuracies without them may mislead.
     checkpoint : path-like, optional
         Folder that keeps each space and partition as it is finished; the same call goes on from there after an
-        interrupt. A folder of another evaluation is refused.
+        interrupt. A folder of another evaluation is refused; of a transformer or classifier of one's own only the
+        parameters can be compared, not the code.
     n_jobs : int, optional
         Threads over partitions, as in joblib: None is 1, -1 all cores. The numbers do not depend on it.
     random_state : int or None

@@ -113,7 +113,7 @@ def block_key(transformer: Any) -> Hashable:
     idle: frozenset[str] = getattr(transformer, "without_effect", frozenset())
     params = transformer.get_params(deep=False)
     values = tuple((name, _value_key(value)) for name, value in sorted(params.items()) if name not in idle)
-    return (f"{kind.__module__}.{kind.__qualname__}", values)
+    return (kind, values)
 
 
 def _apart(space: Any) -> tuple[tuple[tuple[str, Any], ...], str | tuple[float, ...] | None]:
