@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._core import AXES
 from granular_id.recording._values import checked_index, checked_number
+from granular_id.recording.axes import common_axes
 from granular_id.recording.one import Recording
 from granular_id.recording.report import StepReport
 
@@ -137,7 +138,7 @@ def _missing(recording: Recording, start: int, n: int) -> str:
 
 def _crop(kept: Sequence[tuple[Recording, int]], n: int) -> list[Recording]:
     # one block that all results look into, so that Dataset.X needs no second copy
-    block = np.empty((len(kept), n, len(AXES)))
+    block = np.empty((len(kept), n, len(common_axes([recording for recording, _ in kept]))))
     for row, (recording, start) in zip(block, kept, strict=True):
         row[:] = recording.wrench[start : start + n]
     block.flags.writeable = False
@@ -148,14 +149,10 @@ def _cropped(recording: Recording, start: int, wrench: np.ndarray[Any, np.dtype[
     n = len(wrench)
     trigger = None if recording.trigger_index is None else recording.trigger_index - start
     rate = recording.rate_hz or 1.0
-    return Recording(
-        wrench,
-        rate_hz=recording.rate_hz,
-        label=recording.label,
-        session=recording.session,
+    return replace(
+        recording,
+        wrench=wrench,
         start_time=None if recording.start_time is None else recording.start_time + start / rate,
         trigger_index=trigger if trigger is not None and 0 <= trigger < n else None,
-        meta=recording.meta,
         flags=None if recording.flags is None else recording.flags[start : start + n],
-        name=recording.name,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, overload
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id.recording._values import FloatArray
 from granular_id.recording.alignment import align_recordings
+from granular_id.recording.axes import common_axes
 from granular_id.recording.checks import Finding, check_recordings
 from granular_id.recording.one import Recording
 from granular_id.recording.report import StepReport
@@ -71,12 +72,12 @@ class Dataset:
 
     @cached_property
     def X(self) -> FloatArray:  # noqa: N802  # the name that scikit-learn gives it
-        """Samples, shape (n, T, 6), read-only; made once and kept (after ``align`` without a copy).
+        """Samples, shape (n, T, C), read-only; made once and kept (after ``align`` without a copy).
 
         Raises
         ------
         ValueError
-            When recordings are irregular or differ in rate or length, naming the method that helps.
+            When recordings are irregular or differ in rate, length or axes, naming the method that helps.
         """
         return stack(self.recordings)
 
@@ -84,6 +85,11 @@ class Dataset:
     def rate_hz(self) -> float:
         """The sampling rate all recordings share, Hz; ValueError naming ``.resample`` when there is none."""
         return common_rate(self.recordings)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the C axes all recordings share; ValueError naming ``.select(axes=...)`` when they do not."""
+        return common_axes(self.recordings)
 
     @property
     def y(self) -> NDArray[np.str_]:
@@ -136,8 +142,12 @@ class Dataset:
         labels: str | Sequence[str] | None = None,
         sessions: str | Sequence[str] | None = None,
         indices: ArrayLike | None = None,
+        *,
+        names: str | Sequence[str] | None = None,
+        where: Callable[[Recording], bool] | None = None,
+        axes: Sequence[str] | None = None,
     ) -> Dataset:
-        """Keep the recordings that meet every condition given.
+        """Keep the recordings that meet every condition given, and of their axes those named.
 
         Parameters
         ----------
@@ -145,6 +155,12 @@ class Dataset:
             Labels and sessions to keep; one that does not occur is a ValueError.
         indices : array_like of int or bool, optional
             Recordings to keep, in this order (int), or a mask, shape (n,).
+        names : str or sequence of str, optional
+            Names of the recordings to keep; one that does not occur is a ValueError.
+        where : callable, optional
+            Gets a recording and says whether it is kept: ``lambda r: r.meta["speed_m_s"] < 0.05``.
+        axes : sequence of str, optional
+            Axes to keep, in this order.
 
         Returns
         -------
@@ -155,7 +171,9 @@ class Dataset:
         TypeError, ValueError, IndexError
             Indices that are none, or out of range; a label or session that does not occur; nothing left.
         """
-        kept, report = select_recordings(self.recordings, labels, sessions, indices)
+        kept, report = select_recordings(
+            self.recordings, labels, sessions, indices, names=names, where=where, axes=axes
+        )
         return Dataset(kept, (*self.history, report))
 
     def resample(

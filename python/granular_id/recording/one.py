@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -21,9 +21,10 @@ from granular_id.recording._values import (
     locked,
     thaw,
 )
+from granular_id.recording.axes import checked_axes
 from granular_id.recording.flags import KNOWN_FLAGS
 
-_WRENCH = "a real array of shape (T, 6), T >= 1, axes fx fy fz (N) tx ty tz (N m)"
+_WRENCH = "a real array of shape (T, C), T >= 1, as a rule with the axes fx fy fz (N) tx ty tz (N m)"
 _TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"
 
 
@@ -36,8 +37,8 @@ class Recording:
 
     Parameters
     ----------
-    wrench : array_like, shape (T, 6)
-        Samples, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64.
+    wrench : array_like, shape (T, C)
+        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64.
     rate_hz : float or None
         Sampling rate of a uniform recording, Hz.
     label : str or None
@@ -56,6 +57,8 @@ class Recording:
         Bits of :class:`SampleFlag` per sample; None when no sample has any.
     name : str
         How reports call this recording, for example the file it came from.
+    axes : sequence of str
+        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said.
 
     Raises
     ------
@@ -80,12 +83,13 @@ class Recording:
     meta: Mapping[str, Any] = field(default_factory=dict)
     flags: NDArray[np.uint8] | None = None
     name: str = ""
+    axes: tuple[str, ...] = ()
 
     __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
 
     def __post_init__(self) -> None:
-        wrench = _checked_wrench(self.wrench)
-        checked: dict[str, object] = {"wrench": wrench}
+        wrench, axes = _checked_wrench(self.wrench, self.axes)
+        checked: dict[str, object] = {"wrench": wrench, "axes": axes}
         n_samples = len(wrench)
         if (self.rate_hz is None) == (self.time_s is None):
             came = "neither" if self.rate_hz is None else "both"
@@ -115,6 +119,17 @@ class Recording:
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 
+    @classmethod
+    def _trusted(cls, **fields: Any) -> Recording:
+        """Make a recording of fields that a reader has checked and frozen for many recordings at once.
+
+        `wrench` is read-only, C-contiguous, finite float64, `meta` comes from ``freeze``, `axes` is a tuple; the
+        rest is as the constructor would leave it. Fields left out have their defaults.
+        """
+        recording = object.__new__(cls)
+        recording.__dict__.update(_DEFAULTS, **fields)
+        return recording
+
     @property
     def n_samples(self) -> int:
         """Number of samples T."""
@@ -139,7 +154,7 @@ class Recording:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Recording):
             return NotImplemented
-        plain = ("rate_hz", "label", "session", "start_time", "trigger_index", "name", "meta")
+        plain = ("rate_hz", "label", "session", "start_time", "trigger_index", "name", "meta", "axes")
         return all(getattr(self, n) == getattr(other, n) for n in plain) and all(
             _same_array(getattr(self, n), getattr(other, n)) for n in ("wrench", "time_s", "flags")
         )
@@ -151,7 +166,8 @@ class Recording:
             rate = f"irregular, {(self.n_samples - 1) / self.duration_s:.3g} Hz on average"
         else:
             rate = "irregular"
-        return f"Recording({self.name!r}, label={self.label!r}, {self.n_samples} samples {rate})"
+        axes = "" if self.axes == AXES else f", axes {' '.join(self.axes)}"
+        return f"Recording({self.name!r}, label={self.label!r}, {self.n_samples} samples {rate}{axes})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # unpickled arrays are writable and read-only mappings do not pickle: go through the checks again
@@ -159,16 +175,23 @@ class Recording:
         return (Recording, tuple(fields))
 
 
-def _checked_wrench(value: object) -> FloatArray:
+_DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.default is not MISSING} | {
+    "meta": freeze({}, "meta"),
+    "axes": AXES,
+}
+
+
+def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
     array = as_floats(value, "wrench", _WRENCH)
-    if array.ndim != 2 or array.shape[1] != len(AXES) or not len(array):
+    if array.ndim != 2 or not array.size:
         raise ValueError(f"wrench has shape {array.shape}; wanted {_WRENCH}")
+    axes = checked_axes(names, array.shape)
     if not np.isfinite(array).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(
-            f"wrench[{row}, {column}] ({AXES[column]}) is {array[row, column]}; samples must be finite"
+            f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}; samples must be finite"
         )
-    return locked(array)
+    return locked(array), axes
 
 
 def _checked_time(value: object, n_samples: int) -> FloatArray:

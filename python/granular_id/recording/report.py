@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+from granular_id._files import whole_file
 from granular_id.recording._values import checked_text, freeze, thaw
 
 _PRINTED_ROWS = 10
@@ -49,8 +52,22 @@ class StepReport:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "step", checked_text(self.step, "step"))
-        for name in ("parameters", "totals", "rows", "notes"):
-            object.__setattr__(self, name, freeze(getattr(self, name), name))
+        for name, kind in (
+            ("parameters", Mapping),
+            ("totals", Mapping),
+            ("rows", Sequence),
+            ("notes", Sequence),
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, kind) or isinstance(value, str):
+                wanted = "mapping" if kind is Mapping else "sequence"
+                raise TypeError(f"{name} of a step must be a {wanted}, got {type(value).__name__}")
+            object.__setattr__(self, name, freeze(value, name))
+        for name, item_kind in (("rows", Mapping), ("notes", str)):
+            items = getattr(self, name)
+            wrong = next((i for i, item in enumerate(items) if not isinstance(item, item_kind)), None)
+            if wrong is not None:
+                raise TypeError(f"{name}[{wrong}] of a step must be a {item_kind.__name__.lower()}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         # read-only mappings cannot be pickled: rebuild from plain ones
@@ -63,6 +80,23 @@ class StepReport:
     def to_json(self) -> str:
         """Return the whole report as one JSON text."""
         return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> StepReport:
+        """Make a report of what `to_dict` gave; TypeError or ValueError naming what does not fit."""
+        if not isinstance(values, Mapping):
+            raise TypeError(f"a step must be a mapping, got {type(values).__name__}")
+        unknown = sorted(set(values) - set(cls.__dataclass_fields__), key=str)
+        if unknown or "step" not in values:
+            wanted = ", ".join(cls.__dataclass_fields__)
+            raise ValueError(f"a step has the keys {', '.join(map(str, values))}; wanted {wanted}")
+        return cls(**values)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
+        with whole_file(path) as draft:
+            draft.write_text(text + "\n", encoding="utf-8")
 
     def __str__(self) -> str:
         given = {key: value for key, value in self.parameters.items() if value is not None}

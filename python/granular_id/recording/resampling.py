@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -139,16 +140,13 @@ def _resample_one(recording: Recording, rate: float, method: Method) -> tuple[Re
     inserted = _inside_gaps(recording, times, before, after, rate)
     flags[inserted] |= np.uint8(SampleFlag.GAP_FILLED)
     trigger = recording.trigger_index
-    result = Recording(
-        wrench,
+    result = replace(
+        recording,
+        wrench=wrench,
         rate_hz=rate,
-        label=recording.label,
-        session=recording.session,
-        start_time=recording.start_time,
+        time_s=None,
         trigger_index=None if trigger is None else min(round(float(times[trigger]) * rate), len(grid) - 1),
-        meta=recording.meta,
         flags=flags,
-        name=recording.name,
     )
     return result, int(inserted.sum())
 

@@ -1,8 +1,9 @@
-"""Pick recordings out of a data set by label, session or place."""
+"""Pick recordings out of a data set by label, session, name, place or anything else, and axes out of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,26 +17,56 @@ def select_recordings(
     labels: str | Sequence[str] | None,
     sessions: str | Sequence[str] | None,
     indices: ArrayLike | None,
+    *,
+    names: str | Sequence[str] | None = None,
+    where: Callable[[Recording], bool] | None = None,
+    axes: Sequence[str] | None = None,
 ) -> tuple[list[Recording], StepReport]:
     """Keep what meets every condition; see :meth:`Dataset.select`, which calls this."""
     kept = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
     parameters: dict[str, object] = {"indices": None if indices is None else "given"}
-    for name, wanted in (("label", labels), ("session", sessions)):
+    for name, wanted in (("label", labels), ("session", sessions), ("name", names)):
         values = {wanted} if isinstance(wanted, str) else None if wanted is None else set(wanted)
         parameters[f"{name}s"] = None if values is None else sorted(values, key=str)
         if values is None:
             continue
-        present = {getattr(r, name) for r in recordings}
+        present: set[str | None] = {getattr(r, name) for r in recordings}
         if not values <= present:
-            missing, have = (", ".join(sorted(map(repr, some))) for some in (values - present, present))
-            raise ValueError(f"{name}s: no recording has {missing}; there are {have}")
+            raise ValueError(
+                f"{name}s: no recording has {_some(values - present)}; there are {_some(present)}"
+            )
         kept = [i for i in kept if getattr(recordings[i], name) in values]
+    if where is not None:
+        if not callable(where):
+            raise TypeError(f"where must be callable, got {type(where).__name__}")
+        parameters["where"] = "given"
+        kept = [i for i in kept if where(recordings[i])]
     if not kept:
         raise ValueError(
             "select() leaves no recording: no index is given, or the conditions exclude each other"
         )
+    chosen = [recordings[i] for i in kept]
+    if axes is not None:
+        parameters["axes"] = list(axes)
+        chosen = [_with_axes(recording, axes) for recording in chosen]
     totals = {"recordings_before": len(recordings), "recordings_after": len(kept)}
-    return [recordings[i] for i in kept], StepReport("select", parameters, totals)
+    return chosen, StepReport("select", parameters, totals)
+
+
+def _some(values: Collection[str | None], most: int = 20) -> str:
+    shown = sorted(map(repr, values))
+    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+
+
+def _with_axes(recording: Recording, axes: Sequence[str]) -> Recording:
+    if isinstance(axes, str) or not axes:
+        raise ValueError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
+    missing = [axis for axis in axes if axis not in recording.axes]
+    if missing:
+        have = " ".join(recording.axes)
+        raise ValueError(f"axes: recording {recording.name!r} has no axis {missing[0]!r}; it has {have}")
+    columns = [recording.axes.index(axis) for axis in axes]
+    return replace(recording, wrench=recording.wrench[:, columns], axes=tuple(axes))
 
 
 def _places(indices: ArrayLike, n: int) -> list[int]:

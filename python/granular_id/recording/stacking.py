@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular_id.recording._values import FloatArray
+from granular_id.recording.axes import common_axes
 from granular_id.recording.one import Recording
 
 
@@ -28,8 +29,9 @@ def common_rate(recordings: Sequence[Recording]) -> float:
 
 
 def stack(recordings: Sequence[Recording]) -> FloatArray:
-    """Return the samples as one read-only array, shape (n, T, 6), or raise naming the method that helps."""
+    """Return the samples as one read-only array, shape (n, T, C), or raise naming the method that helps."""
     common_rate(recordings)
+    common_axes(recordings)
     lengths = [r.n_samples for r in recordings]
     if len(set(lengths)) > 1:
         raise ValueError(
@@ -44,15 +46,17 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
 
 
 def _shared_block(recordings: Sequence[Recording]) -> FloatArray | None:
-    """Return the (n, T, 6) array whose rows the recordings are, in order, if there is one."""
+    """Return the array whose rows the recordings are, in order and without a rest, if there is one."""
     first = recordings[0].wrench
     block = first.base
     shape = (len(recordings), *first.shape)
-    if not isinstance(block, np.ndarray) or block.shape != shape or not block.flags.c_contiguous:
+    if not isinstance(block, np.ndarray) or block.nbytes != len(recordings) * first.nbytes:
+        return None
+    if block.dtype != first.dtype or not block.flags.c_contiguous:
         return None
     address = block.__array_interface__["data"][0]
     for i, recording in enumerate(recordings):
         wrench = recording.wrench
         if wrench.base is not block or wrench.__array_interface__["data"][0] != address + i * first.nbytes:
             return None
-    return block
+    return block if block.shape == shape else block.reshape(shape)
