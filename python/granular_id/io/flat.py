@@ -1,0 +1,208 @@
+"""A data set as a few flat arrays, and back: what NPZ, HDF5 and Parquet files hold.
+
+The samples of all recordings stand one after the other in one array; everything else is one value per recording.
+Reading checks whole columns at once, so that it costs little more than reading the bytes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.flat_checks import (
+    NO_TRIGGER,
+    Rows,
+    checked_flags,
+    checked_history,
+    checked_lengths,
+    checked_metas,
+    checked_rates,
+    checked_start_times,
+    checked_texts,
+    checked_times,
+    checked_triggers,
+)
+from granular_id.io.source import FileContent, FileSource
+from granular_id.recording import Dataset, Recording
+from granular_id.recording._values import FloatArray, as_floats, thaw
+from granular_id.recording.axes import checked_axes
+
+
+@dataclass(frozen=True)
+class FlatRecordings:
+    """The columns of a data set of n recordings with N samples in all.
+
+    What comes from a file is unchecked until :func:`unflatten` has seen it.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the C columns of `wrench`.
+    wrench : ndarray of float64, shape (N, C)
+        All samples, recording after recording (fx fy fz in N, tx ty tz in N m).
+    n_samples : ndarray of int64, shape (n,)
+        Samples of each recording; they add up to N.
+    rate_hz : ndarray of float64, shape (n,)
+        Sampling rates, Hz; NaN for irregular recordings.
+    start_time : ndarray of float64, shape (n,)
+        Times of the first samples, seconds since 1970; NaN where unknown.
+    trigger_index : ndarray of int64, shape (n,)
+        Sample at which the motion began; -1 where unknown.
+    label, session, name, meta_json : list of str or None
+        One per recording; ``meta_json`` holds JSON objects, None for an empty one.
+    time_s : ndarray of float64, shape (N,), or None
+        Stamps of irregular recordings, seconds from the first sample of each; NaN in uniform recordings. None
+        where all are uniform.
+    flags : ndarray of uint8, shape (N,), or None
+        Bits of ``SampleFlag`` per sample; None where no sample has any.
+    history_json : str
+        The steps of the data set: a JSON list of what ``StepReport.to_dict`` gives.
+    """
+
+    axes: Sequence[str]
+    wrench: FloatArray
+    n_samples: NDArray[np.int64]
+    rate_hz: FloatArray
+    start_time: FloatArray
+    trigger_index: NDArray[np.int64]
+    label: Sequence[str | None]
+    session: Sequence[str | None]
+    name: Sequence[str | None]
+    meta_json: Sequence[str | None]
+    time_s: FloatArray | None = None
+    flags: NDArray[np.uint8] | None = None
+    history_json: str = "[]"
+
+
+def flatten(dataset: Dataset) -> FlatRecordings:
+    """Put a data set into flat columns, every bit kept.
+
+    Raises
+    ------
+    TypeError
+        `dataset` is no Dataset.
+    ValueError
+        Recordings differ in their axes, naming the method that helps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.io.flat import flatten
+    >>> from granular_id.recording import Dataset, Recording
+    >>> parts = [Recording(np.zeros((n, 6)), rate_hz=500, label="rice", name=f"rice_{n}") for n in (3, 2)]
+    >>> flat = flatten(Dataset(parts))
+    >>> flat.wrench.shape, flat.n_samples.tolist(), flat.name
+    ((5, 6), [3, 2], ['rice_3', 'rice_2'])
+    """
+    if not isinstance(dataset, Dataset):
+        raise TypeError(f"dataset must be a Dataset, got {type(dataset).__name__}")
+    recordings = dataset.recordings
+    triggers = [r.trigger_index for r in recordings]
+    time_s = flags = None
+    if not all(r.is_uniform for r in recordings):
+        time_s = np.concatenate(
+            [np.full(r.n_samples, np.nan) if r.time_s is None else r.time_s for r in recordings]
+        )
+    if any(r.flags is not None for r in recordings):
+        flags = np.concatenate(
+            [np.zeros(r.n_samples, np.uint8) if r.flags is None else r.flags for r in recordings]
+        )
+    return FlatRecordings(
+        axes=dataset.axes,
+        wrench=np.concatenate([r.wrench for r in recordings]),
+        n_samples=np.array([r.n_samples for r in recordings], np.int64),
+        rate_hz=_floats(r.rate_hz for r in recordings),
+        start_time=_floats(r.start_time for r in recordings),
+        trigger_index=np.array([NO_TRIGGER if i is None else i for i in triggers], np.int64),
+        label=[r.label for r in recordings],
+        session=[r.session for r in recordings],
+        name=[r.name for r in recordings],
+        meta_json=[json.dumps(thaw(r.meta)) if r.meta else None for r in recordings],
+        time_s=time_s,
+        flags=flags,
+        history_json=json.dumps([step.to_dict() for step in dataset.history]),
+    )
+
+
+def unflatten(flat: FlatRecordings, path: Path, source: FileSource) -> FileContent:
+    """Check flat columns that came from a file, and make recordings of them.
+
+    The recordings are views of ``flat.wrench``, ``flat.time_s`` and ``flat.flags``, which become read-only.
+
+    Parameters
+    ----------
+    flat : FlatRecordings
+        What was read; real numbers of any type are converted.
+    path : Path
+        The file that errors name.
+    source : FileSource
+        Names recordings that have none: ``source.name[i]``.
+
+    Returns
+    -------
+    FileContent
+
+    Raises
+    ------
+    RecordingFileError
+        The first thing that does not fit, naming the column and the recording.
+    """
+    try:
+        recordings = _recordings(flat, source.name)
+        history = checked_history(flat.history_json)
+    except (TypeError, ValueError) as error:
+        raise RecordingFileError(path, str(error)) from error
+    return FileContent(recordings=recordings, rows=[], notes=[], history=history)
+
+
+def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
+    wrench = as_floats(flat.wrench, "wrench", "a real array of shape (N, C)")
+    if wrench.ndim != 2 or not wrench.size:
+        raise ValueError(
+            f"wrench has shape {wrench.shape}; wanted (N, C): the samples of all recordings, C axes"
+        )
+    axes = checked_axes(tuple(flat.axes), wrench.shape)
+    lengths = checked_lengths(flat.n_samples, len(wrench))
+    n = len(lengths)
+    names = checked_texts(flat.name, "name", n, empty=True)
+    named = [f"{source_name}[{i}]" if name is None else name for i, name in enumerate(names)]
+    rows = Rows(named, lengths)
+    rows.refuse_samples(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
+    rates = checked_rates(flat.rate_hz, rows)
+    irregular = np.array([rate is None for rate in rates])
+    times = checked_times(flat.time_s, irregular, rows)
+    flags, flagged = checked_flags(flat.flags, rows)
+    columns: dict[str, Sequence[Any]] = {
+        "rate_hz": rates,
+        "label": checked_texts(flat.label, "label", n),
+        "session": checked_texts(flat.session, "session", n),
+        "start_time": checked_start_times(flat.start_time, rows),
+        "trigger_index": checked_triggers(flat.trigger_index, rows),
+        "meta": checked_metas(flat.meta_json, n),
+        "name": named,
+    }
+    for array in (wrench, times, flags):
+        if array is not None:
+            array.flags.writeable = False
+    recordings = []
+    for i, (start, end) in enumerate(zip(rows.starts.tolist(), rows.ends.tolist(), strict=True)):
+        recording = Recording._trusted(
+            wrench=wrench[start:end],
+            axes=axes,
+            time_s=times[start:end] if times is not None and irregular[i] else None,
+            flags=flags[start:end] if flags is not None and flagged[i] else None,
+            **{name: column[i] for name, column in columns.items()},
+        )
+        recordings.append(recording)
+    return recordings
+
+
+def _floats(values: Iterable[float | None]) -> FloatArray:
+    return np.array([np.nan if value is None else value for value in values], np.float64)

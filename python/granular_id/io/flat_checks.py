@@ -1,0 +1,229 @@
+"""Checks of flat columns: each over all recordings at once, naming the recording that spoils it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.recording import StepReport
+from granular_id.recording._values import FloatArray, as_floats, checked_text, freeze
+from granular_id.recording.flags import KNOWN_FLAGS
+
+NO_TRIGGER = -1
+"""What stands in ``trigger_index`` where a recording has none."""
+
+
+class Rows:
+    """Which rows of the flat arrays belong to which recording."""
+
+    def __init__(self, names: Sequence[str], lengths: NDArray[np.int64]) -> None:
+        self.names = names
+        self.lengths = lengths
+        self.ends = np.cumsum(lengths)
+        self.starts = self.ends - lengths
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    @property
+    def n_samples(self) -> int:
+        """Rows in all."""
+        return int(self.ends[-1])
+
+    def recording(self, i: int) -> str:
+        """Say which recording is meant."""
+        return f"recording {i} ({self.names[i][:60]!r})"
+
+    def sample(self, row: int) -> str:
+        """Say which sample of which recording a row is."""
+        i = int(np.searchsorted(self.ends, row, side="right"))
+        return f"{self.recording(i)}, sample {row - int(self.starts[i])}"
+
+    def refuse_samples(self, values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str) -> None:
+        """Raise ValueError for the first bad value of an array that has a row per sample."""
+        _refuse(values, bad, name, wanted, self.sample)
+
+    def refuse_recordings(self, values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str) -> None:
+        """Raise ValueError for the first bad value of an array that has one per recording."""
+        _refuse(values, bad, name, wanted, self.recording)
+
+
+def _refuse(
+    values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str, place: Callable[[int], str]
+) -> None:
+    if bad.any():
+        first = tuple(int(i) for i in np.argwhere(bad)[0])
+        index = ", ".join(map(str, first))
+        raise ValueError(f"{name}[{index}] ({place(first[0])}) is {values[first]}; wanted {wanted}")
+
+
+def checked_lengths(value: object, n_rows: int) -> NDArray[np.int64]:
+    """Return how many samples each recording has: at least one, `n_rows` in all."""
+    lengths = _integers(value, "n_samples", None)
+    if not lengths.size or len(lengths) > n_rows:
+        raise ValueError(
+            f"n_samples has {lengths.size} values for {n_rows} samples; wanted one per recording"
+        )
+    wrong = np.flatnonzero((lengths < 1) | (lengths > n_rows))
+    if len(wrong):
+        raise ValueError(f"n_samples[{wrong[0]}] is {lengths[wrong[0]]}; wanted 1 to {n_rows}")
+    total = sum(lengths.tolist())  # whole numbers of Python cannot overflow
+    if total != n_rows:
+        raise ValueError(f"n_samples adds up to {total}, but wrench has {n_rows} samples")
+    return lengths
+
+
+def checked_rates(value: object, rows: Rows) -> list[float | None]:
+    """Return the sampling rates, Hz; None (NaN in the file) where a recording is irregular."""
+    rates = _floats(value, "rate_hz", len(rows))
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        endless = ~np.isfinite(
+            rows.lengths / rates
+        )  # also for a rate of 0, or one that makes it last for ever
+    bad = ~np.isnan(rates) & (endless | (rates <= 0) | np.isinf(rates))
+    rows.refuse_recordings(rates, bad, "rate_hz", "a positive rate in Hz, or NaN for stamps in time_s")
+    return _none_for_nan(rates)
+
+
+def checked_start_times(value: object, rows: Rows) -> list[float | None]:
+    """Return the times of the first samples; None (NaN in the file) where they are unknown."""
+    times = _floats(value, "start_time", len(rows))
+    rows.refuse_recordings(times, np.isinf(times), "start_time", "seconds since 1970, or NaN where unknown")
+    return _none_for_nan(times)
+
+
+def checked_triggers(value: object, rows: Rows) -> list[int | None]:
+    """Return the samples at which the motion began; None (-1 in the file) where that is unknown."""
+    triggers = _integers(value, "trigger_index", len(rows))
+    bad = (triggers < NO_TRIGGER) | (triggers >= rows.lengths)
+    rows.refuse_recordings(
+        triggers, bad, "trigger_index", f"a sample of that recording, or {NO_TRIGGER} for none"
+    )
+    return [None if trigger == NO_TRIGGER else trigger for trigger in triggers.tolist()]
+
+
+def checked_times(value: object, irregular: NDArray[np.bool_], rows: Rows) -> FloatArray | None:
+    """Return the stamps, NaN in uniform recordings; None where all recordings are uniform."""
+    if value is None:
+        if irregular.any():
+            first = rows.recording(int(np.flatnonzero(irregular)[0]))
+            raise ValueError(
+                f"{first} has no rate (NaN), and there are no stamps in time_s; wanted one of them"
+            )
+        return None
+    times = _floats(value, "time_s", rows.n_samples)
+    stamped = np.repeat(irregular, rows.lengths)
+    rows.refuse_samples(times, ~stamped & ~np.isnan(times), "time_s", "NaN: this recording has a rate")
+    rows.refuse_samples(times, stamped & ~np.isfinite(times), "time_s", "a stamp: this recording has no rate")
+    begins = np.zeros(len(times), bool)
+    begins[rows.starts] = True
+    rows.refuse_samples(times, stamped & begins & (times != 0), "time_s", "0: seconds from the first sample")
+    with np.errstate(invalid="ignore"):
+        late = np.concatenate([[False], times[1:] <= times[:-1]])
+    rows.refuse_samples(times, stamped & ~begins & late, "time_s", "stamps that increase")
+    return times + 0.0 if irregular.any() else None  # + 0.0: a first stamp of -0.0 becomes 0.0
+
+
+def checked_flags(value: object, rows: Rows) -> tuple[NDArray[np.uint8] | None, NDArray[np.bool_]]:
+    """Return the flags of all samples, and which recordings have any."""
+    if value is None:
+        return None, np.zeros(len(rows), bool)
+    flags = _one_per(rows.n_samples, _whole(value, "flags"), "flags")
+    unknown = (flags < 0) | (flags > KNOWN_FLAGS)
+    rows.refuse_samples(flags, unknown, "flags", f"bits of SampleFlag (0 to {KNOWN_FLAGS})")
+    return flags.astype(np.uint8), np.logical_or.reduceat(flags, rows.starts)
+
+
+def checked_texts(values: object, name: str, n: int, *, empty: bool = False) -> list[str | None]:
+    """Return n texts without control characters, or None; labels and sessions are neither empty nor spaced."""
+    known: dict[object, str | None] = {None: None}
+    texts = _listed(values, name, n)
+    for i, text in enumerate(texts):
+        if text not in known:
+            known[text] = checked_text(text, f"{name}[{i}]", empty=empty, spaced=empty)
+    return [known[text] for text in texts]
+
+
+def checked_metas(values: object, n: int) -> list[Any]:
+    """Return n frozen trees, one per JSON object; an empty one for None."""
+    known: dict[object, Any] = {None: freeze({}, "meta")}
+    texts = _listed(values, "meta", n)
+    for i, text in enumerate(texts):
+        if text not in known:
+            known[text] = _frozen_json(text, f"meta[{i}]", dict)
+    return [known[text] for text in texts]
+
+
+def checked_history(text: object) -> tuple[StepReport, ...]:
+    """Return the steps that a JSON list describes."""
+    return tuple(_step(step, f"history[{i}]") for i, step in enumerate(_frozen_json(text, "history", list)))
+
+
+def _step(value: Any, name: str) -> StepReport:
+    try:
+        return StepReport.from_dict(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}: {error}") from error
+
+
+def _frozen_json(text: object, name: str, kind: type) -> Any:
+    if not isinstance(text, str):
+        raise TypeError(f"{name} is a {type(text).__name__}; wanted JSON text")
+    try:
+        value = json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"{name} is not JSON: {error}") from error
+    except RecursionError as error:
+        raise ValueError(f"{name} is nested too deeply") from error
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")
+    try:
+        return freeze(value, name)
+    except RecursionError as error:
+        raise ValueError(f"{name} is nested too deeply") from error
+
+
+def _listed(values: object, name: str, n: int) -> Sequence[Any]:
+    if not isinstance(values, (list, tuple)):
+        raise TypeError(f"{name} is a {type(values).__name__}; wanted a list of texts")
+    if len(values) != n:
+        raise ValueError(f"{name} has {len(values)} values for {n} recordings")
+    wrong = next((i for i, value in enumerate(values) if not isinstance(value, (str, type(None)))), None)
+    if wrong is not None:
+        raise TypeError(f"{name}[{wrong}] is a {type(values[wrong]).__name__}; wanted a text")
+    return values
+
+
+def _floats(value: object, name: str, n: int) -> FloatArray:
+    return _one_per(n, as_floats(value, name, f"a real array of shape ({n},)"), name)
+
+
+def _integers(value: object, name: str, n: int | None) -> NDArray[np.int64]:
+    array = _whole(value, name)
+    if array.ndim != 1:
+        raise ValueError(f"{name} has shape {array.shape}; wanted one number per recording")
+    if array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
+        raise ValueError(f"{name} holds {array.max()}; wanted numbers of 64 bits with a sign")
+    return (array if n is None else _one_per(n, array, name)).astype(np.int64)
+
+
+def _whole(value: object, name: str) -> NDArray[Any]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"{name} has dtype {array.dtype}; wanted whole numbers")
+    return array
+
+
+def _one_per(n: int, array: NDArray[Any], name: str) -> NDArray[Any]:
+    if array.shape != (n,):
+        raise ValueError(f"{name} has shape {array.shape}; wanted ({n},)")
+    return array
+
+
+def _none_for_nan(values: FloatArray) -> list[float | None]:
+    return [None if math.isnan(value) else value for value in values.tolist()]
