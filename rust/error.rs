@@ -162,6 +162,16 @@ pub enum Error {
         /// Its largest magnitude.
         largest: f64,
     },
+    /// NaN or infinity in a table to be written as text.
+    #[error("column {column} must be finite, got {value} in row {row}")]
+    NonFiniteCell {
+        /// Column of the first such value.
+        column: usize,
+        /// Its row.
+        row: usize,
+        /// The value found.
+        value: f64,
+    },
     /// More features than can be addressed, or named.
     #[error("n_samples = {n_samples} and n_axes = {n_axes} ask for too many features")]
     TooLarge {

@@ -12,6 +12,7 @@ mod extract;
 pub mod features;
 pub mod histogram;
 mod lanes;
+pub mod number_table;
 mod pairing;
 mod pool;
 pub mod sos;

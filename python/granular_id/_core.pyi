@@ -6,22 +6,27 @@ from typing_extensions import Self
 
 __all__ = [
     "AXES",
+    "MAX_LINE_BYTES",
     "SIMD",
     "UNITS",
     "FeatureSpec",
+    "NumberTableError",
     "__version__",
     "butter",
     "extract_features",
     "histogram",
+    "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
     "sosfiltfilt",
+    "write_number_table",
 ]
 
 __version__: str
 AXES: tuple[str, ...]
 UNITS: tuple[str, ...]
 SIMD: str
+MAX_LINE_BYTES: int
 
 _Floats: TypeAlias = NDArray[np.float64]
 
@@ -86,3 +91,9 @@ def extract_features(
 def histogram(
     values: ArrayLike, n_bins: SupportsIndex, low: float, high: float
 ) -> tuple[list[float], list[float]]: ...
+
+class NumberTableError(ValueError):
+    args: tuple[int, int | None, str]
+
+def parse_number_table(text: bytes, start: SupportsIndex, n_columns: SupportsIndex) -> _Floats: ...
+def write_number_table(columns: list[_Floats | NDArray[np.uint8]]) -> bytes: ...

@@ -3,6 +3,7 @@
 mod arrays;
 mod convert;
 mod features;
+mod number_table;
 mod scalars;
 mod signal;
 mod spec;
@@ -17,6 +18,8 @@ mod _core {
     #[pymodule_export]
     use super::features::{extract_features, histogram};
     #[pymodule_export]
+    use super::number_table::{parse_number_table, write_number_table, NumberTableError};
+    #[pymodule_export]
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
     #[pymodule_export]
     use super::spec::PyFeatureSpec;
@@ -24,6 +27,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
         module.add("SIMD", crate::Path::detect().name())?;
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
         module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)

@@ -1,11 +1,15 @@
 """Random bytes and mutated files: either recordings or the documented exception, nothing else."""
 
+import re
+
 import numpy as np
-from hypothesis import HealthCheck, example, given, settings
+import pytest
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
+from granular_id._core import write_number_table
 from granular_id.io import RecordingFileError, load
-from granular_id.io.csv_numbers import _parse_fast, _parse_slowly, parse_numbers
+from granular_id.io.csv_numbers import parse_numbers
 
 GOOD = b"time,fx,fy,fz,tx,ty,tz\r\n0.00,1.5,-2,3e0,.4,5,+6\r\n0.01,1,2,3,4,5,6\n0.02, 1, 2, 3,4,5,6\n"
 INDEX = (
@@ -81,6 +85,7 @@ def test_indices(tmp_path, data):
         read_or_refuse(tmp_path, on_error=on_error)
 
 
+PLAIN = re.compile(r"[ \t]*[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?[ \t]*")
 NUMBERS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False).map(repr),
     st.integers(-(10**30), 10**30).map(str),
@@ -89,32 +94,69 @@ NUMBERS = st.one_of(
 )
 
 
-@given(cells=st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5))
-@settings(max_examples=200)
-def test_the_fast_pass_agrees_with_the_slow_one(cells):
-    """What the fast pass accepts the slow one reads to the same bits; it accepts all that is right."""
-    text = "\n".join(",".join(row) for row in cells).encode()
-    fast = _parse_fast(text, 2)
-    slow, error = outcome(_parse_slowly, text.split(b"\n"), 2, ["a", "b"], "x.csv")
-    if error is not None:
-        assert fast is None
-        return
-    assert fast is not None
-    assert fast.tobytes() == slow.tobytes()
-    assert slow.tobytes() == np.array([[float(c) for c in row] for row in cells]).tobytes()
+def read_slowly(text):
+    """Read a table of two columns with `split`, a regular expression and `float`; say where it fails."""
+    values = []
+    for number, line in enumerate(re.split("\r?\n", text.rstrip("\r\n \t")), start=2):
+        if not line:
+            return None, (number, None)
+        row = line.split(",")
+        for column, cell in zip("ab", row, strict=False):
+            if not PLAIN.fullmatch(cell) or np.isinf(float(cell)):
+                return None, (number, column)
+            values.append(float(cell))
+        if len(row) != 2:
+            return None, (number, None)
+    return np.array(values), None
 
 
 @given(
-    cells=st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5),
-    end=st.sampled_from(["", "\n", "\r\n\r\n"]),
+    rows=st.lists(
+        st.lists(NUMBERS, min_size=1, max_size=3) | st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5
+    ),
+    line_end=st.sampled_from(["\n", "\r\n"]),
+    last=st.sampled_from(["", "\n", "\r\n\r\n"]),
 )
-def test_whole_tables_agree_with_the_slow_pass(cells, end):
-    text = "\r\n".join(",".join(row) for row in cells)
-    slow, expected = outcome(_parse_slowly, text.encode().split(b"\r\n"), 2, ["a", "b"], "x.csv")
-    whole, error = outcome(parse_numbers, (text + end).encode(), 0, ["a", "b"], "x.csv")
-    if expected is None:
+@settings(max_examples=500)
+def test_tables_agree_with_a_slow_twin(rows, line_end, last):
+    """The same bits, or a fault in the same line and column."""
+    text = line_end.join(",".join(row) for row in rows) + last
+    assume(text.strip())
+    expected, place = read_slowly(text)
+    values, error = outcome(parse_numbers, text.encode(), 0, ["a", "b"], "x.csv")
+    if place is None:
         assert error is None
-        assert whole.tobytes() == slow.tobytes()
+        assert values.shape == (len(rows), 2)
+        assert values.tobytes() == expected.tobytes()
     else:
-        assert error is not None
-        assert error.line == expected.line
+        assert (error.line, error.column) == place
+
+
+@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+def test_what_is_written_is_read_back_and_has_as_few_digits_as_python_writes(values):
+    text = write_number_table([np.array(values), np.arange(len(values), dtype=np.uint8)])
+    table = parse_numbers(text, 0, ["value", "flag"], "x.csv")
+    assert table[:, 0].tobytes() == np.array(values).tobytes()
+    assert table[:, 1].tolist() == list(range(len(values)))
+    for line, value in zip(text.decode().splitlines(), values, strict=True):
+        assert digits(line.partition(",")[0]) == digits(repr(value))
+
+
+def digits(number):
+    """Significant digits, without sign, point, exponent and the zeros around them."""
+    return re.sub("e.*|[-+.]", "", number).strip("0")
+
+
+@pytest.mark.parametrize(
+    ("columns", "problem"),
+    [
+        ([np.zeros(3), np.zeros(2)], "each column must hold 3 values, got 2"),
+        ([np.array([0.0, np.nan])], "column 0 must be finite, got NaN in row 1"),
+        ([np.zeros((2, 2))], "1-D array of float64 or uint8"),
+        ([np.zeros(2, dtype=np.float32)], "1-D array of float64 or uint8"),
+        ([[1.0]], "1-D array of float64 or uint8"),
+    ],
+)
+def test_columns_that_cannot_be_written(columns, problem):
+    with pytest.raises((TypeError, ValueError), match=problem):
+        write_number_table(columns)

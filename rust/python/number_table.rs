@@ -1,0 +1,75 @@
+//! Tables of numbers in CSV files: unpack, call, map the error.
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::create_exception;
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyList};
+
+use super::scalars::shown;
+use crate::number_table::{parse, write, Column, Fault};
+
+create_exception!(
+    granular_id._core,
+    NumberTableError,
+    PyValueError,
+    "A text that is no table of numbers; ``args`` are row and column (from 0; None: the whole row) and the problem."
+);
+
+impl From<Fault> for PyErr {
+    fn from(fault: Fault) -> Self {
+        NumberTableError::new_err((fault.row, fault.column, fault.kind.to_string()))
+    }
+}
+
+/// The numbers of a CSV text from byte `start` on, shape (rows, `n_columns`).
+#[pyfunction]
+pub(super) fn parse_number_table<'py>(
+    py: Python<'py>,
+    text: &[u8],
+    start: usize,
+    n_columns: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let text = text.get(start..).unwrap_or_default();
+    let values = py.detach(|| parse(text, n_columns))?;
+    let rows = values.len() / n_columns.max(1);
+    PyArray1::from_vec(py, values).reshape([rows, n_columns])
+}
+
+/// Columns of equal length, float64 or uint8, as lines of text.
+#[pyfunction]
+pub(super) fn write_number_table<'py>(columns: &Bound<'py, PyList>) -> PyResult<Bound<'py, PyBytes>> {
+    let py = columns.py();
+    let columns = columns.iter().map(|column| Owned::new(&column)).collect::<PyResult<Vec<_>>>()?;
+    let columns: Vec<_> = columns.iter().map(Owned::borrow).collect();
+    let text = py.detach(|| write(&columns))?;
+    Ok(PyBytes::new(py, text.as_bytes()))
+}
+
+/// A column copied from an array of any layout, which other threads may change meanwhile.
+enum Owned {
+    Numbers(Vec<f64>),
+    Whole(Vec<u8>),
+}
+
+impl Owned {
+    fn new(column: &Bound<'_, PyAny>) -> PyResult<Self> {
+        if let Ok(column) = column.extract::<PyReadonlyArray1<'_, f64>>() {
+            Ok(Self::Numbers(column.as_array().to_vec()))
+        } else if let Ok(column) = column.extract::<PyReadonlyArray1<'_, u8>>() {
+            Ok(Self::Whole(column.as_array().to_vec()))
+        } else {
+            Err(PyTypeError::new_err(format!(
+                "each column must be a 1-D array of float64 or uint8, got {}",
+                shown(column)
+            )))
+        }
+    }
+
+    fn borrow(&self) -> Column<'_> {
+        match self {
+            Self::Numbers(values) => Column::Numbers(values),
+            Self::Whole(values) => Column::Whole(values),
+        }
+    }
+}
