@@ -55,6 +55,8 @@ def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | No
     """
     if callable(progress):
         yield progress
+    elif not isinstance(progress, bool):
+        raise TypeError(f"progress must be a bool or callable, got {type(progress).__name__}")
     elif progress and sys.stderr.isatty():
         with _bar() as callback:
             yield callback

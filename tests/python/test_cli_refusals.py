@@ -200,7 +200,7 @@ def test_folders_that_cannot_be_are_told_and_those_made_in_vain_removed(tmp_path
 def test_bad_folders_end_in_one_line(folder, tmp_path):
     assert "no such file or folder" in refused("evaluate", tmp_path / "absent")
     (tmp_path / "empty").mkdir()
-    assert "holds no CSV recordings" in refused("evaluate", tmp_path / "empty")
+    assert "holds no recordings" in refused("evaluate", tmp_path / "empty")
     one = saved(make()[:10], tmp_path / "one")
     assert "at least 2 classes, got only 'oat'" in refused("evaluate", one, *SMALL)
 

@@ -138,13 +138,13 @@ def test_relative_paths_go_where_they_say(tmp_path, monkeypatch):
 def test_nothing_is_left_when_writing_fails(tmp_path, monkeypatch, error):
     written = []
 
-    def failing(recording):
+    def failing(recording, path):
         written.append(recording)
         if len(written) == 2:
             raise error
         return "half"
 
-    monkeypatch.setattr(module, "_samples", failing)
+    monkeypatch.setattr(module, "_write", failing)
     with pytest.raises(type(error)):
         save_csv(Dataset([sample(), sample()]), tmp_path / "set")
     assert len(written) == 2

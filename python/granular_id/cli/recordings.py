@@ -105,8 +105,7 @@ class Source:
 
     def load(self, *, quiet: bool) -> Dataset:
         """Read and prepare the recordings, saying what was done; when quiet, only what was skipped."""
-        from granular_id._progress import showing  # noqa: PLC0415 (--help must not wait for numpy)
-        from granular_id.io import RecordingFileError, load  # noqa: PLC0415
+        from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
 
         if self.folder.is_file():
             raise ValueError(f"{self.folder} is a file; wanted a folder of recordings")
@@ -117,19 +116,12 @@ class Source:
             if shown:
                 console.print(shown, soft_wrap=True, markup=False)
 
-        with showing(not quiet) as callback:
-            try:
-                data = load(
-                    self.folder,
-                    progress=None
-                    if callback is None
-                    else lambda done, total: callback(done, total, "reading"),
-                    **self.reading,
-                )
-            except ValueError as error:
-                skippable = isinstance(error, RecordingFileError) and error.skippable
-                hint = "; add --on-error skip to leave such files out" if skippable else ""
-                raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
+        try:
+            data = load(self.folder, progress=not quiet, **self.reading)
+        except ValueError as error:
+            skippable = isinstance(error, RecordingFileError) and error.skippable
+            hint = "; add --on-error skip to leave such files out" if skippable else ""
+            raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
         say(loaded_text(data), skipped_text(data.history[-1]))
         if not data.labels:
             notes = (note for note in data.history[-1].notes if "no column label" in note)

@@ -23,6 +23,8 @@ class RecordingFileError(ValueError):
         Line in the file, 1-based (the header is line 1).
     column : str or None
         Name of the column, or its 1-based number where there is no name.
+    place : str or None
+        Any other place in the file: ``"message 17"``, ``"variable X"``, ``"row group 3"``.
 
     Attributes
     ----------
@@ -37,23 +39,37 @@ class RecordingFileError(ValueError):
     """
 
     def __init__(
-        self, path: str | PathLike[str], problem: str, *, line: int | None = None, column: str | None = None
+        self,
+        path: str | PathLike[str],
+        problem: str,
+        *,
+        line: int | None = None,
+        column: str | None = None,
+        place: str | None = None,
     ) -> None:
         # names that are not valid text reach Python as lone surrogates, which no terminal can print
         self.path = fspath(path).encode("utf-8", "backslashreplace").decode("utf-8")
         self.problem = problem
         self.line = line
         self.column = column
+        self.place = place
         self.skippable = False
-        place = ("" if line is None else f", line {line}") + ("" if column is None else f", column {column}")
-        super().__init__(f"{self.path}{place}: {problem}")
+        where = [
+            *([f"line {line}"] if line is not None else []),
+            *([f"column {column}"] if column is not None else []),
+            *([place] if place is not None else []),
+        ]
+        super().__init__(f"{', '.join([self.path, *where])}: {problem}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        return (_rebuild, (self.path, self.problem, self.line, self.column), {"skippable": self.skippable})
+        fields = (self.path, self.problem, self.line, self.column, self.place)
+        return (_rebuild, fields, {"skippable": self.skippable})
 
 
-def _rebuild(path: str, problem: str, line: int | None, column: str | None) -> RecordingFileError:
-    return RecordingFileError(path, problem, line=line, column=column)
+def _rebuild(
+    path: str, problem: str, line: int | None, column: str | None, place: str | None
+) -> RecordingFileError:
+    return RecordingFileError(path, problem, line=line, column=column, place=place)
 
 
 def attempt(

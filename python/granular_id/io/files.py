@@ -5,10 +5,19 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import MIN_LINE_BYTES
+
+FREE_BYTES = 64 * 1024 * 1024
+"""What any file may expand to."""
+
+MAX_EXPANSION = 64
+"""How many times its size on disk a larger file may expand to; quantised recordings reach about 10."""
 
 _DIGITS = re.compile(r"([0-9]+)")
 
@@ -38,38 +47,52 @@ def refuse_outside(path: Path, root: Path) -> None:
         raise RecordingFileError(path, "is a link that leaves the folder; links out are not followed")
 
 
-def read_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
-    """Read a regular file inside `root` of at most `max_bytes`, checked before reading.
+def check_file(path: Path, root: Path, max_bytes: int) -> int:
+    """Return the bytes of a regular file inside `root`, without opening it.
 
     Raises
     ------
     RecordingFileError
-        The file is missing, unreadable, not a regular file, larger than `max_bytes`, or reached by a link
-        that leaves `root`.
+        The file is missing, not a regular file, larger than `max_bytes`, or reached by a link that leaves `root`.
+    """
+    refuse_outside(path, root)
+    try:
+        return _checked_size(path.stat(), path, max_bytes)
+    except OSError as error:
+        raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
+
+
+@contextmanager
+def open_bounded(path: Path, root: Path, max_bytes: int) -> Iterator[tuple[BinaryIO, int]]:
+    """Open a regular file inside `root` of at most `max_bytes`; yield it and its size.
+
+    Raises
+    ------
+    RecordingFileError
+        As `check_file`; also when reading fails within the block.
     """
     refuse_outside(path, root)
     try:
         # without O_NONBLOCK, opening a pipe that somebody named .csv would wait for ever
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        try:
-            return _read(descriptor, path, max_bytes)
-        finally:
-            os.close(descriptor)
+        with os.fdopen(descriptor, "rb") as file:
+            yield file, _checked_size(os.fstat(descriptor), path, max_bytes)
     except OSError as error:
-        raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
+        raise RecordingFileError(path, f"cannot be read: {error.strerror or error}") from error
 
 
-def _read(descriptor: int, path: Path, max_bytes: int) -> bytes:
-    status = os.fstat(descriptor)
-    if not stat.S_ISREG(status.st_mode):
-        raise RecordingFileError(path, "is not a regular file")
-    if status.st_size > max_bytes:
-        problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}"
-        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
-    with open(descriptor, "rb", closefd=False) as file:
-        data = file.read(status.st_size + 1)  # one more, to see a file that grows while it is read
-    if len(data) > status.st_size:
+def read_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
+    """Read a regular file inside `root` of at most `max_bytes`, checked before reading."""
+    with open_bounded(path, root, max_bytes) as (file, size):
+        data = file.read(size + 1)  # one more, to see a file that grows while it is read
+    if len(data) > size:
         raise RecordingFileError(path, "grows while it is read; wait until the recording is complete")
+    return data
+
+
+def read_text_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
+    """Read a text file as `read_bounded` does, a line counting as at least 40 bytes."""
+    data = read_bounded(path, root, max_bytes)
     lines = data.count(b"\n")
     if lines * MIN_LINE_BYTES > max_bytes:
         most = max_bytes // MIN_LINE_BYTES
@@ -78,3 +101,38 @@ def _read(descriptor: int, path: Path, max_bytes: int) -> bytes:
         )
         raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
     return data
+
+
+def check_expansion(path: Path, n_bytes: int, expanded: int, *, place: str | None = None) -> None:
+    """Refuse what would need far more memory than the file has bytes, as bombs do and recordings do not.
+
+    Parameters
+    ----------
+    path : Path
+    n_bytes : int
+        Bytes on disk.
+    expanded : int
+        Bytes that decoding would need, from headers alone.
+    place : str, optional
+        Which part of the file is meant.
+
+    Raises
+    ------
+    RecordingFileError
+        `expanded` is more than 64 MiB and more than 64 times `n_bytes`.
+    """
+    if expanded > max(FREE_BYTES, MAX_EXPANSION * n_bytes):
+        problem = (
+            f"would expand from {n_bytes} to {expanded} bytes, more than {MAX_EXPANSION} times as many; "
+            "recordings do not compress like that"
+        )
+        raise RecordingFileError(path, problem, place=place)
+
+
+def _checked_size(status: os.stat_result, path: Path, max_bytes: int) -> int:
+    if not stat.S_ISREG(status.st_mode):
+        raise RecordingFileError(path, "is not a regular file")
+    if status.st_size > max_bytes:
+        problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}"
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
+    return status.st_size

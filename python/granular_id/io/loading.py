@@ -3,31 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from granular_id.io.csv_folder import LAYOUTS, is_csv_file, load_csv_file, load_csv_folder
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.options import MAX_FILE_BYTES, LoadOptions
-from granular_id.recording import Dataset
-
-
-@dataclass(frozen=True)
-class Format:
-    """A way of keeping recordings: how to recognise it and how to read it."""
-
-    what: str
-    recognises: Callable[[Path], bool]
-    read: Callable[[Path, LoadOptions], Dataset]
-
-
-FORMATS = (
-    Format("one CSV file (*.csv)", is_csv_file, load_csv_file),
-    Format(f"a folder of CSV files ({LAYOUTS})", Path.is_dir, load_csv_folder),
-)
-"""All formats, asked in this order."""
+from granular_id._progress import ProgressCallback, showing
+from granular_id.io.errors import RecordingFileError, attempt
+from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
+from granular_id.io.formats import FORMATS, format_of
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileContent, FileSource, completed
+from granular_id.recording import Dataset, Recording, StepReport
 
 
 def load(
@@ -36,8 +23,9 @@ def load(
     rate_hz: float | None = None,
     on_error: Literal["raise", "skip"] = "raise",
     on_time_error: Literal["raise", "repair"] = "raise",
-    max_file_bytes: int = MAX_FILE_BYTES,
-    progress: Callable[[int, int], object] | None = None,
+    max_file_bytes: int | None = None,
+    topic: str | None = None,
+    progress: bool | ProgressCallback = False,
 ) -> Dataset:
     r"""Read recordings from a file or folder.
 
@@ -48,33 +36,39 @@ def load(
     Parameters
     ----------
     path : str or path
-        A CSV file (one recording, no label) or a folder of them: ``label/*.csv``, ``label/session/*.csv``,
-        ``label_*.csv``, or with an ``index.csv``.
+        A file of a known format, or a folder of such files: ``label/*``, ``label/session/*``, ``label_*``, or with
+        an ``index.csv``. Formats: CSV, NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), the native Parquet folder,
+        ROS 1 and ROS 2 bags, MCAP, and the rows of GM10-ts.
     rate_hz : float, optional
-        Rate of files that have no time column, Hz. Where there are stamps they must fit it (each within
+        Rate of files that have no clock, Hz. Where there are stamps they must fit it (each within
         half a step of its place), or the file is refused. A ``rate_hz`` in index.csv comes first.
     on_error : {"raise", "skip"}
         What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``.
     on_time_error : {"raise", "repair"}
-        What to do where time runs backwards or a stamp is repeated: raise with the line, or sort the samples
+        What to do where time runs backwards or a stamp is repeated: raise with the place, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
-    max_file_bytes : int
-        Largest file that is read, a line counting as at least 40 bytes; 8 MiB by default (three minutes at
-        500 Hz), so that a file that is no recording is refused within a second and 256 MB.
-    progress : callable, optional
-        Called as ``progress(files_done, files_in_all)`` after each file.
+    max_file_bytes : int, optional
+        Largest file that is read; by default 8 MiB for text, of which a line counts as at least 40 bytes (three
+        minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than 64-fold beyond 64 MiB: a
+        file that is no recording is refused within a second and 256 MB.
+    topic : str, optional
+        Which topic of a bag holds the wrench, where there are several.
+    progress : bool or callable
+        True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 
     Returns
     -------
     Dataset
-        ``history[-1]`` says what was read, skipped and repaired.
+        ``history[-1]`` says what was read, skipped, repaired and guessed; steps stored in the file come before.
 
     Raises
     ------
     FileNotFoundError
         `path` does not exist.
     RecordingFileError
-        (a ValueError) naming the file, line and column of the first fault, or a path of no known format.
+        (a ValueError) naming the file and place of the first fault, or a path of no known format.
+    ImportError
+        The format needs a library that is not installed; names the extra that brings it.
     TypeError, ValueError
         A bad setting, named.
 
@@ -89,12 +83,89 @@ def load(
     >>> data[0]
     Recording('rice_1.csv', label='rice', 2 samples at 500 Hz)
     """
-    options = LoadOptions(rate_hz, on_error, on_time_error, max_file_bytes, progress)
+    options = LoadOptions(rate_hz, on_error, on_time_error, max_file_bytes, topic)
     place = Path(path)
     if not place.exists():
         raise FileNotFoundError(f"{os.fspath(path)}: no such file or folder")
-    for known in FORMATS:
-        if known.recognises(place):
-            return known.read(place, options)
+    known = format_of(place)
+    with showing(progress) as callback:
+        if known is not None:
+            found = FoundFiles(known.what, [FileSource.alone(place)])
+            return _read(found, place, options, callback, alone=True)
+        if place.is_dir():
+            return _read(find_files(place, options), place, options, callback)
     wanted = "; ".join(known.what for known in FORMATS)
-    raise RecordingFileError(place, f"is of no known format; what can be read: {wanted}")
+    problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
+    raise RecordingFileError(place, problem)
+
+
+def _read(
+    found: FoundFiles,
+    root: Path,
+    options: LoadOptions,
+    progress: ProgressCallback | None,
+    *,
+    alone: bool = False,
+) -> Dataset:
+    """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
+    if options.on_error == "raise" and found.problems:
+        raise _skippable(found.problems[0])
+    contents: list[FileContent] = []
+    problems = list(found.problems)
+    for done, source in enumerate(found.sources, start=1):
+        content = attempt(problems, _read_one, source, options)
+        if content is not None:
+            contents.append(content)
+        elif alone:
+            raise problems[-1]
+        elif options.on_error == "raise":
+            raise _skippable(problems[-1])
+        if progress is not None:
+            progress(done, len(found.sources), source.name)
+    recordings = [recording for content in contents for recording in content.recordings]
+    if not recordings:
+        problem = f"none of {len(problems)} recordings could be read; the first problem: {problems[0]}"
+        raise RecordingFileError(root, problem) from problems[0]
+    history = [*found.history, *(step for content in contents for step in content.history)]
+    return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])
+
+
+def _read_one(source: FileSource, options: LoadOptions) -> FileContent:
+    known = format_of(source.path)
+    if known is None:  # it has changed since it was found
+        raise RecordingFileError(source.path, "is of no known format any more")
+    return completed(known.read(source, options), source)
+
+
+def _skippable(problem: RecordingFileError) -> RecordingFileError:
+    problem.skippable = True
+    return problem
+
+
+def _report(
+    found: FoundFiles,
+    options: LoadOptions,
+    contents: Sequence[FileContent],
+    recordings: Sequence[Recording],
+    problems: Sequence[RecordingFileError],
+) -> StepReport:
+    parameters = {
+        "format": found.layout,
+        "rate_hz": options.rate_hz,
+        "on_error": options.on_error,
+        "on_time_error": options.on_time_error,
+        "topic": options.topic,
+    }
+    rows: list[dict[str, Any]] = [row for content in contents for row in content.rows]
+    totals = {
+        "recordings": len(recordings),
+        "skipped": len(problems),
+        "uniform": sum(r.is_uniform for r in recordings),
+        "irregular": sum(not r.is_uniform for r in recordings),
+        "moved_samples": sum(row.get("moved", 0) for row in rows),
+        "merged_samples": sum(row.get("merged", 0) for row in rows),
+    }
+    notes = Counter(note for content in contents for note in content.notes)
+    skipped = [{"name": Path(problem.path).name, "skipped": str(problem)} for problem in problems]
+    every = [note if count == 1 else f"{note} ({count} files)" for note, count in notes.items()]
+    return StepReport("load", parameters, totals, skipped + rows, [*found.notes, *every])

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id.recording._values import checked_rate
+from granular_id.recording._values import checked_rate, checked_text
 
-MAX_FILE_BYTES = 8 * 1024 * 1024
-"""Default size cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
+MAX_TEXT_BYTES = 8 * 1024 * 1024
+"""Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
+
+MAX_BINARY_BYTES = 2 * 1024 * 1024 * 1024
+"""Default cap of one binary file, which may hold a whole data set: 28,000 pushes of 1600 x 6."""
 
 MIN_LINE_BYTES = 40
 """A line counts as at least this many bytes towards the cap: short lines take as long as others to parse."""
@@ -22,8 +24,8 @@ class LoadOptions:
     rate_hz: float | None = None
     on_error: Literal["raise", "skip"] = "raise"
     on_time_error: Literal["raise", "repair"] = "raise"
-    max_file_bytes: int = MAX_FILE_BYTES
-    progress: Callable[[int, int], object] | None = None
+    max_file_bytes: int | None = None
+    topic: str | None = None
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
@@ -31,9 +33,20 @@ class LoadOptions:
         for name, wanted in (("on_error", ("raise", "skip")), ("on_time_error", ("raise", "repair"))):
             if getattr(self, name) not in wanted:
                 raise ValueError(f"{name}={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}")
-        if isinstance(self.max_file_bytes, bool) or not isinstance(self.max_file_bytes, int):
-            raise TypeError(f"max_file_bytes must be an int, got {type(self.max_file_bytes).__name__}")
-        if self.max_file_bytes < 1:
-            raise ValueError(f"max_file_bytes must be positive, got {self.max_file_bytes}")
-        if self.progress is not None and not callable(self.progress):
-            raise TypeError(f"progress must be callable or None, got {type(self.progress).__name__}")
+        if self.max_file_bytes is not None:
+            if isinstance(self.max_file_bytes, bool) or not isinstance(self.max_file_bytes, int):
+                raise TypeError(f"max_file_bytes must be an int, got {type(self.max_file_bytes).__name__}")
+            if self.max_file_bytes < 1:
+                raise ValueError(f"max_file_bytes must be positive, got {self.max_file_bytes}")
+        if self.topic is not None:
+            checked_text(self.topic, "topic")
+
+    @property
+    def max_text_bytes(self) -> int:
+        """Cap of one text file, bytes."""
+        return MAX_TEXT_BYTES if self.max_file_bytes is None else self.max_file_bytes
+
+    @property
+    def max_binary_bytes(self) -> int:
+        """Cap of one binary file, bytes."""
+        return MAX_BINARY_BYTES if self.max_file_bytes is None else self.max_file_bytes

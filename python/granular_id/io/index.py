@@ -12,13 +12,14 @@ import csv
 import io
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from granular_id.io.csv_file import CsvSource
 from granular_id.io.csv_numbers import plain_number, split_header
 from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.files import read_bounded
+from granular_id.io.files import read_text_bounded
+from granular_id.io.source import FileSource
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta")
@@ -29,12 +30,23 @@ IRREGULAR = "irregular"
 _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
 
 
-def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[RecordingFileError], list[str]]:
+def read_index(
+    root: Path, max_bytes: int, readable: Callable[[Path], bool]
+) -> tuple[list[FileSource], list[RecordingFileError], list[str]]:
     """Read ``index.csv`` of a folder.
+
+    Parameters
+    ----------
+    root : Path
+        The folder.
+    max_bytes : int
+        Largest index that is read.
+    readable : callable
+        Tells whether a path looks like a file of a known format.
 
     Returns
     -------
-    sources : list of CsvSource
+    sources : list of FileSource
         In the order of the index.
     problems : list of RecordingFileError
         Lines that cannot be used.
@@ -47,7 +59,7 @@ def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[Record
         When the index as a whole cannot be used.
     """
     path = root / INDEX_NAME
-    data = read_bounded(path, root, max_bytes)
+    data = read_text_bounded(path, root, max_bytes)
     columns, start = split_header(data, path)
     for i, column in enumerate(columns):
         if not column or not column.isprintable() or column in columns[:i]:
@@ -59,11 +71,15 @@ def read_index(root: Path, max_bytes: int) -> tuple[list[CsvSource], list[Record
             raise RecordingFileError(path, problem, line=1, column=str(i + 1))
     if "file" not in columns:
         raise RecordingFileError(path, f"no column 'file'; wanted {', '.join(INDEX_COLUMNS)}", line=1)
-    sources: list[CsvSource] = []
+    sources: list[FileSource] = []
     problems: list[RecordingFileError] = []
     seen: dict[str, int] = {}
     for line, cells in _rows(data, start, path):
         source = attempt(problems, _listed, root, columns, cells, line, seen)
+        if source is not None and not readable(source.path):
+            problem = f"{cells[columns.index('file')]!r} is of no known format"
+            problems.append(RecordingFileError(path, problem, line=line, column="file"))
+            continue
         if source is not None:
             sources.append(source)
     return sources, problems, columns
@@ -94,7 +110,7 @@ def _rows(data: bytes, start: int, path: Path) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _listed(root: Path, columns: list[str], cells: list[str], line: int, seen: dict[str, int]) -> CsvSource:
+def _listed(root: Path, columns: list[str], cells: list[str], line: int, seen: dict[str, int]) -> FileSource:
     """Make a source of one line, unless an earlier one (in `seen`) names the same file."""
     path = root / INDEX_NAME
     if len(cells) != len(columns):
@@ -109,7 +125,7 @@ def _listed(root: Path, columns: list[str], cells: list[str], line: int, seen: d
     return source
 
 
-def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
+def _source(root: Path, cells: dict[str, str], line: int) -> FileSource:
     def number(column: str) -> float | None:
         text = cells.get(column, "")
         value = plain_number(text) if text else None
@@ -129,8 +145,9 @@ def _source(root: Path, cells: dict[str, str], line: int) -> CsvSource:
         raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="rate_hz")
     meta = _meta(root, cells.get("meta", ""), line)
     extra = {column: text for column, text in cells.items() if column not in INDEX_COLUMNS and text}
-    return CsvSource(
+    return FileSource(
         path=_inside(root, cells["file"], line),
+        root=root,
         name=cells.get("name", cells["file"]),
         label=cells.get("label") or None,
         session=cells.get("session") or None,
@@ -146,8 +163,8 @@ def _inside(root: Path, text: str, line: int) -> Path:
     """Turn a cell into a path under the folder; anything that could lead elsewhere is refused."""
     path = PurePosixPath(text)
     strange = any(c in text for c in "\\:") or not text.isprintable()
-    if path.suffix.lower() != ".csv" or path.is_absolute() or ".." in path.parts or strange:
-        problem = f"{text[:80]!r} is not a CSV file within the folder (like rice/rice_01.csv)"
+    if not path.name or path.is_absolute() or ".." in path.parts or strange:
+        problem = f"{text[:80]!r} is not a file within the folder (like rice/rice_01.csv)"
         raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="file")
     return root.joinpath(path)
 

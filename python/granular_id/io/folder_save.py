@@ -1,0 +1,150 @@
+"""Folders that are either whole or absent, and the layout that formats with a file per recording share."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from granular_id._progress import ProgressCallback
+from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
+from granular_id.recording import AXES, Dataset, Recording
+from granular_id.recording._values import thaw
+
+__all__ = ["HISTORY_NAME", "checked_dataset", "history_json", "indexed_folder", "new_folder"]
+
+HISTORY_NAME = "history.json"
+"""Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
+
+_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+_LONGEST = 60
+
+
+def checked_dataset(dataset: object) -> Dataset:
+    """Return a data set, or say that it is none."""
+    if not isinstance(dataset, Dataset):
+        raise TypeError(f"dataset must be a Dataset, got {type(dataset).__name__}")
+    return dataset
+
+
+def history_json(dataset: Dataset) -> str:
+    """Return the steps that made a data set as one JSON text."""
+    return json.dumps([step.to_dict() for step in dataset.history], ensure_ascii=False)
+
+
+@contextmanager
+def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """Fill a folder under a temporary name beside its place, and rename it when the block ends well.
+
+    Parameters
+    ----------
+    folder : str or path
+        New or empty folder.
+
+    Yields
+    ------
+    Path
+        The temporary folder; it is removed when the block raises, also on an interrupt.
+
+    Raises
+    ------
+    FileExistsError
+        `folder` is a file, a link or a folder with something in it.
+    FileNotFoundError
+        The folder to put it in does not exist.
+    """
+    target = Path(folder)
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        raise FileExistsError(f"{target}: exists and is not a folder")
+    if target.exists() and any(target.iterdir()):
+        raise FileExistsError(f"{target}: the folder is not empty; nothing is overwritten")
+    if not target.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: no such folder")
+    partial = target.absolute().parent / f".{target.name}.{secrets.token_hex(4)}.partial"
+    partial.mkdir()
+    try:
+        yield partial
+        if target.exists():
+            target.rmdir()  # empty, as checked; some systems do not rename over a folder
+        partial.rename(target)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def indexed_folder(
+    dataset: Dataset,
+    folder: str | os.PathLike[str],
+    suffix: str,
+    write: Callable[[Recording, Path], None],
+    progress: ProgressCallback | None = None,
+) -> Path:
+    """Write a file per recording into ``label/``, with an ``index.csv`` and the history beside them.
+
+    File names are made from the labels with unsafe characters replaced; the labels themselves stand in the index.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    folder : str or path
+        See `new_folder`.
+    suffix : str
+        Ending of the files, with the point.
+    write : callable
+        Writes the samples of one recording to a path that does not exist yet.
+    progress : callable, optional
+        See ``ProgressCallback``.
+    """
+    digits = len(str(len(dataset)))
+    with new_folder(folder) as partial:
+        with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
+            index = csv.writer(file, lineterminator="\n")
+            index.writerow(INDEX_COLUMNS)
+            for number, recording in enumerate(dataset, start=1):
+                part = _safe_name(recording.label)
+                (partial / part).mkdir(exist_ok=True)
+                name = f"{part}/{part}_{number:0{digits}d}{suffix}"
+                write(recording, partial / name)
+                index.writerow(_index_row(name, recording))
+                if progress is not None:
+                    progress(number, len(dataset), name)
+        if dataset.history:
+            (partial / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
+    return Path(folder)
+
+
+def _index_row(file: str, recording: Recording) -> list[str]:
+    return [
+        file,
+        recording.label or "",
+        recording.session or "",
+        "" if recording.start_time is None else repr(recording.start_time),
+        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
+        "" if recording.trigger_index is None else str(recording.trigger_index),
+        recording.name,
+        json.dumps(thaw(recording.meta), ensure_ascii=False) if recording.meta else "",
+    ]
+
+
+def _safe_name(label: str | None) -> str:
+    """Make a file name of a label that no system takes for anything else; it need not be unique."""
+    if label is None:
+        return "unlabelled"
+    name = _UNSAFE.sub("_", label)[:_LONGEST].strip("._-") or "label"
+    return f"label_{name}" if _RESERVED.fullmatch(name) else name
+
+
+def refuse_other_axes(dataset: Dataset, what: str) -> None:
+    """Raise where a recording has other axes than the six of a wrench, which is all that a format can hold."""
+    other = next((recording for recording in dataset if recording.axes != AXES), None)
+    if other is not None:
+        raise ValueError(
+            f"recording {other.name!r} has the axes {' '.join(other.axes)}; {what} holds {' '.join(AXES)} only"
+        )

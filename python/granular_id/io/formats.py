@@ -1,0 +1,97 @@
+"""The table of file formats: how each is recognised, read and written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from granular_id.io.csv_file import read_csv
+from granular_id.io.csv_save import save_csv
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileContent, FileSource
+
+__all__ = ["FORMATS", "FileFormat", "format_called", "format_of", "writer"]
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A way of keeping recordings.
+
+    Attributes
+    ----------
+    name : str
+        What ``format=`` and ``--to`` call it.
+    what : str
+        For people, with its endings.
+    suffixes : tuple of str
+        Endings of its files, lower case, with the point; empty for formats that are folders.
+    read : callable
+        From a source to its content.
+    save : callable or None
+        ``save(dataset, path)``; None: it is only read.
+    saves_folder : bool
+        Whether what `save` writes is a folder.
+    knows_labels : bool
+        Whether a file may say itself which material it holds; otherwise the name of file or folder must.
+    is_folder : callable or None
+        Tells whether a folder is a file of this format; None: never.
+    """
+
+    name: str
+    what: str
+    suffixes: tuple[str, ...]
+    read: Callable[[FileSource, LoadOptions], FileContent]
+    save: Callable[..., Path] | None = None
+    saves_folder: bool = False
+    knows_labels: bool = True
+    is_folder: Callable[[Path], bool] | None = None
+
+    def recognises(self, path: Path) -> bool:
+        """Tell whether a path looks like this format: a file by its ending, a folder by what lies in it."""
+        # os.path.isdir says False of what cannot be a path at all, where Path.is_dir raises
+        if os.path.isdir(path):  # noqa: PTH112
+            return self.is_folder is not None and self.is_folder(path)
+        return path.suffix.lower() in self.suffixes
+
+
+FORMATS = (
+    FileFormat("csv", "CSV (*.csv)", (".csv",), read_csv, save_csv, saves_folder=True, knows_labels=False),
+)
+"""All formats, asked in this order."""
+
+
+def format_of(path: Path) -> FileFormat | None:
+    """Return the format that a path looks like, if any does."""
+    return next((known for known in FORMATS if known.recognises(path)), None)
+
+
+def format_called(name: str) -> FileFormat:
+    """Return the format of a name; ValueError listing all names when there is none."""
+    found = next((known for known in FORMATS if known.name == name), None)
+    if found is None:
+        raise ValueError(f"format={name!r}; wanted one of {', '.join(known.name for known in FORMATS)}")
+    return found
+
+
+def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
+    """Return the function that writes a format, named or told by the ending of the path.
+
+    Raises
+    ------
+    ValueError
+        No such format, one that is only read, or an ending that says nothing.
+    """
+    writable = ", ".join(known.name for known in FORMATS if known.save is not None)
+    suffix = Path(path).suffix.lower()
+    by_ending = next((known for known in FORMATS if suffix and suffix in known.suffixes), None)
+    chosen = by_ending if name is None else format_called(name)
+    if chosen is None:
+        raise ValueError(
+            f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or an "
+            "ending like .npz"
+        )
+    if chosen.save is None:
+        raise ValueError(f"{chosen.what} can only be read; what can be written: {writable}")
+    return chosen.save

@@ -1,0 +1,114 @@
+"""What goes into a reader and what comes out: ``FileSource`` and ``FileContent``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from granular_id.io.errors import RecordingFileError
+from granular_id.recording import Recording, StepReport
+from granular_id.recording._values import checked_text, freeze, thaw
+
+__all__ = ["FileContent", "FileSource", "completed"]
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """A file (or a folder that is one recording) to read, and what is known about it from outside.
+
+    Attributes
+    ----------
+    path : Path
+    root : Path
+        Nothing outside this folder is opened, whatever links say.
+    name : str
+        How reports call the recording: the path within the folder, or what index.csv says.
+    label, session, start_time, trigger_index, meta
+        Stated by index.csv; they win over what the file says.
+    folder_label, folder_session : str or None
+        From the names of folders and files; used where the file says nothing itself.
+    rate_hz : float or None
+        A rate stated for this file; the one in the options otherwise.
+    irregular : bool
+        Keep the stamps even where they lie on an even grid, and whatever rate the options state.
+    """
+
+    path: Path
+    root: Path
+    name: str
+    label: str | None = None
+    session: str | None = None
+    start_time: float | None = None
+    trigger_index: int | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    folder_label: str | None = None
+    folder_session: str | None = None
+    rate_hz: float | None = None
+    irregular: bool = False
+
+    @classmethod
+    def alone(cls, path: Path) -> FileSource:
+        """Return the source of a single file that nothing is known about."""
+        return cls(path, path.resolve().parent, path.name)
+
+
+@dataclass
+class FileContent:
+    """What a reader found in a file.
+
+    Attributes
+    ----------
+    recordings : sequence of Recording
+        At least one.
+    rows : list of mappings
+        Remarks on single recordings, the first key being ``"name"``.
+    notes : list of str
+        What a user should know about the whole: what was guessed, which topic was chosen.
+    history : sequence of StepReport
+        Steps that were stored in the file.
+    """
+
+    recordings: Sequence[Recording]
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    history: Sequence[StepReport] = ()
+
+
+def completed(content: FileContent, source: FileSource) -> FileContent:
+    """Put onto the recordings of a file what is known about it from outside.
+
+    Raises
+    ------
+    RecordingFileError
+        A label or session from a folder's name that cannot be one, or a start time or trigger stated for a file of
+        many recordings.
+    """
+    if len(content.recordings) > 1 and (source.start_time is not None or source.trigger_index is not None):
+        problem = (
+            f"start_time and trigger_index are stated for a file of {len(content.recordings)} recordings"
+        )
+        raise RecordingFileError(source.path, f"{problem}; wanted in the file itself")
+    try:
+        known = {
+            name: checked_text(text, name, spaced=False)
+            for name in ("label", "session", "folder_label", "folder_session")
+            if (text := getattr(source, name)) is not None
+        }
+        meta = freeze(source.meta, "meta")
+    except (TypeError, ValueError) as error:
+        raise RecordingFileError(source.path, str(error)) from error
+    if known or meta:
+        content.recordings = [_with(recording, known, meta) for recording in content.recordings]
+    return content
+
+
+def _with(recording: Recording, known: Mapping[str, str], meta: Mapping[str, Any]) -> Recording:
+    changed: dict[str, Any] = {
+        name: known.get(name) or getattr(recording, name) or known.get(f"folder_{name}")
+        for name in ("label", "session")
+    }
+    if meta:
+        changed["meta"] = freeze({**thaw(recording.meta), **thaw(meta)}, "meta")
+    return Recording._trusted(**{**vars(recording), **changed})

@@ -1,0 +1,191 @@
+"""From samples and their time stamps to a ``Recording``: the one place that decides what the clock means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileSource
+from granular_id.recording import Recording, SampleFlag
+from granular_id.recording.timing import (
+    STATED_TOLERANCE,
+    RepairedTime,
+    largest_offset,
+    repair_time,
+    uniform_rate,
+)
+
+__all__ = ["Locate", "stamped_recording"]
+
+Locate = Callable[[int | None], dict[str, Any]]
+"""From a sample (None: the file as a whole) to the place that an error names: ``line=``, ``column=``, ``place=``."""
+
+_SINCE_1970 = 1e8
+"""Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
+
+_NOT_SECONDS = 1e11
+"""Stamps above this (the year 5138) count milliseconds or less since 1970."""
+
+
+@dataclass
+class _Samples:
+    wrench: NDArray[np.float64]
+    flags: NDArray[np.uint8] | None
+    stamps: NDArray[np.float64] | None
+    trigger: int | None
+
+
+def stamped_recording(
+    wrench: NDArray[np.float64],
+    source: FileSource,
+    options: LoadOptions,
+    *,
+    stamps: NDArray[np.float64] | None = None,
+    start_time: float | None = None,
+    flags: NDArray[np.uint8] | None = None,
+    trigger: int | None = None,
+    axes: tuple[str, ...] = (),
+    meta: Mapping[str, Any] | None = None,
+    locate: Locate | None = None,
+    clock: str = "time",
+) -> tuple[Recording, dict[str, Any]]:
+    """Make a recording of samples and, where there are any, their stamps.
+
+    Parameters
+    ----------
+    wrench : ndarray, shape (T, C)
+    source, options
+        What is known from outside; a start time, trigger or rate of the source comes first.
+    stamps : ndarray, shape (T,), optional
+        Seconds, of any origin; above 1e8 they are taken as seconds since 1970.
+    start_time : float, optional
+        Time of the first sample, seconds since 1970, where `stamps` do not carry it.
+    flags : ndarray of uint8, shape (T,), optional
+    trigger : int, optional
+        Sample at which the motion began, in the order of `wrench`.
+    axes, meta
+        As in :class:`Recording`.
+    locate : callable, optional
+        See `Locate`.
+    clock : str
+        How errors call the stamps: ``"time column"``, ``"header.stamp"``.
+
+    Returns
+    -------
+    recording : Recording
+        Uniform when its stamps are (see ``timing.uniform_rate``), irregular otherwise; without label and session.
+    remarks : dict
+        What a reader should know: repaired stamps, a clock that does not begin at 0.
+
+    Raises
+    ------
+    RecordingFileError
+        Stamps that run backwards or repeat (unless they are to be repaired), do not fit the stated rate or are no
+        seconds; no stamps and no rate; samples that are not finite.
+    """
+    where: Locate = locate or (lambda _: {})
+    remarks: dict[str, Any] = {}
+    first_trigger = source.trigger_index if source.trigger_index is not None else trigger
+    samples = _Samples(wrench, flags, stamps, first_trigger)
+    if stamps is not None:
+        _order_time(samples, source, where, options, remarks)
+    rate_hz, time_s, since_1970 = _clock(samples, source, where, options, remarks, clock)
+    known = (source.start_time, start_time, since_1970)
+    try:
+        recording = Recording(
+            samples.wrench,
+            rate_hz=rate_hz,
+            start_time=next((time for time in known if time is not None), None),
+            trigger_index=samples.trigger,
+            time_s=time_s,
+            meta=meta or {},
+            flags=samples.flags,
+            name=source.name,
+            axes=axes,
+        )
+    except (TypeError, ValueError) as error:
+        raise RecordingFileError(source.path, str(error)) from error
+    return recording, remarks
+
+
+def _order_time(
+    samples: _Samples, source: FileSource, where: Locate, options: LoadOptions, remarks: dict[str, Any]
+) -> None:
+    """Make sure that stamps ascend: refuse the first one that does not, or repair them all if asked to."""
+    stamps = samples.stamps
+    assert stamps is not None
+    if abs(stamps[0]) > _NOT_SECONDS:
+        problem = (
+            f"{stamps[0]:.6g} cannot be seconds since 1970 (milliseconds or nanoseconds?); wanted seconds"
+        )
+        raise RecordingFileError(source.path, problem, **where(0))
+    wrong = np.flatnonzero(stamps[1:] <= stamps[:-1])
+    if not len(wrong):
+        return
+    first = int(wrong[0])
+    before, after = float(stamps[first]), float(stamps[first + 1])
+    if options.on_time_error == "raise":
+        what = f"time runs back from {before!r} to {after!r}"
+        if after == before:
+            what = f"the stamp {after!r} is repeated"
+        problem = f"{what}; on_time_error='repair' sorts samples and averages those that share a stamp"
+        raise RecordingFileError(source.path, problem, **where(first + 1))
+    repaired = repair_time(stamps, samples.wrench)
+    remarks.update(moved=repaired.n_moved, merged=repaired.n_merged)
+    if samples.trigger is not None and samples.trigger < len(stamps):
+        samples.trigger = int(np.searchsorted(repaired.stamps, stamps[samples.trigger]))
+    samples.flags = _repaired_flags(samples.flags, repaired)
+    samples.wrench, samples.stamps = repaired.values, repaired.stamps
+
+
+def _repaired_flags(flags: NDArray[np.uint8] | None, repaired: RepairedTime) -> NDArray[np.uint8]:
+    marks: NDArray[np.uint8] = repaired.touched.astype(np.uint8) * np.uint8(SampleFlag.TIME_REPAIRED)
+    if flags is not None:
+        marks |= np.bitwise_or.reduceat(flags[repaired.order], repaired.first)
+    return marks
+
+
+def _clock(
+    samples: _Samples,
+    source: FileSource,
+    where: Locate,
+    options: LoadOptions,
+    remarks: dict[str, Any],
+    clock: str,
+) -> tuple[float | None, NDArray[np.float64] | None, float | None]:
+    """Return rate_hz, time_s (one of the two is None) and the time of the first sample since 1970."""
+    stated = options.rate_hz if source.rate_hz is None else source.rate_hz
+    stamps = samples.stamps
+    if stamps is None and source.irregular:
+        raise RecordingFileError(source.path, f"has no {clock}, but is called irregular", **where(None))
+    if stamps is None:
+        if stated is None:
+            problem = f"has no {clock} and no rate is stated; pass rate_hz=, or a rate_hz column in index.csv"
+            raise RecordingFileError(source.path, problem, **where(None))
+        return stated, None, None
+    first = float(stamps[0])
+    time_s = stamps - first
+    if not time_s[-1] < np.inf:
+        raise RecordingFileError(source.path, f"the stamps span {time_s[-1]:g} s", **where(len(stamps) - 1))
+    since_1970 = first if first > _SINCE_1970 else None
+    if since_1970 is None and first:
+        remarks["first_stamp_s"] = first
+    if source.irregular:
+        return None, time_s, since_1970
+    if stated is not None:
+        offset = largest_offset(time_s, stated)
+        if offset > STATED_TOLERANCE / stated:
+            problem = (
+                f"the stated rate of {stated:g} Hz does not fit the stamps (off by up to {offset:.3g} s); "
+                "leave the rate out to use the stamps, then call .resample(rate_hz)"
+            )
+            raise RecordingFileError(source.path, problem, **where(None))
+        return stated, None, since_1970
+    rate = uniform_rate(time_s, resolution_s=float(np.spacing(np.abs(stamps).max())))
+    return (None, time_s, since_1970) if rate is None else (rate, None, since_1970)
