@@ -115,6 +115,16 @@ class GuardedFile:
         """Tell a group from a dataset."""
         return isinstance(item, self._h5py.Group)
 
+    def attribute_names(self, item: Any, place: str) -> list[str]:
+        """Return the names of all attributes."""
+        with translated(self.expansion, place):
+            return list(item.attrs)
+
+    def address(self, item: Any, place: str) -> Any:
+        """Return what tells whether two references lead to the same group or dataset."""
+        with translated(self.expansion, place):
+            return self._h5py.h5o.get_info(item.id).addr
+
     def attribute(self, item: Any, name: str, place: str) -> Any:
         """Return the value of a small attribute (text as str), None where there is none."""
         with translated(self.expansion, place):
