@@ -21,12 +21,12 @@ from granular_id.recording.timing import (
     uniform_rate,
 )
 
-__all__ = ["Locate", "stamped_recording"]
+__all__ = ["SINCE_1970", "Locate", "stamped_recording"]
 
 Locate = Callable[[int | None], dict[str, Any]]
 """From a sample (None: the file as a whole) to the place that an error names: ``line=``, ``column=``, ``place=``."""
 
-_SINCE_1970 = 1e8
+SINCE_1970 = 1e8
 """Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
 
 _NOT_SECONDS = 1e11
@@ -173,7 +173,7 @@ def _clock(
     time_s = stamps - first
     if not time_s[-1] < np.inf:
         raise RecordingFileError(source.path, f"the stamps span {time_s[-1]:g} s", **where(len(stamps) - 1))
-    since_1970 = first if first > _SINCE_1970 else None
+    since_1970 = first if first > SINCE_1970 else None
     if since_1970 is None and first:
         remarks["first_stamp_s"] = first
     if source.irregular:
