@@ -47,10 +47,18 @@ BAD = {
     "bare carriage returns": (GOOD.replace(b"\n", b"\r"), 1, None, "bare carriage return"),
     "carriage return in a line": (HEADER + b"0.00,1,2,3,4,5,6\r7\n", 2, "tz", "is not a plain"),
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None, "column 'tz' is missing"),
-    "doubled column": (b"time,fx,fy,fz,tx,ty,tz,FX\n", 1, "8", "column 'fx' occurs twice"),
-    "two times": (b"time,timestamp,fx,fy,fz,tx,ty,tz\n", 1, None, "both a time and a timestamp"),
-    "units": (b"time,fx [N],fy,fz,tx,ty,tz\n", 1, "2", "unknown column 'fx [n]'"),
-    "milliseconds in the name": (b"time_ms,fx,fy,fz,tx,ty,tz\n", 1, "1", "unknown column 'time_ms'"),
+    "doubled column": (b"time,fx,fy,fz,tx,ty,tz,FX\n", 1, "8", "column 'FX' occurs twice"),
+    "two times": (b"time,timestamp,fx,fy,fz,tx,ty,tz\n", 1, "2", "'time' and 'timestamp' both mean time"),
+    "two names of an axis": (b"time,fx,fy,fz,tx,ty,tz,Mx\n", 1, "8", "'tx' and 'Mx' both mean tx"),
+    "millinewton": (
+        b"time,fx [mN],fy,fz,tx,ty,tz\n",
+        1,
+        "2",
+        "the unit of column 'fx [mN]' is 'mN'; wanted N",
+    ),
+    "newton millimetre": (b"fx,fy,fz,tx_Nmm,ty,tz\n", 1, "4", "'tx_Nmm' is 'Nmm'; wanted N m"),
+    "milliseconds in the name": (b"time_ms,fx,fy,fz,tx,ty,tz\n", 1, "1", "'time_ms' is 'ms'; wanted s"),
+    "time or torque": (b"T,fx,fy,fz,tx,ty,tz\n", 1, "1", "'T' may be time, torque or temperature"),
     "other column": (b"time,fx,fy,fz,tx,ty,tz,temp\n", 1, "8", "unknown column 'temp'"),
     "commented header": (b"# " + GOOD, 1, "1", "unknown column '# time'"),
     "too few cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5\n", 3, None, "6 cells; wanted 7"),
@@ -96,7 +104,7 @@ BAD = {
         "16 is not a sum",
     ),
     "flags with a fraction": (b"time,fx,fy,fz,tx,ty,tz,flags\n0,1,2,3,4,5,6,0.5\n", 2, "flags", "0.5 is not"),
-    "html": (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", 1, "1", "unknown column '<!doctype html>'"),
+    "html": (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", 1, "1", "unknown column '<!DOCTYPE html>'"),
 }
 
 

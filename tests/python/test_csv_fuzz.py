@@ -126,7 +126,7 @@ def test_tables_agree_with_a_slow_twin(rows, line_end, last):
     values, error = outcome(parse_numbers, text.encode(), 0, ["a", "b"], "x.csv")
     if place is None:
         assert error is None
-        assert values.shape == (len(rows), 2)
+        assert values.shape == (len(expected) // 2, 2)
         assert values.tobytes() == expected.tobytes()
     else:
         assert (error.line, error.column) == place

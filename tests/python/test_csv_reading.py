@@ -108,6 +108,27 @@ def test_columns_in_any_order_and_case_with_blanks_quotes_bom_and_crlf(tmp_path)
     assert recording.rate_hz == 2
 
 
+@pytest.mark.parametrize(
+    ("header", "note"),
+    [
+        ("TIMESTAMP,Fx,Fy,Fz,Tx,Ty,Tz", None),
+        (
+            "t,Fx [N],Fy [N],Fz [N],Mx [Nm],My [Nm],Mz [Nm]",
+            "columns 't', 'Fx [N]', 'Fy [N]', 'Fz [N]', 'Mx [Nm]', 'My [Nm]', 'Mz [Nm]' "
+            "taken as time, fx, fy, fz, tx, ty, tz",
+        ),
+        ("time_s,force_x,fy,fz,tx,ty,tz", "columns 'time_s', 'force_x' taken as time, fx"),
+    ],
+)
+def test_other_names_of_columns_are_noted(tmp_path, header, note):
+    for i in range(2):
+        (tmp_path / f"a_{i}.csv").write_text(f"{header}\n0,1,2,3,4,5,6\n0.01,1,2,3,4,5,6\n")
+    data = load(tmp_path)
+    assert data[0].wrench[0].tolist() == [1, 2, 3, 4, 5, 6]
+    assert data[0].rate_hz == 100
+    assert list(data.history[-1].notes) == ([] if note is None else [f"{note} (2 files)"])
+
+
 def test_numbers_are_read_as_python_reads_them(tmp_path):
     texts = ["0.1", "-0.0", "5e-324", "1.7976931348623157e308", "123456789.123456789123456789", "1e-999"]
     file = tmp_path / "a_1.csv"

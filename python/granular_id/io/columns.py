@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from granular_id.recording import AXES
 
@@ -174,6 +175,7 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
     return found
 
 
+@lru_cache(maxsize=1024)  # every file of a folder has the same header
 def _meaning(name: str) -> _Meaning:
     text = name.strip()
     if text == "T" or len(text) > _LONGEST:

@@ -17,7 +17,7 @@ _NUMBER = re.compile(r"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+
 
 
 def split_header(data: bytes, path: str | PathLike[str]) -> tuple[list[str], int]:
-    """Return the cells of line 1 (lower case, without blanks and quotes) and where line 2 begins.
+    """Return the cells of line 1 (without blanks and quotes around them) and where line 2 begins.
 
     Raises
     ------
@@ -85,4 +85,4 @@ def plain_number(text: str) -> float | None:
 def _plain(cell: str) -> str:
     cell = cell.strip()
     quoted = len(cell) > 1 and cell[0] == cell[-1] == '"'
-    return (cell[1:-1] if quoted else cell).strip().lower()
+    return (cell[1:-1] if quoted else cell).strip()

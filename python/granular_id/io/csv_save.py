@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._core import write_number_table
 from granular_id._progress import ProgressCallback
-from granular_id.io.csv_file import FLAGS_NAME
+from granular_id.io.columns import FLAGS, TIME
 from granular_id.io.folder_save import checked_dataset, indexed_folder, refuse_other_axes
 from granular_id.recording import AXES, Dataset, Recording
 
@@ -60,10 +64,11 @@ def save_csv(
 
 
 def _write(recording: Recording, path: Path) -> None:
-    header = ["time", *AXES]
-    columns = [recording.times().tolist(), *recording.wrench.T.tolist()]
+    header = [TIME, *AXES]
+    columns: list[NDArray[np.float64] | NDArray[np.uint8]] = [recording.times(), *recording.wrench.T]
     if recording.flags is not None:
-        header.append(FLAGS_NAME)
-        columns.append(recording.flags.tolist())
-    rows = (",".join(map(repr, row)) for row in zip(*columns, strict=True))
-    path.write_text("\n".join([",".join(header), *rows, ""]), encoding="ascii", newline="\n")
+        header.append(FLAGS)
+        columns.append(recording.flags)
+    with path.open("wb") as file:
+        file.write(",".join(header).encode("ascii") + b"\n")
+        file.write(write_number_table(columns))

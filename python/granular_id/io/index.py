@@ -60,7 +60,8 @@ def read_index(
     """
     path = root / INDEX_NAME
     data = read_text_bounded(path, root, max_bytes)
-    columns, start = split_header(data, path)
+    header, start = split_header(data, path)
+    columns = [column.lower() for column in header]
     for i, column in enumerate(columns):
         if not column or not column.isprintable() or column in columns[:i]:
             problem = (
