@@ -53,6 +53,7 @@ def test_real_numbers_of_other_types_are_converted():
         wrench=flat.wrench.astype(">f4"),
         n_samples=flat.n_samples.astype(np.uint8),
         rate_hz=np.array([500, 500], np.int16),
+        time_s=None,
         flags=np.ones(5, np.int32),
     )
     read = unflatten(other, PATH, SOURCE).recordings

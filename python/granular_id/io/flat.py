@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +116,7 @@ def flatten(dataset: Dataset) -> FlatRecordings:
         )
     return FlatRecordings(
         axes=dataset.axes,
-        wrench=np.concatenate([r.wrench for r in recordings]),
+        wrench=joined([r.wrench for r in recordings]),
         n_samples=np.array([r.n_samples for r in recordings], np.int64),
         rate_hz=_floats(r.rate_hz for r in recordings),
         start_time=_floats(r.start_time for r in recordings),
@@ -131,7 +131,7 @@ def flatten(dataset: Dataset) -> FlatRecordings:
     )
 
 
-def unflatten(flat: FlatRecordings, path: Path, source: FileSource) -> FileContent:
+def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: bool = False) -> FileContent:
     """Check flat columns that came from a file, and make recordings of them.
 
     The recordings are views of ``flat.wrench``, ``flat.time_s`` and ``flat.flags``, which become read-only.
@@ -143,7 +143,10 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource) -> FileConte
     path : Path
         The file that errors name.
     source : FileSource
-        Names recordings that have none: ``source.name[i]``.
+        Names recordings that have none: ``source.name``, or ``source.name[i]`` where there are several. A start time or
+        trigger stated for a single recording comes first.
+    finite : bool
+        Whether the samples were already found to be finite.
 
     Returns
     -------
@@ -155,14 +158,14 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource) -> FileConte
         The first thing that does not fit, naming the column and the recording.
     """
     try:
-        recordings = _recordings(flat, source.name)
+        recordings = _recordings(_stated(flat, source), source.name, finite)
         history = checked_history(flat.history_json)
     except (TypeError, ValueError) as error:
         raise RecordingFileError(path, str(error)) from error
     return FileContent(recordings=recordings, rows=[], notes=[], history=history)
 
 
-def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
+def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Recording]:
     wrench = as_floats(flat.wrench, "wrench", "a real array of shape (N, C)")
     if wrench.ndim != 2 or not wrench.size:
         raise ValueError(
@@ -172,9 +175,13 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
     lengths = checked_lengths(flat.n_samples, len(wrench))
     n = len(lengths)
     names = checked_texts(flat.name, "name", n, empty=True)
-    named = [f"{source_name}[{i}]" if name is None else name for i, name in enumerate(names)]
+    named = [
+        (source_name if n == 1 else f"{source_name}[{i}]") if name is None else name
+        for i, name in enumerate(names)
+    ]
     rows = Rows(named, lengths)
-    rows.refuse_samples(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
+    if not finite:
+        rows.refuse_samples(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
     rates = checked_rates(flat.rate_hz, rows)
     irregular = np.array([rate is None for rate in rates])
     times = checked_times(flat.time_s, irregular, rows)
@@ -206,3 +213,40 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
 
 def _floats(values: Iterable[float | None]) -> FloatArray:
     return np.array([np.nan if value is None else value for value in values], np.float64)
+
+
+def _stated(flat: FlatRecordings, source: FileSource) -> FlatRecordings:
+    """Put in place of what a file of one recording says what is stated from outside."""
+    stated: dict[str, Any] = {
+        name: np.array([getattr(source, name)])
+        for name in ("start_time", "trigger_index")
+        if getattr(source, name) is not None
+    }
+    return replace(flat, **stated) if stated and len(flat.n_samples) == 1 else flat
+
+
+def joined(parts: Sequence[FloatArray]) -> FloatArray:
+    """Put arrays (T, C) one below the other: without a copy where they lie so in memory already.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.io.flat import joined
+    >>> block = np.zeros((2, 1600, 6))
+    >>> np.shares_memory(joined(list(block)), block)
+    True
+    """
+    base = parts[0].base
+    total = sum(part.nbytes for part in parts)
+    if not isinstance(base, np.ndarray) or base.nbytes != total or not base.flags.c_contiguous:
+        return np.concatenate(parts)
+    address = base.__array_interface__["data"][0]
+    for part in parts:
+        if (
+            part.base is not base
+            or not part.flags.c_contiguous
+            or part.__array_interface__["data"][0] != address
+        ):
+            return np.concatenate(parts)
+        address += part.nbytes
+    return base.reshape(-1, parts[0].shape[1])

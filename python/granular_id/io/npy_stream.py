@@ -1,0 +1,120 @@
+"""One array in numpy's file format, read from a stream: what its header asks for is checked before allocating."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.errors import RecordingFileError
+
+_CHUNK_BYTES = 4 * 1024 * 1024
+"""Bytes read at once: what is decompressed and copied stays small beside the array."""
+
+_MAX_HEADER_BYTES = 10_000
+"""Longest header that is parsed, as numpy's own default."""
+
+_MAX_AXES = 32
+"""As numpy 1.26 has it."""
+
+_MAX_EXTENT = 2**60
+"""Bytes that no array has."""
+
+
+@dataclass(frozen=True)
+class ArrayHeader:
+    """What the header of an array says.
+
+    Attributes
+    ----------
+    shape : tuple of int
+    dtype : numpy.dtype
+        Holds no Python objects.
+    fortran_order : bool
+        Whether the first index varies fastest.
+    n_bytes : int
+        Bytes of the values that follow.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fortran_order: bool
+    n_bytes: int
+
+
+def read_header(stream: IO[bytes], n_bytes: int, path: Path, place: str | None = None) -> ArrayHeader:
+    """Read the header of an array and compare it with the bytes that are there.
+
+    Parameters
+    ----------
+    stream : binary stream
+        At its first byte; left at the first value.
+    n_bytes : int
+        Bytes of the stream in all, header included.
+    path, place
+        What errors name.
+
+    Raises
+    ------
+    RecordingFileError
+        No array, an array of Python objects (they could run code), or one that needs more or fewer bytes.
+    """
+    try:
+        version = np.lib.format.read_magic(stream)
+        # version 3.0 differs from 2.0 in the encoding of field names only
+        read = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
+        shape, fortran_order, dtype = read(stream, max_header_size=_MAX_HEADER_BYTES)
+    except OSError:
+        raise
+    except Exception as error:  # the header is Python text: parsing what is none raises errors of many kinds
+        problem = (
+            f"is no array in numpy's format: {str(error).splitlines()[0][:200] if str(error) else 'cut off'}"
+        )
+        raise RecordingFileError(path, problem, place=place) from error
+    if dtype.hasobject:
+        problem = "holds Python objects (pickled), which could run code; wanted an array of numbers or text"
+        raise RecordingFileError(path, problem, place=place)
+    extent = math.prod(max(1, length) for length in shape)  # numpy counts those of empty arrays too
+    impossible = any(length < 0 for length in shape) or len(shape) > _MAX_AXES or not dtype.itemsize
+    if impossible or extent * dtype.itemsize >= _MAX_EXTENT:
+        raise RecordingFileError(
+            path, f"is an impossible array: shape {_short(shape)} of {dtype}", place=place
+        )
+    wanted, there = math.prod(shape) * dtype.itemsize, n_bytes - stream.tell()
+    if wanted != there:
+        problem = f"shape {_short(shape)} of {dtype} needs {wanted} bytes, but there are {there}"
+        raise RecordingFileError(path, problem, place=place)
+    return ArrayHeader(shape, dtype, fortran_order, wanted)
+
+
+def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str | None = None) -> NDArray[Any]:
+    """Read the values that follow a header, in pieces, into one array.
+
+    Raises
+    ------
+    RecordingFileError
+        The stream ends before they do.
+    """
+    values = np.empty(math.prod(header.shape), header.dtype)
+    buffer = memoryview(values.view(np.uint8)) if values.size else memoryview(bytearray())
+    done = 0
+    while done < header.n_bytes:
+        count = stream.readinto(buffer[done : done + _CHUNK_BYTES])  # type: ignore[attr-defined]
+        if not count:
+            problem = f"is cut off: {done} of {header.n_bytes} bytes are there"
+            raise RecordingFileError(path, problem, place=place)
+        done += count
+    if header.fortran_order:
+        return values.reshape(header.shape[::-1]).transpose()
+    return values.reshape(header.shape)
+
+
+def _short(shape: tuple[int, ...]) -> str:
+    text = str(shape)
+    return text if len(text) < 60 else f"{text[:50]} ... ({len(shape)} axes)"
