@@ -8,7 +8,7 @@ import pytest
 
 from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved
 from granular_id.cli.errors import in_options
-from granular_id.cli.prepare import Preparation, prepare
+from granular_id.cli.prepare import refuse_unequal
 from granular_id.recording import Dataset, Recording
 
 
@@ -182,7 +182,7 @@ def test_demo_checks_its_options_too(tmp_path, words, message):
 def test_a_file_and_an_index_without_labels_are_told(tmp_path):
     file = tmp_path / "x.csv"
     file.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n", encoding="utf-8")
-    assert f"{file} is a file; wanted a folder of recordings" in refused("evaluate", file)
+    assert f"{file}: no recording has a label" in refused("evaluate", file)
     (tmp_path / "index.csv").write_text("file,material\nx.csv,rice\n", encoding="utf-8")
     line = refused("evaluate", tmp_path)
     assert line.endswith(f"{tmp_path}: index.csv has no column label (found: file, material)")
@@ -258,11 +258,10 @@ def test_recordings_of_one_sample_are_refused(tmp_path):
 def test_rates_that_differ_are_refused_with_the_lowest_proposed():
     slow = Recording(np.zeros((9, 6)), rate_hz=50.0, label="a", name="slow")
     fast = Recording(np.zeros((9, 6)), rate_hz=500.0, label="a", name="fast")
-    plain = Preparation(rate_hz=None, max_gap_s=0.25, duration_s=None, n_samples=None)
     with pytest.raises(
         ValueError, match="sampled at 50 to 500 Hz; nothing is resampled unasked: add --rate-hz 50"
     ):
-        prepare(Dataset([slow, fast]), plain, print)
+        refuse_unequal(Dataset([slow, fast]))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from granular_id import _core
+from granular_id.cli.data import data
 from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
@@ -29,6 +30,7 @@ app.command()(select)
 app.command()(explain)
 app.command()(report)
 app.command()(demo)
+app.add_typer(data, name="data")
 
 
 def _version(asked: bool) -> None:

@@ -21,6 +21,10 @@ BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
 
 OPTIONS = {
     "rate_hz": "--rate-hz",
+    "format": "--to",
+    "topic": "--topic",
+    "lead_s": "--lead-s",
+    "sensor_range": "--sensor-range",
     "max_gap_s": "--max-gap-s",
     "on_gap": "--on-gap",
     "on_short": "--on-short",

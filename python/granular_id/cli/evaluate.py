@@ -9,7 +9,8 @@ from typing import Annotated
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Weights
-from granular_id.cli.recordings import Source
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Outputs, Run, evaluate_and_show
 from granular_id.cli.settings import at_least, chosen_spaces, positive
 
@@ -56,9 +57,10 @@ SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
 
 
 @guarded
-@taking(Source, Method)
+@taking(Reading, Steps, Method)
 def evaluate(
-    source: Source,
+    reading: Reading,
+    steps: Steps,
     method: Method,
     *,
     protocol: Annotated[
@@ -106,11 +108,11 @@ def evaluate(
         ("--seed", seed, 0),
     ):
         at_least(name, count, least)
-    method.fits(source.preparation.rate_hz)
+    method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
     outputs = Outputs(report=report, json=json, csv=csv, figures=figures)
     with outputs.ready():
-        data = source.load(quiet=quiet)
+        data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
         from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415

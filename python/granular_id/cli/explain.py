@@ -13,7 +13,8 @@ from rich.text import Text
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Weights
-from granular_id.cli.recordings import Source
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
 from granular_id.cli.settings import known_spaces, positive
 
@@ -40,9 +41,10 @@ OUTPUT = "Output"
 
 
 @guarded
-@taking(Source, Method)
+@taking(Reading, Steps, Method)
 def explain(
-    source: Source,
+    reading: Reading,
+    steps: Steps,
     method: Method,
     first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
     second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
@@ -56,14 +58,14 @@ def explain(
 ) -> None:
     """Print what decides between two materials; see `TEXT`."""
     positive("--C", c)
-    method.fits(source.preparation.rate_hz)
+    method.fits(steps.preparation.rate_hz)
     known_spaces(space)
     check_targets(figure, json)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
         file_format(figure)
-    data = source.load(quiet=quiet)
+    data = equal_recordings(reading, steps, quiet=quiet)
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:
             raise ValueError(

@@ -11,9 +11,9 @@ import typer
 __all__ = ["option", "taking"]
 
 
-def option(name: str, panel: str, text: str) -> Any:
-    """Return an option with its help in one of the panels of ``--help``."""
-    return typer.Option(name, help=text, rich_help_panel=panel)
+def option(names: str, panel: str, text: str) -> Any:
+    """Return an option, its names separated by blanks, with its help in one of the panels of ``--help``."""
+    return typer.Option(*names.split(), help=text, rich_help_panel=panel)
 
 
 def taking(*groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -12,7 +12,7 @@ from granular_id.cli.sentences import excluded_text, skipped_text
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport
 
-__all__ = ["Preparation", "prepare"]
+__all__ = ["Preparation", "prepare", "refuse_unequal"]
 
 Choice = Literal["raise", "skip"]
 
@@ -27,6 +27,10 @@ class Preparation:
         Resample to this rate, Hz.
     max_gap_s : float
         Longest gap that resampling may fill, s; infinity for no limit.
+    begin_at : {"first", "trigger", "onset"}
+        Where cropping begins: the first sample, the stored trigger, the onset of motion found in the forces.
+    lead_s : float
+        Seconds kept ahead of trigger or onset.
     duration_s, n_samples : float or None, int, "shortest" or None
         Common length to crop to; at most one of the two.
     exclude : sequence of str
@@ -39,13 +43,15 @@ class Preparation:
     max_gap_s: float
     duration_s: float | None
     n_samples: int | Literal["shortest"] | None
+    begin_at: Literal["first", "trigger", "onset"] = "first"
+    lead_s: float = 0.0
     exclude: Sequence[str] = ()
     on_gap: Choice = "raise"
     on_short: Choice = "raise"
 
 
 def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None]) -> Dataset:
-    """Leave out labels, resample and crop as asked; say what each step did.
+    """Leave out labels, resample, find onsets and crop as asked; say what each step did.
 
     Parameters
     ----------
@@ -58,13 +64,11 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
     Returns
     -------
     Dataset
-        Of one rate and one length.
 
     Raises
     ------
     ValueError
-        Recordings are irregular, differ in rate or differ in length and no option says what to do; the
-        message proposes the option.
+        A step cannot be taken; the message proposes the option.
     """
     if wanted.exclude:
         unknown = sorted(set(wanted.exclude) - set(data.labels))
@@ -76,17 +80,29 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
             raise ValueError("--exclude leaves no recording")
         before, data = data, data.select(labels=kept)
         say(excluded_text(before, data), "")
-    if wanted.rate_hz is None:
-        _refuse_unequal_rates(data)
-    elif any(recording.rate_hz != wanted.rate_hz for recording in data):
+    if wanted.rate_hz is not None and any(recording.rate_hz != wanted.rate_hz for recording in data):
         limit = None if math.isinf(wanted.max_gap_s) else wanted.max_gap_s
         data = _told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
+    if wanted.begin_at == "onset":
+        _refuse_unequal_rates(data)
+        data = _told(data.find_onsets(), say)
     if wanted.duration_s is not None or wanted.n_samples is not None:
-        aligned = data.align(wanted.n_samples, duration_s=wanted.duration_s, on_short=wanted.on_short)
+        _refuse_unequal_rates(data)
+        aligned = data.align(
+            wanted.n_samples,
+            duration_s=wanted.duration_s,
+            trigger=None if wanted.begin_at == "first" else "recorded",
+            lead_s=wanted.lead_s,
+            on_short=wanted.on_short,
+        )
         data = _told(aligned, say)
-    else:
-        _refuse_unequal_lengths(data)
     return data
+
+
+def refuse_unequal(data: Dataset) -> None:
+    """Raise ValueError proposing an option where recordings differ in rate or length."""
+    _refuse_unequal_rates(data)
+    _refuse_unequal_lengths(data)
 
 
 def _told(data: Dataset, say: Callable[[str, str], None]) -> Dataset:

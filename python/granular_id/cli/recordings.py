@@ -1,48 +1,36 @@
-"""The argument FOLDER, and the options that say how its recordings are read and prepared."""
+"""The options that say how recordings are prepared: resampled, aligned, cropped, left out."""
 
 from __future__ import annotations
 
 from enum import Enum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-import typer
 from rich.console import Console
 
-from granular_id.cli.errors import in_options
 from granular_id.cli.groups import option
-from granular_id.cli.prepare import Preparation, prepare
-from granular_id.cli.sentences import loaded_text, skipped_text
+from granular_id.cli.prepare import Preparation, prepare, refuse_unequal
+from granular_id.cli.reading import PANEL, Handling, Reading
 from granular_id.cli.settings import length_of, names_in, positive
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
 
-__all__ = ["Source"]
-
-PANEL = "Recordings"
+__all__ = ["Steps", "equal_recordings"]
 
 
-class Handling(str, Enum):
-    """Choices of ``--on-error``, ``--on-gap`` and ``--on-short``."""
+class Beginning(str, Enum):
+    """Choices of ``--begin-at``."""
 
-    refuse = "raise"
-    skip = "skip"
-
-
-class Repair(str, Enum):
-    """Choices of ``--on-time-error``."""
-
-    refuse = "raise"
-    repair = "repair"
+    first = "first"
+    trigger = "trigger"
+    onset = "onset"
 
 
-class Source:
-    """A folder of recordings and how to read and prepare them, with every option checked."""
+class Steps:
+    """What to do with recordings once they are read, with every option checked."""
 
     def __init__(
         self,
-        folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recordings.")],
         *,
         rate_hz: Annotated[
             float | None, option("--rate-hz", PANEL, "Resample to this rate (linear interpolation).")
@@ -53,49 +41,52 @@ class Source:
         on_gap: Annotated[
             Handling, option("--on-gap", PANEL, "A longer gap: refuse, or leave the recording out.")
         ] = Handling.refuse,
+        begin_at: Annotated[
+            Beginning,
+            option(
+                "--begin-at",
+                PANEL,
+                "Keep from the first sample, the stored trigger, or the onset of motion found in the forces.",
+            ),
+        ] = Beginning.first,
+        lead_s: Annotated[
+            float, option("--lead-s", PANEL, "Seconds to keep ahead of trigger or onset.")
+        ] = 0.0,
         duration_s: Annotated[
-            float | None, option("--duration-s", PANEL, "Keep this many seconds from the start.")
+            float | None, option("--duration-s", PANEL, "Keep this many seconds from there on.")
         ] = None,
         n_samples: Annotated[
             str | None, option("--n-samples", PANEL, "Keep this many samples, or: shortest.")
         ] = None,
         on_short: Annotated[
-            Handling, option("--on-short", PANEL, "A shorter recording: refuse, or leave it out.")
-        ] = Handling.refuse,
-        on_error: Annotated[
-            Handling, option("--on-error", PANEL, "A file that cannot be read: refuse, or leave it out.")
-        ] = Handling.refuse,
-        on_time_error: Annotated[
-            Repair,
+            Handling,
             option(
-                "--on-time-error", PANEL, "Time running backwards or repeated: refuse, or sort and merge."
+                "--on-short",
+                PANEL,
+                "A recording too short, or without trigger or onset: refuse, or leave it out.",
             ),
-        ] = Repair.refuse,
-        recorded_hz: Annotated[
-            float | None, option("--recorded-hz", PANEL, "Rate of files that have no time column.")
-        ] = None,
+        ] = Handling.refuse,
         exclude: Annotated[
             str, option("--exclude", PANEL, "Materials to leave out, separated by commas.")
         ] = "",
     ) -> None:
         if duration_s is not None and n_samples is not None:
             raise ValueError("give one of --duration-s and --n-samples, not both")
-        for name, value in (
-            ("--rate-hz", rate_hz),
-            ("--recorded-hz", recorded_hz),
-            ("--duration-s", duration_s),
-        ):
+        if begin_at is not Beginning.first and duration_s is None and n_samples is None:
+            raise ValueError(
+                f"--begin-at {begin_at.value} crops recordings: add --duration-s or --n-samples (a number, or "
+                "shortest)"
+            )
+        if lead_s and begin_at is Beginning.first:
+            raise ValueError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
+        for name, value in (("--rate-hz", rate_hz), ("--duration-s", duration_s)):
             positive(name, value)
         positive("--max-gap-s", max_gap_s, infinite=True)
-        self.folder = folder
-        self.reading: dict[str, Any] = {
-            "rate_hz": recorded_hz,
-            "on_error": on_error.value,
-            "on_time_error": on_time_error.value,
-        }
         self.preparation = Preparation(
             rate_hz=rate_hz,
             max_gap_s=max_gap_s,
+            begin_at=begin_at.value,
+            lead_s=lead_s,
             duration_s=duration_s,
             n_samples=length_of(n_samples),
             exclude=names_in(exclude),
@@ -103,12 +94,8 @@ class Source:
             on_short=on_short.value,
         )
 
-    def load(self, *, quiet: bool) -> Dataset:
-        """Read and prepare the recordings, saying what was done; when quiet, only what was skipped."""
-        from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
-
-        if self.folder.is_file():
-            raise ValueError(f"{self.folder} is a file; wanted a folder of recordings")
+    def taken(self, data: Dataset, *, quiet: bool) -> Dataset:
+        """Take the steps asked for, saying what each did; when quiet, only what was left out."""
         console = Console(highlight=False)
 
         def say(text: str, always: str) -> None:
@@ -116,14 +103,22 @@ class Source:
             if shown:
                 console.print(shown, soft_wrap=True, markup=False)
 
-        try:
-            data = load(self.folder, progress=not quiet, **self.reading)
-        except ValueError as error:
-            skippable = isinstance(error, RecordingFileError) and error.skippable
-            hint = "; add --on-error skip to leave such files out" if skippable else ""
-            raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
-        say(loaded_text(data), skipped_text(data.history[-1]))
-        if not data.labels:
-            notes = (note for note in data.history[-1].notes if "no column label" in note)
-            raise ValueError(f"{self.folder}: {next(notes, 'no recording has a label')}")
         return prepare(data, self.preparation, say)
+
+
+def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:
+    """Read and prepare labelled recordings of one rate and one length, as every method needs them.
+
+    Raises
+    ------
+    ValueError
+        No labels; or recordings are irregular, differ in rate or in length and no option says what to do; the
+        message proposes the option.
+    """
+    data = reading.load(quiet=quiet)
+    if not data.labels:
+        notes = (note for note in data.history[-1].notes if "no column label" in note)
+        raise ValueError(f"{reading.path}: {next(notes, 'no recording has a label')}")
+    data = steps.taken(data, quiet=quiet)
+    refuse_unequal(data)
+    return data

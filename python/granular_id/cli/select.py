@@ -11,7 +11,8 @@ from rich.text import Text
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import Method
-from granular_id.cli.recordings import Source
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Outputs, repeated_command, say_written
 from granular_id.cli.settings import at_least, chosen_spaces
 
@@ -37,9 +38,10 @@ CHOICE, OUTPUT = "Choice", "Output"
 
 
 @guarded
-@taking(Source, Method)
+@taking(Reading, Steps, Method)
 def select(
-    source: Source,
+    reading: Reading,
+    steps: Steps,
     method: Method,
     *,
     spaces: Annotated[
@@ -55,11 +57,11 @@ def select(
     """Print the choice for a folder; see `TEXT`."""
     for name, count, least in (("--outer", outer, 2), ("--inner", inner, 2), ("--seed", seed, 0)):
         at_least(name, count, least)
-    method.fits(source.preparation.rate_hz)
+    method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, None) if spaces else None
     outputs = Outputs(json=json)
     with outputs.ready():
-        data = source.load(quiet=quiet)
+        data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import)
         from granular_id.selection import DEFAULT_SPACES  # noqa: PLC0415

@@ -9,7 +9,10 @@ from pathlib import Path
 
 from granular_id.io.csv_file import read_csv
 from granular_id.io.csv_save import save_csv
+from granular_id.io.mcap_save import save_mcap
 from granular_id.io.options import LoadOptions
+from granular_id.io.ros_bag import read_ros
+from granular_id.io.ros_bag2 import is_bag_folder
 from granular_id.io.source import FileContent, FileSource
 
 __all__ = ["FORMATS", "FileFormat", "format_called", "format_of", "writer"]
@@ -58,6 +61,15 @@ class FileFormat:
 
 FORMATS = (
     FileFormat("csv", "CSV (*.csv)", (".csv",), read_csv, save_csv, saves_folder=True, knows_labels=False),
+    FileFormat("mcap", "MCAP (*.mcap)", (".mcap",), read_ros, save_mcap),
+    FileFormat(
+        "ros",
+        "ROS bags (*.bag, *.db3, folders with metadata.yaml)",
+        (".bag", ".db3"),
+        read_ros,
+        knows_labels=False,
+        is_folder=is_bag_folder,
+    ),
 )
 """All formats, asked in this order."""
 
@@ -91,6 +103,10 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         raise ValueError(
             f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or an "
             "ending like .npz"
+        )
+    if name is None and chosen.saves_folder:
+        raise ValueError(
+            f"{chosen.what} is written as a folder of files: name a folder and give format={chosen.name!r}"
         )
     if chosen.save is None:
         raise ValueError(f"{chosen.what} can only be read; what can be written: {writable}")

@@ -60,10 +60,26 @@ def save(
     ...     load(save(data, folder + "/oats", "csv")) == data
     True
     """
-    write = writer(path, format)
-    target = Path(path)
     checked_dataset(dataset)
-    if os.path.lexists(target) and not (target.is_dir() and not target.is_symlink()):
-        raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
+    check_save(path, format)
     with showing(progress) as callback:
-        return write(dataset, target, progress=callback)
+        return writer(path, format)(dataset, Path(path), progress=callback)
+
+
+def check_save(path: str | os.PathLike[str], format: str | None = None) -> None:  # noqa: A002 (as in save)
+    """Refuse what `save` would refuse whatever the data set, before hours of work depend on it.
+
+    Raises
+    ------
+    FileExistsError, FileNotFoundError, ValueError
+        As `save`.
+    """
+    writer(path, format)
+    target = Path(path)
+    if os.path.lexists(target):
+        if target.is_symlink() or not target.is_dir():
+            raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
+        if any(target.iterdir()):
+            raise FileExistsError(f"{target}: the folder is not empty; nothing is overwritten")
+    if not target.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: no such folder")

@@ -1,0 +1,72 @@
+"""``granular-id data check``: what would spoil an evaluation, recording by recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.reading import Reading
+from granular_id.cli.session import check_targets, say_written
+
+__all__ = ["check"]
+
+TEXT = """
+Look recordings over for what would spoil an evaluation, and give each a verdict.
+
+Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without the forces:
+the clock, the length, the session, the file. Exit code 0 when there is no error, 3 when there is one.
+
+Examples:
+
+`granular-id data check recordings`
+
+`granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
+"""
+
+OUTPUT, SENSOR = "Output", "Sensor"
+FOUND_ERRORS = 3
+
+
+@guarded
+@taking(Reading)
+def check(
+    reading: Reading,
+    *,
+    sensor_range: Annotated[
+        str | None,
+        option("--sensor-range", SENSOR, "Largest values of the axes, or a sensor's name."),
+    ] = None,
+    strict: Annotated[bool, option("--strict", OUTPUT, "Exit with 3 for warnings too.")] = False,
+    json: Annotated[Path | None, option("--json", OUTPUT, "Write findings and verdicts.")] = None,
+) -> None:
+    """Print findings and verdicts; see `TEXT`."""
+    check_targets(json)
+    limits = _range_of(sensor_range)
+    data = reading.load(quiet=False)
+    report = data.check(sensor_range=limits)
+    console = Console(highlight=False)
+    console.print(f"\n{report}", soft_wrap=True, markup=False)
+    if json is not None:
+        report.save(json)
+        say_written(console, [json], None)
+    if report.worst == "error" or (strict and report.worst == "warning"):
+        raise typer.Exit(FOUND_ERRORS)
+
+
+def _range_of(text: str | None) -> str | list[float] | None:
+    if text is None or not any(character == "," for character in text):
+        return text
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(
+            f"--sensor-range must be a number per axis, such as 145,145,290,5,5,5, or a name, got {text!r}"
+        ) from None
+
+
+check.__doc__ = TEXT

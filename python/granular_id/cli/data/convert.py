@@ -1,0 +1,65 @@
+"""``granular-id data convert``: recordings of any known format into one that can be written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps
+
+__all__ = ["convert"]
+
+TEXT = """
+Convert recordings: CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP and GM10-ts in; CSV, NPZ, HDF5, Parquet and
+MCAP out.
+
+Samples, stamps, flags, labels, sessions and history are kept to the last bit, unless an option asks for a step; what
+was written is read back and compared. Nothing is overwritten.
+
+Examples:
+
+`granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
+
+`granular-id data convert recordings archive --to parquet`
+
+`granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+"""
+
+OUTPUT = "Output"
+
+
+@guarded
+@taking(Reading, Steps)
+def convert(
+    reading: Reading,
+    steps: Steps,
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")],
+    *,
+    to: Annotated[
+        str | None,
+        option("--to", OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
+    ] = None,
+    verify: Annotated[
+        bool, option("--verify/--no-verify", OUTPUT, "Read back what was written and compare.")
+    ] = True,
+) -> None:
+    """Read, take the steps asked for, write, compare; see `TEXT`."""
+    from granular_id.io import load, save  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.io.saving import check_save  # noqa: PLC0415
+
+    check_save(output, to)
+    data = steps.taken(reading.load(quiet=False), quiet=False)
+    save(data, output, to, progress=True)
+    if verify and load(output, max_file_bytes=2**40, progress=True) != data:
+        raise ValueError(f"{output} was written, but does not read back equal: do not rely on it")
+    said = ", read back and found equal" if verify else ""
+    Console(highlight=False).print(f"wrote {output}{said}", soft_wrap=True, markup=False)
+
+
+convert.__doc__ = TEXT

@@ -1,0 +1,81 @@
+"""``granular-id data plot``: recordings over time, as a picture."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps
+from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.settings import at_least, names_in
+
+__all__ = ["plot"]
+
+TEXT = """
+Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
+
+Examples:
+
+`granular-id data plot recordings -o recordings.png`
+
+`granular-id data plot recordings -o onset.png --what onset --rate-hz 100 --max-gap-s inf`
+
+`granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
+"""
+
+PICTURE = "Picture"
+
+
+class What(str, Enum):
+    """Choices of ``--what``."""
+
+    recordings = "recordings"
+    mean = "mean"
+    onset = "onset"
+
+
+@guarded
+@taking(Reading, Steps)
+def plot(
+    reading: Reading,
+    steps: Steps,
+    *,
+    output: Annotated[Path, option("--output -o", PICTURE, "File to write: png, svg or pdf.")] = Path(
+        "recordings.png"
+    ),
+    what: Annotated[
+        What, option("--what", PICTURE, "Single recordings, means of materials, or onsets of motion.")
+    ] = What.recordings,
+    axes: Annotated[str, option("--axes", PICTURE, "Axes separated by commas, of one unit.")] = "",
+    n: Annotated[
+        int | None, option("-n", PICTURE, "Recordings per material (recordings) or in all (onset).")
+    ] = None,
+) -> None:
+    """Draw a picture; see `TEXT`."""
+    at_least("-n", n, 1)
+    check_targets(output)
+
+    from granular_id import plotting  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.plotting.style import file_format  # noqa: PLC0415
+
+    file_format(output)
+    data = steps.taken(reading.load(quiet=False), quiet=False)
+    chosen = names_in(axes)
+    if what is What.mean:
+        plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
+    elif what is What.onset:
+        data = data.find_onsets()
+        Console(highlight=False).print(str(data.history[-1]), soft_wrap=True, markup=False)
+        plotting.plot_onsets(data, output, n=n or 10)
+    else:
+        plotting.plot_recordings(data, output, axes=chosen or None, n=n or 5)
+    say_written(Console(highlight=False), [output], None)
+
+
+plot.__doc__ = TEXT

@@ -1,0 +1,84 @@
+"""The argument PATH, and the options that say how its recordings are read."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import in_options
+from granular_id.cli.groups import option
+from granular_id.cli.sentences import loaded_text, skipped_text
+from granular_id.cli.settings import positive
+
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset
+
+__all__ = ["PANEL", "Handling", "Reading"]
+
+PANEL = "Recordings"
+
+
+class Handling(str, Enum):
+    """Choices of ``--on-error``, ``--on-gap`` and the like."""
+
+    refuse = "raise"
+    skip = "skip"
+
+
+class Repair(str, Enum):
+    """Choices of ``--on-time-error``."""
+
+    refuse = "raise"
+    repair = "repair"
+
+
+class Reading:
+    """Recordings to read, with every option checked."""
+
+    def __init__(
+        self,
+        path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or file of recordings.")],
+        *,
+        on_error: Annotated[
+            Handling, option("--on-error", PANEL, "A file that cannot be read: refuse, or leave it out.")
+        ] = Handling.refuse,
+        on_time_error: Annotated[
+            Repair,
+            option(
+                "--on-time-error", PANEL, "Time running backwards or repeated: refuse, or sort and merge."
+            ),
+        ] = Repair.refuse,
+        recorded_hz: Annotated[
+            float | None, option("--recorded-hz", PANEL, "Rate of files that have no clock.")
+        ] = None,
+        topic: Annotated[
+            str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")
+        ] = None,
+    ) -> None:
+        positive("--recorded-hz", recorded_hz)
+        self.path = path
+        self.settings: dict[str, Any] = {
+            "rate_hz": recorded_hz,
+            "on_error": on_error.value,
+            "on_time_error": on_time_error.value,
+            "topic": topic,
+        }
+
+    def load(self, *, quiet: bool) -> Dataset:
+        """Read the recordings and say what was read; when quiet, only what was skipped."""
+        from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
+
+        try:
+            data = load(self.path, progress=not quiet, **self.settings)
+        except ValueError as error:
+            skippable = isinstance(error, RecordingFileError) and error.skippable
+            hint = "; add --on-error skip to leave such files out" if skippable else ""
+            raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
+        said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
+        if said:
+            Console(highlight=False).print(said, soft_wrap=True, markup=False)
+        return data

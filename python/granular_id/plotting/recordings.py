@@ -1,0 +1,155 @@
+"""Single recordings over time, one panel a material: what the sensor saw, as it was stored."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular_id._core import AXES
+from granular_id.plotting.style import (
+    AXIS_COLOURS,
+    AXIS_DASHES,
+    FAINT,
+    INK,
+    new_figure,
+    pretty,
+    quiet,
+    save,
+    short,
+)
+from granular_id.recording import Dataset, Recording
+from granular_id.recording.axes import unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_recordings"]
+
+_FLAG_COLOUR = "#CC3311"
+_NO_LABEL = "no label"
+
+
+def plot_recordings(
+    dataset: Dataset,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    axes: Sequence[str] | None = None,
+    n: int = 5,
+) -> Figure:
+    """Plot some recordings of each material over time, as they are: of any length and rate, also irregular.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Need not be resampled or aligned.
+    path : path-like, optional
+        Where to save; the ending chooses the format (png, svg, pdf). Whole or not at all.
+    axes : sequence of str, optional
+        Axes to draw, all of one unit; fx and fz by default, or all where recordings have other axes.
+    n : int, default 5
+        Recordings per material, spread evenly over the material's recordings.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel a material, in the order in which they first appear. Red marks at the foot of a panel stand where
+        a sample carries a flag (filled gap, saturation, bad status, repaired time). Triggers are small triangles.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    TypeError, ValueError
+        An axis that recordings do not have, or axes of different units; `n` below 1.
+
+    Examples
+    --------
+    >>> from granular_id.plotting import plot_recordings
+    >>> from granular_id.synthetic import synthesize
+    >>> figure = plot_recordings(synthesize(["rice", "fine sugar"], n_per_class=3))
+    >>> [panel.get_title() for panel in figure.axes]
+    ['rice (3 of 3)', 'fine sugar (3 of 3)']
+    """
+    if isinstance(n, bool) or not isinstance(n, int):
+        raise TypeError(f"n must be an int, got {type(n).__name__}")
+    if n < 1:
+        raise ValueError(f"n must be at least 1, got {n}")
+    wanted, unit = _chosen(dataset, axes)
+    groups: dict[str, list[Recording]] = {}
+    for recording in dataset:
+        groups.setdefault(recording.label or _NO_LABEL, []).append(recording)
+    n_columns = min(4, len(groups))
+    n_rows = math.ceil(len(groups) / n_columns)
+    figure = new_figure(1.2 + 2.5 * n_columns, 1.4 + 1.9 * n_rows)
+    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
+    handles: list[Any] = []
+    for (label, group), panel in zip(groups.items(), panels, strict=False):
+        shown = [
+            group[i]
+            for i in np.unique(np.linspace(0, len(group) - 1, min(n, len(group))).round().astype(int))
+        ]
+        handles = _draw(panel, shown, wanted)
+        title = f"{short(label)} ({len(shown)} of {len(group)})"
+        panel.set_title(title, fontsize=10, color=INK, parse_math=False)
+    for unused in panels[len(groups) :]:
+        unused.remove()
+    # The lowest panel of each column carries the time axis, also where the last row is not full.
+    for index, panel in enumerate(panels[: len(groups)]):
+        panel.tick_params(labelbottom=index + n_columns >= len(groups))
+    synthetic = any(recording.meta.get("synthetic") for recording in dataset)
+    figure.supxlabel("time from the first sample, s", fontsize=10, color=INK)
+    figure.supylabel(unit, fontsize=10, color=INK)
+    title = "Synthetic recordings as they are stored" if synthetic else "Recordings as they are stored"
+    figure.suptitle(title, fontsize=11, color=INK)
+    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    save(figure, path)
+    return figure
+
+
+def _chosen(dataset: Dataset, axes: Sequence[str] | None) -> tuple[tuple[str, ...], str]:
+    """Return the axes to draw and their unit."""
+    have = dataset.axes
+    if axes is None:
+        axes = ("fx", "fz") if have == AXES else have
+    wanted = (axes,) if isinstance(axes, str) else tuple(axes)
+    unknown = [axis for axis in wanted if axis not in have]
+    if unknown or not wanted or len(set(wanted)) < len(wanted):
+        raise ValueError(f"axes={list(wanted)!r}; wanted some of {', '.join(have)}, each once")
+    units = {unit_of(axis, dataset[0].meta) for axis in wanted}
+    if len(units) > 1:
+        raise ValueError(f"axes mixes units ({', '.join(sorted(units))}), got {', '.join(wanted)}")
+    return wanted, units.pop()
+
+
+def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> list[Any]:
+    """Draw the recordings of one material; return one line per axis for a legend."""
+    first_lines: list[Any] = []
+    for recording in recordings:
+        time_s = recording.times()
+        for k, axis in enumerate(axes):
+            place = AXES.index(axis) if axis in AXES else k % len(AXES)
+            style = {
+                "color": AXIS_COLOURS[place],
+                "linestyle": AXIS_DASHES[place],
+                "linewidth": 0.7,
+                "alpha": 0.7,
+            }
+            column = recording.wrench[:, recording.axes.index(axis)]
+            lines = panel.plot(time_s, column, label=pretty(axis) if axis in AXES else axis, **style)
+            if len(first_lines) < len(axes):
+                first_lines += lines
+        if recording.flags is not None:
+            at = time_s[recording.flags > 0]
+            foot = panel.get_xaxis_transform()
+            panel.plot(at, np.full(len(at), 0.02), "|", color=_FLAG_COLOUR, markersize=4, transform=foot)
+        if recording.trigger_index is not None:
+            top = panel.get_xaxis_transform()
+            panel.plot(time_s[recording.trigger_index], 0.98, "v", color=INK, markersize=3, transform=top)
+    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    panel.margins(x=0)
+    quiet(panel)
+    return first_lines
