@@ -13,12 +13,9 @@ import sklearn
 from sklearn.base import BaseEstimator
 
 from granular_id import _core
-from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.recording import Dataset, Recording
 
 __all__ = ["describe_data", "describe_estimator", "is_simulated", "is_synthetic", "versions", "warnings_in"]
-
-MANY_FILLED = 0.05
-"""Share of samples inside filled gaps from which on a reader is warned."""
 
 
 def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
@@ -64,21 +61,9 @@ def is_simulated(recording: Recording) -> bool:
 def warnings_in(data: Dataset) -> list[str]:
     """Return what may mislead a reader of the accuracies, one line each.
 
-    These are the findings of `Dataset.check`, and samples that resampling made up where many are.
+    These are the errors and warnings of `Dataset.check`.
     """
-    lines = [str(finding) for finding in data.check() if finding.severity != "info"]
-    filled = sum(
-        int(np.count_nonzero(recording.flags & SampleFlag.GAP_FILLED))
-        for recording in data
-        if recording.flags is not None
-    )
-    share = filled / sum(recording.n_samples for recording in data)
-    if share > MANY_FILLED:
-        lines.append(
-            f"warning: {100 * share:.0f} % of the samples were interpolated inside gaps, "
-            "where high frequencies are lost"
-        )
-    return lines
+    return [str(finding) for finding in data.check() if finding.severity != "info"]
 
 
 def versions() -> dict[str, str]:

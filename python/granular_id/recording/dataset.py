@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from granular_id.recording._values import FloatArray
 from granular_id.recording.alignment import align_recordings
 from granular_id.recording.axes import common_axes
-from granular_id.recording.checks import Finding, check_recordings
+from granular_id.recording.checking import CheckReport, check_recordings
+from granular_id.recording.checking.sensor_range import SensorRange
 from granular_id.recording.one import Recording
 from granular_id.recording.report import StepReport
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings
@@ -284,9 +285,33 @@ class Dataset:
         """Count recordings, lengths, rates, sessions and flags per label; ``print`` it."""
         return summarise(self.recordings)
 
-    def check(self) -> list[Finding]:
-        """Look for what would spoil an evaluation, worst first; an empty list means nothing was found."""
-        return check_recordings(self.recordings)
+    def check(
+        self, *, sensor_range: SensorRange | None = None, false_alarm_rate: float = 0.01
+    ) -> CheckReport:
+        """Look for what would spoil an evaluation: ``print`` it.
+
+        Parameters
+        ----------
+        sensor_range : str, float, sequence of float or mapping, optional
+            Largest reading of the axes, N and N m: the name of a sensor (``"ATI Mini45 SI-145-5"``; the known
+            ones are `granular_id.recording.SENSOR_RANGES`), one number, one per axis, or numbers by axis.
+            Without it clipping shows only where readings stand still at their own extreme.
+        false_alarm_rate : float
+            Chance that a statistical check (each of: leaks, outliers, drift, clipping, standing still) speaks up
+            in a sound data set. Default: 0.01, once in a hundred sets.
+
+        Returns
+        -------
+        CheckReport
+            A sequence of findings, worst first, with ``.verdicts`` per recording and ``.worst``; empty when
+            nothing was found.
+
+        Raises
+        ------
+        TypeError, ValueError
+            An unknown sensor, numbers that do not fit the axes, a rate outside (0, 1).
+        """
+        return check_recordings(self.recordings, sensor_range, false_alarm_rate)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

@@ -1,0 +1,126 @@
+"""What is known of recordings besides their forces: anything that could give the label away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from granular_id.recording._values import FloatArray
+from granular_id.recording.checking.nearest import Neighbours, by_kind, by_number, by_place
+from granular_id.recording.checking.rest import Rest
+from granular_id.recording.checking.timing import Pace
+from granular_id.recording.one import Recording
+
+DESCRIBES_MATERIAL = "material"
+"""Entries of ``meta`` under this key describe the material, and may well name it."""
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """One thing that is known of every recording.
+
+    Attributes
+    ----------
+    code : str
+        Code of the finding.
+    name : str
+        In words.
+    neighbours : Neighbours
+        Which recordings are alike in it.
+    shown : sequence of float or None
+        Values to show where a single label stands apart, with their `unit`.
+    unit : str
+    """
+
+    code: str
+    name: str
+    neighbours: Neighbours
+    shown: FloatArray | None = None
+    unit: str = ""
+
+
+def attributes_of(
+    recordings: Sequence[Recording],
+    paces: Sequence[Pace],
+    rests: Sequence[Rest | None],
+    resolutions: Sequence[tuple[float | None, ...]],
+) -> list[Attribute]:
+    """Collect what varies between recordings, apart from their samples and labels."""
+    starts = np.array([np.nan if r.start_time is None else r.start_time for r in recordings])
+    kinds: list[tuple[str, str, Sequence[Any]]] = [
+        ("leak-session", "the session", [r.session for r in recordings]),
+        ("leak-format", "the file's ending", [PurePosixPath(r.name).suffix.lower() for r in recordings]),
+        ("leak-resolution", "the resolution", resolutions),
+        ("leak-hour", "the hour of the day (UTC)", [None if np.isnan(s) else s // 3600 % 24 for s in starts]),
+        ("leak-flags", "the kind of flags", [_flags(r) for r in recordings]),
+    ]
+    numbers: list[tuple[str, str, FloatArray, str]] = [
+        ("leak-clock", "the clock", starts, "s"),
+        ("leak-length", "the duration", np.array([r.duration_s for r in recordings]), "s"),
+        (
+            "leak-length",
+            "the number of samples",
+            np.array([float(r.n_samples) for r in recordings]),
+            "samples",
+        ),
+        ("leak-rate", "the median step", np.array([1e3 * p.median_s for p in paces]), "ms"),
+        ("leak-jitter", "the jitter of the steps", np.array([p.spread for p in paces]), "of the median step"),
+        ("leak-trigger", "the time of the trigger", np.array([_trigger_s(r) for r in recordings]), "s"),
+    ]
+    for key, values in scalar_meta(recordings).items():
+        name = f"meta {key!r}"
+        if all(v is None or (isinstance(v, (int, float)) and not isinstance(v, bool)) for v in values):
+            column = np.array([np.nan if v is None else float(v) for v in values])
+            numbers.append(("leak-meta", name, column, ""))
+        else:
+            kinds.append(("leak-meta", name, values))
+    found = [Attribute(code, name, by_kind(values)) for code, name, values in kinds if len(set(values)) > 1]
+    found += [
+        Attribute(code, name, by_number(values), values, unit)
+        for code, name, values, unit in numbers
+        if not np.array_equal(values, np.full(len(values), values[0]), equal_nan=True)
+    ]
+    levels = [rest.level for rest in rests if rest is not None]
+    if len(levels) == len(recordings) and len({len(level) for level in levels}) == 1:
+        found.append(Attribute("leak-rest", "the rest level", by_place(np.array(levels))))
+    return found
+
+
+def scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
+    """Return the entries of ``meta`` that are a text, number or bool, nested keys joined by dots.
+
+    Left out are entries that describe the material (`DESCRIBES_MATERIAL`) or repeat the label or the name.
+    """
+    flat = [_flat(r.meta) for r in recordings]
+    keys = dict.fromkeys(key for entries in flat for key in entries)
+    columns = {key: [entries.get(key) for entries in flat] for key in keys}
+    return {
+        key: values
+        for key, values in columns.items()
+        if key.split(".")[0] != DESCRIBES_MATERIAL
+        and not all(v in (r.label, r.name) for v, r in zip(values, recordings, strict=True))
+    }
+
+
+def _flat(meta: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    entries: dict[str, Any] = {}
+    for key, value in meta.items():
+        if isinstance(value, Mapping):
+            entries.update(_flat(value, f"{prefix}{key}."))
+        elif isinstance(value, (str, int, float)):
+            entries[prefix + key] = value
+    return entries
+
+
+def _flags(recording: Recording) -> int:
+    return 0 if recording.flags is None else int(np.bitwise_or.reduce(recording.flags))
+
+
+def _trigger_s(recording: Recording) -> float:
+    if recording.trigger_index is None:
+        return float("nan")
+    return float(recording.times()[recording.trigger_index])

@@ -1,0 +1,171 @@
+"""``CheckReport``: what the checks found, worst first, with a verdict per recording."""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, overload
+
+from granular_id._files import whole_file
+from granular_id.recording.checking.finding import SEVERITIES, Finding, count, first_names
+from granular_id.recording.one import Recording
+
+State = Literal["ok", "warning", "error"]
+
+WIDTH = 100
+"""Columns of the printed table."""
+
+_NO_FINDING = "nothing found that would spoil an evaluation"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the checks say of one recording.
+
+    Attributes
+    ----------
+    name : str
+        The recording's name.
+    state : {"ok", "warning", "error"}
+        The worst of the findings that name this recording. Findings about the whole set, such as a clock that
+        tells the label, are nobody's in particular: `CheckReport.worst` counts them.
+    codes : tuple of str
+        Codes of those findings, mild ones ("info") included.
+    """
+
+    name: str
+    state: State
+    codes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, ready for ``json.dumps``."""
+        return {"name": self.name, "state": self.state, "codes": list(self.codes)}
+
+
+@dataclass(frozen=True)
+class CheckReport(Sequence[Finding]):
+    """A sequence of findings, worst first, that prints as a table and judges every recording.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Errors, warnings, infos; within each the order of the checks.
+    verdicts : tuple of Verdict
+        One per recording, in the order of the data set.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import Dataset, Recording
+    >>> noise = np.random.default_rng(0).normal(size=(4, 100, 6))
+    >>> noise[3, :, 2] = 0
+    >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
+    ...                 for i in range(4)])
+    >>> report = data.check()
+    >>> report.worst, [finding.code for finding in report], report.verdicts[3].state
+    ('warning', ['stuck-axis'], 'warning')
+    >>> print(report)
+    4 recordings checked: 3 ok, 1 with warnings
+    <BLANKLINE>
+    warning  stuck-axis  1 recording with an axis that never changes (fz)
+                         [push 3]
+    """
+
+    findings: tuple[Finding, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @classmethod
+    def of(cls, findings: Sequence[Finding], recordings: Sequence[Recording]) -> CheckReport:
+        """Sort findings by severity and judge each recording by those that name it."""
+        ordered = tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+        own: list[list[Finding]] = [[] for _ in recordings]
+        for finding in ordered:
+            for i in finding.indices:
+                own[i].append(finding)
+        verdicts = tuple(
+            Verdict(r.name, _worst(mine), tuple(finding.code for finding in mine))
+            for r, mine in zip(recordings, own, strict=True)
+        )
+        return cls(ordered, verdicts)
+
+    @property
+    def worst(self) -> State:
+        """The worst finding, "ok" when there is none but infos."""
+        return _worst(self.findings)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Recordings per code, in the order of the findings; those of the whole set count all."""
+        return {f.code: len(f.indices) or len(self.verdicts) for f in self.findings}
+
+    @overload
+    def __getitem__(self, index: int) -> Finding: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Finding, ...]: ...
+    def __getitem__(self, index: int | slice) -> Finding | tuple[Finding, ...]:
+        return self.findings[index]
+
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.findings)
+
+    def text(self, width: int = WIDTH) -> str:
+        """Return the table in lines of at most `width` columns, as far as names allow."""
+        lines = [self._headline()]
+        if not self.findings:
+            return f"{lines[0]}: {_NO_FINDING}"
+        longest = max(len(finding.code) for finding in self.findings)
+        indent = " " * (len("warning") + longest + 4)
+        previous = None
+        for finding in self.findings:
+            if finding.severity != previous:
+                lines.append("")
+            previous = finding.severity
+            start = f"{finding.severity:<7}  {finding.code:<{longest}}  "
+            lines += textwrap.wrap(
+                finding.message, width, initial_indent=start, subsequent_indent=indent, break_long_words=False
+            )
+            if 0 < len(finding.indices) < len(self.verdicts):
+                names = f"[{first_names(finding.recordings)}]"
+                lines += textwrap.wrap(names, width, initial_indent=indent, subsequent_indent=indent)
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def _headline(self) -> str:
+        states = Counter(verdict.state for verdict in self.verdicts)
+        parts = [f"{states['ok']} ok"]
+        parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
+        return f"{count(len(self.verdicts))} checked: {', '.join(parts)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
+        return {
+            "worst": self.worst,
+            "counts": self.counts,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "verdicts": [verdict.to_dict() for verdict in self.verdicts],
+        }
+
+    def to_json(self) -> str:
+        """Return the whole report as one JSON text."""
+        return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
+        with whole_file(path) as draft:
+            draft.write_text(text + "\n", encoding="utf-8")
+
+
+def _worst(findings: Sequence[Finding]) -> State:
+    severities = {finding.severity for finding in findings}
+    return "error" if "error" in severities else "warning" if "warning" in severities else "ok"

@@ -1,0 +1,65 @@
+"""The rest level: what the sensor read before the motion began."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from granular_id.recording._values import FloatArray
+from granular_id.recording.one import Recording
+
+REST_S = 0.1
+"""Rest is looked for in the first tenth of a second, or up to the trigger where that comes earlier: the paper's
+recordings begin a fraction of a second before the motion."""
+
+FEWEST_SAMPLES = 5
+"""Fewer samples within it give no level."""
+
+QUIET = 0.2
+"""A recording rests while its samples spread by less than this part of what they do over the whole of it."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Rest of one recording.
+
+    Attributes
+    ----------
+    level : ndarray, shape (C,)
+        Mean of the samples at rest.
+    noise : ndarray, shape (C,)
+        Their standard deviation.
+    """
+
+    level: FloatArray
+    noise: FloatArray
+
+
+def rest_of(recording: Recording) -> Rest | None:
+    """Measure the rest before the motion; None where the recording begins in motion or too late.
+
+    The spreads of all axes are compared together, each relative to the axis that moves most among those of the
+    same unit: weak axes are all noise.
+    """
+    until = REST_S
+    times = recording.times()
+    if recording.trigger_index is not None:
+        until = min(until, float(times[recording.trigger_index]))
+    n_rest = int(np.searchsorted(times, until))
+    if n_rest < FEWEST_SAMPLES or n_rest > recording.n_samples // 2:
+        return None
+    quiet = recording.wrench[:n_rest]
+    noise, whole = quiet.std(axis=0), recording.wrench.std(axis=0)
+    for unit in unit_columns(recording.axes):
+        if np.linalg.norm(noise[unit]) > QUIET * np.linalg.norm(whole[unit]):
+            return None
+    return Rest(quiet.mean(axis=0), noise)
+
+
+def unit_columns(axes: Sequence[str]) -> list[list[int]]:
+    """Return the columns that share a unit: torques (tx, ty, tz) apart from the rest."""
+    torques = [i for i, axis in enumerate(axes) if axis in ("tx", "ty", "tz")]
+    forces = [i for i in range(len(axes)) if i not in torques]
+    return [columns for columns in (forces, torques) if columns]

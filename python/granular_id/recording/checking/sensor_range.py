@@ -1,0 +1,98 @@
+"""How far the axes of a sensor reach: stated by the caller, or looked up by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from granular_id._core import AXES
+from granular_id.recording._values import checked_number
+
+SensorRange = str | float | Sequence[float] | Mapping[str, float]
+
+# Calibrated ranges as ATI Industrial Automation prints them: Fx and Fy, Fz (N), Tx, Ty and Tz (N m).
+# Source: "F/T Transducer" manual, document 9620-05-Transducer Section, SI calibrations; Axia80-M20: manual
+# 9610-05-Ethernet Axia, calibration ranges.
+_ATI = {
+    "Nano17 SI-12-0.12": (12, 17, 0.12),
+    "Nano17 SI-25-0.25": (25, 35, 0.25),
+    "Nano17 SI-50-0.5": (50, 70, 0.5),
+    "Mini40 SI-20-1": (20, 60, 1),
+    "Mini40 SI-40-2": (40, 120, 2),
+    "Mini40 SI-80-4": (80, 240, 4),
+    "Mini45 SI-145-5": (145, 290, 5),
+    "Mini45 SI-290-10": (290, 580, 10),
+    "Mini45 SI-580-20": (580, 1160, 20),
+    "Gamma SI-32-2.5": (32, 100, 2.5),
+    "Gamma SI-65-5": (65, 200, 5),
+    "Gamma SI-130-10": (130, 400, 10),
+    "Delta SI-165-15": (165, 495, 15),
+    "Delta SI-330-30": (330, 990, 30),
+    "Delta SI-660-60": (660, 1980, 60),
+    "Axia80-M20 SI-200-8": (200, 360, 8),
+    "Axia80-M20 SI-500-20": (500, 900, 20),
+}
+
+SENSOR_RANGES: dict[str, dict[str, float]] = {
+    f"ATI {name}": dict(zip(AXES, (side, side, axial, *[torque] * 3), strict=True))
+    for name, (side, axial, torque) in _ATI.items()
+}
+"""Largest readings of well-known sensors, axis by axis, N and N m; they hold for both signs."""
+
+
+def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
+    """Return the largest reading of each axis.
+
+    Parameters
+    ----------
+    value : str, float, sequence of float or mapping
+        Name of a sensor of `SENSOR_RANGES` (case does not matter, "ATI" or the model may be left out), one
+        number for all axes, one for each, or numbers by the name of the axis.
+    axes : sequence of str
+        The axes of the recordings.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming what came and what is wanted: an unknown sensor (with those that are known), as many numbers
+        as axes, axes that do not occur, numbers that are not positive.
+
+    Examples
+    --------
+    >>> resolve_range("SI-290-10", ["fx", "fz", "tx"])
+    {'fx': 290.0, 'fz': 580.0, 'tx': 10.0}
+    """
+    if isinstance(value, str):
+        ranges: Mapping[str, float] = _named(value)
+        foreign = [axis for axis in axes if axis not in ranges]
+        if foreign:
+            raise ValueError(f"sensor_range={value!r} has no axis {foreign[0]!r}; give numbers instead")
+        return {axis: float(ranges[axis]) for axis in axes}
+    numbers: dict[str, float]
+    if isinstance(value, Mapping):
+        foreign = [str(axis) for axis in value if axis not in axes]
+        if foreign:
+            raise ValueError(f"sensor_range names the axis {foreign[0]!r}; there are {', '.join(axes)}")
+        numbers = dict(value)
+    elif isinstance(value, (list, tuple, np.ndarray)):
+        if len(value) != len(axes):
+            raise ValueError(f"sensor_range has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}")
+        numbers = dict(zip(axes, value, strict=True))
+    else:
+        numbers = dict.fromkeys(axes, checked_number(value, "sensor_range"))
+    checked = {axis: checked_number(number, "sensor_range") for axis, number in numbers.items()}
+    wrong = next((f"{axis}: {number:g}" for axis, number in checked.items() if number <= 0), None)
+    if wrong is not None:
+        raise ValueError(f"sensor_range must be positive, got {wrong}")
+    return checked
+
+
+def _named(name: str) -> Mapping[str, float]:
+    wanted = name.lower().split()
+    matches = [known for known in SENSOR_RANGES if wanted and set(wanted) <= set(known.lower().split())]
+    if len(matches) == 1:
+        return SENSOR_RANGES[matches[0]]
+    which = "is the name of several sensors" if matches else "is no known sensor"
+    choice = ", ".join(matches or SENSOR_RANGES)
+    raise ValueError(f"sensor_range={name!r} {which}; choose from {choice}, or give one number per axis")
