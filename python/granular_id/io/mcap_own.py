@@ -23,7 +23,7 @@ from granular_id.io.ros_wrench import Wrenches
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.recording import Recording, StepReport
-from granular_id.recording._values import FloatArray, checked_rate, thaw
+from granular_id.recording._values import FloatArray, checked_number, checked_rate, thaw
 
 __all__ = ["CHANGED_NOTE", "own_records", "restored", "wire_stamps"]
 
@@ -38,24 +38,34 @@ _LAST_S = 2**31
 """Seconds that fit ``builtin_interfaces/Time``: until 2038 where they count from 1970."""
 
 
-def wire_stamps(recording: Recording) -> NDArray[np.int64]:
-    """Return the stamps that messages carry, nanoseconds, shape (T,).
+def wire_stamps(times: FloatArray, start_time: float | None) -> NDArray[np.int64]:
+    """Return the stamps that messages carry.
 
     They count from 1970 where the start is known and fits, and from the first sample otherwise.
+
+    Parameters
+    ----------
+    times : ndarray, shape (T,)
+        Seconds from the first sample.
+    start_time : float or None
+        Of the first sample, seconds since 1970.
+
+    Returns
+    -------
+    ndarray of int64, shape (T,)
+        Nanoseconds.
 
     Raises
     ------
     ValueError
         The recording lasts longer than ROS stamps can count (68 years).
     """
-    times = recording.times()
-    if not times[-1] < _LAST_S - 1:
-        raise ValueError(
-            f"recording {recording.name!r} lasts {times[-1]:.3g} s; stamps of ROS count to {_LAST_S} s"
-        )
-    start = recording.start_time
-    known = start is not None and 0 <= start < _LAST_S - 1 - times[-1]
-    first_ns = round(Fraction(start) * 10**9) if start is not None and known else 0
+    room = _LAST_S - 1 - float(times[-1])
+    if not room > 0:
+        raise ValueError(f"the recording lasts {times[-1]:.3g} s; stamps of ROS count to {_LAST_S} s")
+    first_ns = 0
+    if start_time is not None and 0 <= start_time < room:
+        first_ns = round(Fraction(start_time) * 10**9)  # in float64 it would be off by up to 128 ns
     return np.rint(times * 1e9).astype(np.int64) + np.int64(first_ns)
 
 
@@ -117,6 +127,8 @@ def restored(
         return None
     try:
         known = _parsed(own, n_samples)
+        if not np.array_equal(wire_stamps(known.time_s, known.start_time), wrenches.stamps_ns):
+            return None
         name = texts.get("name", source.name)
         if not source.path.as_posix().endswith(source.name):
             name = source.name  # index.csv says so
@@ -141,8 +153,6 @@ def restored(
         raise
     except (TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
         raise RecordingFileError(source.path, str(error), place=f"metadata {OWN_NAME}") from error
-    if not np.array_equal(wire_stamps(recording), wrenches.stamps_ns):
-        return None
     rows = [{"name": recording.name, **remarks}] if remarks else []
     return FileContent([recording], rows, history=known.history)
 
@@ -175,7 +185,7 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
 
 
 def _number(texts: Mapping[str, str], key: str) -> float | None:
-    return float(texts[key]) if key in texts else None
+    return checked_number(float(texts[key]), key) if key in texts else None
 
 
 def _attached(own: OwnRecords, name: str, n_samples: int, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -94,7 +94,10 @@ def save_mcap(
 
 def _write(recording: Recording, path: Path, *, history: str) -> None:
     mcap = need("mcap.writer", extra="ros", why="to write .mcap files")
-    stamps_ns = wire_stamps(recording)
+    try:
+        stamps_ns = wire_stamps(recording.times(), recording.start_time)
+    except ValueError as error:
+        raise ValueError(f"recording {recording.name!r}: {error}") from error
     frame = recording.meta.get("frame", "")
     messages = encode_wrenches(recording.wrench, stamps_ns, frame if isinstance(frame, str) else "")
     own = own_records(recording, history)

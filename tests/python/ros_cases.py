@@ -1,0 +1,149 @@
+"""Bags written by the libraries of the ROS world, for the tests of reading them."""
+
+from __future__ import annotations
+
+import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_typestore
+
+from granular_id.io.options import LoadOptions
+from granular_id.io.ros_bag import read_ros
+from granular_id.io.source import FileSource
+
+STAMPED = "geometry_msgs/msg/WrenchStamped"
+PLAIN = "geometry_msgs/msg/Wrench"
+START_NS = 1_700_000_000_123_456_789
+SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
+ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+
+
+def samples(n=20, seed=0):
+    return np.random.default_rng(seed).normal(size=(n, 6))
+
+
+def even_stamps(n=20, step_ns=2_000_000):
+    return [START_NS + i * step_ns for i in range(n)]
+
+
+def message(store, row, stamp_ns=None, frame="ft_link"):
+    """Return a Wrench (no stamp) or WrenchStamped object."""
+    types = store.types
+    force, torque = (types["geometry_msgs/msg/Vector3"](*map(float, part)) for part in (row[:3], row[3:]))
+    wrench = types[PLAIN](force=force, torque=torque)
+    if stamp_ns is None:
+        return wrench
+    stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    seq = {"seq": 7} if store is ROS1 else {}
+    header = types["std_msgs/msg/Header"](**seq, stamp=stamp, frame_id=frame)
+    return types[STAMPED](header=header, wrench=wrench)
+
+
+def ros1_bytes(value):
+    return bytes(ROS1.serialize_ros1(value, value.__msgtype__))
+
+
+def cdr_bytes(value, *, little_endian=True):
+    return bytes(ROS2.serialize_cdr(value, value.__msgtype__, little_endian=little_endian))
+
+
+def payloads(store, wrench, stamps_ns=None, frame="ft_link"):
+    to_bytes = ros1_bytes if store is ROS1 else cdr_bytes
+    every = [None] * len(wrench) if stamps_ns is None else stamps_ns
+    return [to_bytes(message(store, row, stamp, frame)) for row, stamp in zip(wrench, every, strict=True)]
+
+
+def write_bag1(path, topics, compression=None, node=None):
+    """Write a ROS 1 bag of ``{topic: (type, payloads, log times)}``."""
+    writer = Writer1(path)
+    if compression is not None:
+        writer.set_compression(getattr(Writer1.CompressionFormat, compression))
+    with writer:
+        for topic, (type_name, messages, log_ns) in topics.items():
+            connection = writer.add_connection(topic, type_name, typestore=ROS1, callerid=node)
+            for data, time in zip(messages, log_ns, strict=True):
+                writer.write(connection, time, data)
+    return path
+
+
+def write_bag2(path, topics, plugin=SQLITE, mode=None, version=9):
+    """Write a ROS 2 bag folder of ``{topic: (type, payloads, log times)}``."""
+    writer = Writer2(path, version=version, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(getattr(CompressionMode, mode), CompressionFormat.ZSTD)
+    with writer:
+        for topic, (type_name, messages, log_ns) in topics.items():
+            connection = writer.add_connection(topic, type_name, typestore=ROS2)
+            for data, time in zip(messages, log_ns, strict=True):
+                writer.write(connection, time, data)
+    return path
+
+
+def write_mcap(path, topics, compression="ZSTD", *, encoding="cdr", definitions=True, **settings):
+    """Write an MCAP file of ``{topic: (type, payloads, log times)}``."""
+    with path.open("wb") as file:
+        writer = McapWriter(file, compression=CompressionType[compression], **settings)
+        writer.start(profile="ros2", library="test")
+        for topic, (type_name, messages, log_ns) in topics.items():
+            store, schema = (ROS2, "ros2msg") if encoding == "cdr" else (ROS1, "ros1msg")
+            kind = {"ros_version": 2} if encoding == "cdr" else {}
+            text = store.generate_msgdef(type_name, **kind)[0] if definitions is True else definitions
+            schema_id = writer.register_schema(type_name, schema, text.encode())
+            channel = writer.register_channel(topic, encoding, schema_id)
+            for data, time in zip(messages, log_ns, strict=True):
+                writer.add_message(channel, log_time=time, publish_time=time, data=data)
+        writer.finish()
+    return path
+
+
+def one_topic(store, wrench, stamps_ns, log_ns=None, frame="ft_link", name="/ft"):
+    """Return the topics of a bag that holds one WrenchStamped topic."""
+    return {name: (STAMPED, payloads(store, wrench, stamps_ns, frame), log_ns or stamps_ns)}
+
+
+KINDS = (
+    *(f"bag1 {compression}" for compression in (None, "LZ4", "BZ2")),
+    *(f"bag2 sqlite {mode} v{version}" for mode in (None, "FILE", "MESSAGE") for version in (8, 9)),
+    *(f"bag2 mcap {mode} v{version}" for mode in (None, "STORAGE", "FILE") for version in (8, 9)),
+    *(f"mcap {compression}" for compression in ("NONE", "LZ4", "ZSTD")),
+    "mcap unchunked",
+    "mcap bare",
+    "mcap ros1",
+)
+"""Every kind of bag that the libraries can write."""
+
+
+def write_kind(kind, folder, wrench, stamps_ns, **about):
+    """Write one topic as one of `KINDS`; return the path to read."""
+    parts = kind.split()
+    ros1 = kind.startswith("bag1") or kind == "mcap ros1"
+    topics = one_topic(ROS1 if ros1 else ROS2, wrench, stamps_ns, **about)
+    if parts[0] == "bag1":
+        return write_bag1(folder / "x.bag", topics, None if parts[1] == "None" else parts[1], node="/driver")
+    if parts[0] == "bag2":
+        plugin, mode = SQLITE if parts[1] == "sqlite" else MCAP, None if parts[2] == "None" else parts[2]
+        return write_bag2(folder / "x", topics, plugin, mode, int(parts[3][1:]))
+    path = folder / "x.mcap"
+    if kind == "mcap unchunked":
+        return write_mcap(path, topics, use_chunking=False)
+    if kind == "mcap bare":  # nothing that may be left out
+        return write_mcap(
+            path,
+            topics,
+            use_statistics=False,
+            use_summary_offsets=False,
+            repeat_channels=False,
+            repeat_schemas=False,
+            enable_crcs=False,
+        )
+    if kind == "mcap ros1":
+        return write_mcap(path, topics, encoding="ros1")
+    return write_mcap(path, topics, parts[1])
+
+
+def read(path, **options):
+    """Read one bag, as ``load`` would."""
+    return read_ros(FileSource.alone(path), LoadOptions(**options))
