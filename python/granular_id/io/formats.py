@@ -9,8 +9,17 @@ from pathlib import Path
 
 from granular_id.io.csv_file import read_csv
 from granular_id.io.csv_save import save_csv
+from granular_id.io.gm10 import is_gm10, read_gm10
+from granular_id.io.hdf5 import read_hdf5
+from granular_id.io.hdf5_save import save_hdf5
+from granular_id.io.mat import read_mat
 from granular_id.io.mcap_save import save_mcap
+from granular_id.io.npy import read_npy
+from granular_id.io.npz import read_npz, save_npz
 from granular_id.io.options import LoadOptions
+from granular_id.io.parquet import read_parquet
+from granular_id.io.parquet_layout import is_parquet_archive
+from granular_id.io.parquet_save import save_parquet
 from granular_id.io.ros_bag import read_ros
 from granular_id.io.ros_bag2 import is_bag_folder
 from granular_id.io.source import FileContent, FileSource
@@ -59,8 +68,33 @@ class FileFormat:
         return path.suffix.lower() in self.suffixes
 
 
+def _read_csv_or_gm10(source: FileSource, options: LoadOptions) -> FileContent:
+    return (read_gm10 if is_gm10(source.path) else read_csv)(source, options)
+
+
 FORMATS = (
-    FileFormat("csv", "CSV (*.csv)", (".csv",), read_csv, save_csv, saves_folder=True, knows_labels=False),
+    FileFormat(
+        "csv",
+        "CSV (*.csv)",
+        (".csv",),
+        _read_csv_or_gm10,
+        save_csv,
+        saves_folder=True,
+        knows_labels=False,
+    ),
+    FileFormat("npz", "NumPy archives (*.npz)", (".npz",), read_npz, save_npz),
+    FileFormat("npy", "NumPy arrays (*.npy)", (".npy",), read_npy, knows_labels=False),
+    FileFormat("mat", "MATLAB (*.mat)", (".mat",), read_mat),
+    FileFormat("hdf5", "HDF5 (*.h5, *.hdf5)", (".h5", ".hdf5"), read_hdf5, save_hdf5),
+    FileFormat(
+        "parquet",
+        "Parquet (archives with recordings.parquet, tables *.parquet)",
+        (".parquet",),
+        read_parquet,
+        save_parquet,
+        saves_folder=True,
+        is_folder=is_parquet_archive,
+    ),
     FileFormat("mcap", "MCAP (*.mcap)", (".mcap",), read_ros, save_mcap),
     FileFormat(
         "ros",
