@@ -1,0 +1,156 @@
+"""What an HDF5 file holds, as a tree of groups and of values that are read when they are asked for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.array_names import role_of
+from granular_id.io.array_tree import MAX_DEPTH
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.extras import need
+from granular_id.io.hdf5_guard import GuardedFile, translated
+
+__all__ = ["Hdf5Tree"]
+
+_MOST_MEMBERS = 50_000
+_MOST_ATTRIBUTES = 200
+_MOST_TEXTS = 100_000
+_TEXTS_AT_ONCE = 256
+_ROOT = "root"
+
+
+class Hdf5Tree:
+    """Walks through the groups of a file; attributes that say what a recording is stand beside its samples.
+
+    Attributes
+    ----------
+    left_out : list of str
+        What cannot be read as numbers or texts, and why.
+    """
+
+    def __init__(self, file: GuardedFile) -> None:
+        self._file = file
+        self._h5py = need("h5py", extra="hdf5", why="to read .h5 files")
+        self._met = 0
+        self._groups: set[int] = {file.address(file.root, _ROOT)}
+        self.left_out: list[str] = []
+
+    def whole(self) -> dict[str, Any]:
+        """Return the tree of everything: a mapping per group, a leaf per data set.
+
+        Raises
+        ------
+        RecordingFileError
+            Links, groups within each other without end, or far more members than recordings need.
+        """
+        return self._group(self._file.root, "", 0)
+
+    def _group(self, group: Any, place: str, depth: int) -> dict[str, Any]:
+        if depth > MAX_DEPTH:
+            raise self._file.expansion.fault(place[:200], f"groups lie in each other deeper than {MAX_DEPTH}")
+        found = self._attributes(group, place or _ROOT)
+        for name in self._file.names(group, place or _ROOT):
+            self._met += 1
+            if self._met > _MOST_MEMBERS:
+                raise self._file.expansion.fault(
+                    place or _ROOT, f"the file has more than {_MOST_MEMBERS} members"
+                )
+            inner = f"{place}/{name}" if place else name
+            item = self._file.member(group, name, inner)
+            if self._file.is_group(item):
+                self._met_first(item, inner)
+            value = (
+                self._group(item, inner, depth + 1)
+                if self._file.is_group(item)
+                else self._dataset(item, inner)
+            )
+            if value is not None:
+                found[name] = value
+        return found
+
+    def _met_first(self, group: Any, place: str) -> None:
+        """Refuse a group that lies at two places of the file: it may lie within itself."""
+        address = self._file.address(group, place)
+        if address in self._groups:
+            raise self._file.expansion.fault(place, "is a group that lies at two places of the file")
+        self._groups.add(address)
+
+    def _dataset(self, item: Any, place: str) -> Any:
+        with translated(self._file.expansion, place):
+            dtype, shape = item.dtype, item.shape
+            is_text = self._h5py.check_string_dtype(dtype) is not None
+        if shape is None or (dtype.hasobject and not is_text) or dtype.kind not in "iufbSOV":
+            self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
+            return None
+        leaf = _Leaf(
+            self._file, item, place, shape, np.dtype("S1") if dtype.hasobject else dtype, dtype.hasobject
+        )
+        about = self._attributes(item, place)
+        return {"samples": leaf, **about} if about and len(shape) > 1 else leaf
+
+    def _attributes(self, item: Any, place: str) -> dict[str, Any]:
+        """Return the attributes whose names say what they mean: label, session, rate, start time ..."""
+        with translated(self._file.expansion, place):
+            names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
+        found: dict[str, Any] = {}
+        for name in names:
+            if role_of(name) is None:
+                continue
+            try:
+                found[name] = self._file.attribute(item, name, place)
+            except RecordingFileError as error:
+                self.left_out.append(f"{place}: {error.problem}")
+        return found
+
+
+@dataclass
+class _Leaf:
+    """A data set that is read when it is asked for."""
+
+    file: GuardedFile
+    item: Any
+    place: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    changing: bool
+    _values: NDArray[Any] | None = field(default=None, repr=False)
+
+    def read(self) -> NDArray[Any]:
+        if self._values is None:
+            values = self._texts() if self.changing else self.file.values(self.item, self.place)
+            self._values = values.astype(np.uint8) if values.dtype.kind == "b" else values
+        return self._values
+
+    def _texts(self) -> NDArray[Any]:
+        """Read texts of changing length, a few at a time: how long they are is known only then."""
+        n = math.prod(self.shape)
+        if n > _MOST_TEXTS or len(self.shape) > 1:
+            raise self.file.expansion.fault(
+                self.place, f"holds {self.shape} texts; wanted a list of {_MOST_TEXTS}"
+            )
+        with translated(self.file.expansion, self.place):
+            created = self.item.id.get_create_plist()
+            if created.get_nfilters() or created.get_external_count() or self.item.is_virtual:
+                raise self.file.expansion.fault(
+                    self.place, "holds texts that are packed or lie in other files"
+                )
+            if not self.shape:
+                return np.array(self._decoded([self.item[()]])[0])
+            found: list[str] = []
+            step = max(1, min(_TEXTS_AT_ONCE, (1 << 26) // max(1, self.file.expansion.n_bytes)))
+            for start in range(0, n, step):
+                found += self._decoded(self.item[start : start + step])
+            return np.array(found, dtype=np.str_)
+
+    def _decoded(self, texts: Any) -> list[str]:
+        found = []
+        for text in texts:
+            # as an array of one width, all become as wide as the longest
+            self.file.expansion.spend(4 * len(text) + 64, self.place)
+            found.append(text.decode("utf-8") if isinstance(text, bytes) else str(text))
+        return found
