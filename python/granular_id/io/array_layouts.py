@@ -219,8 +219,9 @@ def _nothing_found(origin: Origin) -> RecordingFileError:
         n_samples = length // len(AXES)
         problem = (
             f"{origin.describe} {name} {n, length} may hold one flattened recording in each row; whether all "
-            f"of fx or all axes of the first sample come first cannot be told. Save it as {name}.reshape({n}, 6, {n_samples})."
-            f"transpose(0, 2, 1) in the first case, as {name}.reshape({n}, {n_samples}, 6) in the second"
+            "of fx or all axes of the first sample come first cannot be told. Save it as "
+            f"{name}.reshape({n}, 6, {n_samples}).transpose(0, 2, 1) in the first case, as "
+            f"{name}.reshape({n}, {n_samples}, 6) in the second"
         )
         return origin.unclear(problem)
     return origin.unclear(f"no recordings are recognised: wanted an array with an axis of length {len(AXES)}")

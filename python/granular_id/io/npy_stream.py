@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
 
-_CHUNK_BYTES = 4 * 1024 * 1024
-"""Bytes read at once: what is decompressed and copied stays small beside the array."""
+_CHUNK_BYTES = 256 * 1024
+"""Bytes read at once: so few that they are still in the processor's cache when their checksum is made."""
 
 _MAX_HEADER_BYTES = 10_000
 """Longest header that is parsed, as numpy's own default."""

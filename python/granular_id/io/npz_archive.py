@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,31 +25,38 @@ _MAX_DIRECTORY_BYTES = 4 * 1024 * 1024
 
 _SUFFIX = ".npy"
 
+_LOCAL_HEADER = struct.Struct("<4s22xHH")
+"""Before each member: its magic number, and the lengths of its name and of an extra field."""
+
 
 class NpzArchive:
     """Arrays of an open NPZ file by name; each is read when asked for.
 
     Attributes
     ----------
+    path : Path
+    file : binary file
+        The archive's bytes.
     arrays : dict
         Name to :class:`NpzMember`.
     others : list of str
         Members that are no arrays, which numpy does not read as such either.
     """
 
-    def __init__(self, file: zipfile.ZipFile, path: Path, n_bytes: int) -> None:
+    def __init__(self, archive: zipfile.ZipFile, file: BinaryIO, path: Path, n_bytes: int) -> None:
         self.path = path
+        self.file = file
         self.expansion = Expansion(path, n_bytes)
         self.arrays: dict[str, NpzMember] = {}
         self.others: list[str] = []
-        for info in file.infolist():
+        for info in archive.infolist():
             name = _checked_name(info, path)
             if not name.endswith(_SUFFIX):
                 self.others.append(name)
             elif (key := name[: -len(_SUFFIX)]) in self.arrays:
                 raise RecordingFileError(path, f"holds two arrays called {key!r}")
             else:
-                self.arrays[key] = NpzMember(self, file, info, key)
+                self.arrays[key] = NpzMember(self, archive, info, key)
 
 
 @dataclass(frozen=True)
@@ -77,14 +86,17 @@ class NpzMember:
         """
         with self._open() as opened:
             values = read_values(opened.stream, opened.header, self._archive.path, self.place)
-            opened.stream.read(1)  # the checksum is compared when the end is met
+            if opened.stream.read(1):  # the checksum is compared when the end is met
+                raise RecordingFileError(self._archive.path, "is longer than it claims", place=self.place)
         return values
 
     @contextmanager
     def _open(self) -> Iterator[_Opened]:
-        path = self._archive.path
-        with _zip_faults(path, self.place), self._file.open(self._info) as stream:
-            yield _Opened(stream, read_header(stream, self._info.file_size, path, self.place))
+        path, info = self._archive.path, self._info
+        with _zip_faults(path, self.place):
+            stored = info.compress_type == zipfile.ZIP_STORED
+            with _Stored(self._archive.file, info) if stored else self._file.open(info) as stream:
+                yield _Opened(stream, read_header(stream, info.file_size, path, self.place))
 
 
 @contextmanager
@@ -101,7 +113,39 @@ def open_npz(path: Path, root: Path, max_bytes: int) -> Iterator[NpzArchive]:
         with _zip_faults(path, None):
             archive = zipfile.ZipFile(_SmallReads(file))
         with archive:
-            yield NpzArchive(archive, path, n_bytes)
+            yield NpzArchive(archive, file, path, n_bytes)
+
+
+class _Stored(io.RawIOBase):
+    """A member that is not compressed, read from the file into its place: zipfile would copy every byte twice."""
+
+    def __init__(self, file: BinaryIO, info: zipfile.ZipInfo) -> None:
+        file.seek(info.header_offset)
+        header = file.read(_LOCAL_HEADER.size)
+        if len(header) < _LOCAL_HEADER.size or info.compress_size != info.file_size:
+            raise zipfile.BadZipFile("its directory does not fit what is there")
+        magic, name_length, extra_length = _LOCAL_HEADER.unpack(header)
+        if magic != b"PK\3\4":
+            raise zipfile.BadZipFile("no member begins where the directory says")
+        self._file, self._info = file, info
+        self._start = info.header_offset + len(header) + name_length + extra_length
+        self._done = self._checksum = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return self._done
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer)[: self._info.file_size - self._done]
+        self._file.seek(self._start + self._done)
+        count = self._file.readinto(view) if len(view) else 0  # type: ignore[attr-defined]
+        self._checksum = zlib.crc32(view[:count], self._checksum)
+        self._done += count
+        if self._done == self._info.file_size and self._checksum != self._info.CRC:
+            raise zipfile.BadZipFile("its checksum is wrong")
+        return int(count)
 
 
 class _SmallReads(io.RawIOBase):

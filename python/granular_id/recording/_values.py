@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+_PLAIN = frozenset((type(None), bool, int, str))
+"""Types whose values a tree holds as they are; asked first, as nearly all values are of one of them."""
+
 
 def freeze(value: object, name: str) -> Any:
     """Copy a JSON-like tree into one that cannot be changed (mappings become read-only, lists tuples)."""
+    if type(value) in _PLAIN:
+        return value
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
@@ -28,7 +33,12 @@ def freeze(value: object, name: str) -> Any:
         for key in value:
             if not isinstance(key, str):
                 raise TypeError(f"{name} has the key {key!r}; keys must be str")
-        return MappingProxyType({str(key): freeze(item, f"{name}[{key!r}]") for key, item in value.items()})
+        # most items are plain, and making a name for each would take longer than everything else
+        tree = {
+            str(key): item if type(item) in _PLAIN else freeze(item, f"{name}[{key!r}]")
+            for key, item in value.items()
+        }
+        return MappingProxyType(tree)
     if isinstance(value, (list, tuple)):
         return tuple(freeze(item, f"{name}[{i}]") for i, item in enumerate(value))
     raise TypeError(
