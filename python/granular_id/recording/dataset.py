@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, overload
@@ -16,6 +16,8 @@ from granular_id.recording.axes import common_axes
 from granular_id.recording.checking import CheckReport, check_recordings
 from granular_id.recording.checking.sensor_range import SensorRange
 from granular_id.recording.one import Recording
+from granular_id.recording.onset.find import FALSE_ALARM_RATE, REST_S
+from granular_id.recording.onset.step import find_all_onsets
 from granular_id.recording.report import StepReport
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings
 from granular_id.recording.selection import select_recordings
@@ -267,6 +269,51 @@ class Dataset:
             on_short=on_short,
         )
         return Dataset(cropped, (*self.history, report))
+
+    def find_onsets(
+        self,
+        *,
+        rest_s: float = REST_S,
+        false_alarm_rate: float = FALSE_ALARM_RATE,
+        overrule: Mapping[str, float | None] | None = None,
+        replace: bool = False,
+    ) -> Dataset:
+        """Set each recording's `trigger_index` to where its motion begins, found from the wrench alone.
+
+        See :func:`granular_id.recording.onset.find_onset` for the method. ``.align(trigger="recorded",
+        lead_s=0.1, n_samples=...)`` then cuts all recordings to the same lead, as the paper's are.
+
+        Parameters
+        ----------
+        rest_s : float, default 0.1
+            Seconds at the start of each recording that are known to be at rest; at least 5 samples.
+        false_alarm_rate : float, default 0.001
+            Probability, at most, that a recording without any motion gets an onset.
+        overrule : mapping of str to float or None, optional
+            Onsets that you know better, by name of the recording: seconds from its first sample, or None for no
+            onset. They also replace a trigger that was recorded.
+        replace : bool, default False
+            Whether recordings that already have a `trigger_index` get a new one (or none, where none is found).
+
+        Returns
+        -------
+        Dataset
+            ``history[-1]`` says for each recording how its onset came about, or why there is none.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Bad settings, a name that no recording or more than one has, a time outside the recording, and
+            irregular recordings, which must be resampled (or overruled) first.
+        """
+        results, report = find_all_onsets(
+            self.recordings,
+            rest_s=rest_s,
+            false_alarm_rate=false_alarm_rate,
+            overrule=overrule,
+            replace_recorded=replace,
+        )
+        return Dataset(results, (*self.history, report))
 
     @classmethod
     def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
