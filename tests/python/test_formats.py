@@ -1,0 +1,202 @@
+"""Every writable format gives back the same data set; what one format wrote another carries on."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dataset_strategies import assert_same_bits, datasets
+from granular_id.io import RecordingFileError, load, save
+from granular_id.io.formats import FORMATS, format_of
+from granular_id.recording import AXES, Dataset, Recording, StepReport
+from granular_id.synthetic import synthesize
+
+for library in ("h5py", "pyarrow", "mcap", "rosbags"):
+    pytest.importorskip(library)
+
+WRITABLE = {known.name: known for known in FORMATS if known.save is not None}
+NAMES = sorted(WRITABLE)
+
+
+def place(folder, name):
+    """Where a data set of several recordings can be written."""
+    return folder / ("set.npz" if name == "npz" else "set.h5" if name == "hdf5" else "set")
+
+
+@pytest.fixture(scope="module")
+def pushes():
+    data = synthesize(["rice", "oat flakes"], n_per_class=3, sessions=2, seed=3)
+    return data.align(n_samples=1500, trigger="recorded", lead_s=0.05)
+
+
+def test_five_formats_can_be_written():
+    assert NAMES == ["csv", "hdf5", "mcap", "npz", "parquet"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_synthetic_pushes_come_back_with_their_history(tmp_path, name, pushes):
+    back = load(save(pushes, place(tmp_path, name), name))
+    assert_same_bits(back, pushes)
+    assert back.history[:-1] == pushes.history
+    assert back.history[-1].step == "load"
+    assert back.history[-1].totals["recordings"] == len(pushes)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(data=datasets())
+@settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_any_data_set_comes_back(tmp_path_factory, name, data):
+    path = place(tmp_path_factory.mktemp("any"), name)
+    if name in ("csv", "mcap") and any(recording.axes != AXES for recording in data):
+        with pytest.raises(ValueError, match="holds fx fy fz tx ty tz only"):
+            save(data, path, name)
+        assert not path.exists()
+        return
+    back = load(save(data, path, name))
+    assert_same_bits(back, data)
+    assert back.history[:-1] == data.history
+
+
+@pytest.mark.parametrize("first", NAMES)
+@pytest.mark.parametrize("second", NAMES)
+def test_from_format_to_format(tmp_path, first, second, pushes):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    once = load(save(pushes, place(tmp_path / "a", first), first))
+    twice = load(save(once, place(tmp_path / "b", second), second))
+    assert_same_bits(twice, pushes)
+    assert [step.step for step in twice.history] == [*(step.step for step in pushes.history), "load", "load"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_progress_and_what_is_returned(tmp_path, name, pushes):
+    calls = []
+    path = place(tmp_path, name)
+    assert save(pushes, path, name, progress=lambda *call: calls.append(call)) == path
+    assert calls
+    assert calls[-1][0] == calls[-1][1]
+    assert [call[0] for call in calls] == sorted(call[0] for call in calls)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_overwritten(tmp_path, name, pushes):
+    path = place(tmp_path, name)
+    save(pushes, path, name)
+    before = sorted((p, p.stat().st_mtime_ns) for p in tmp_path.rglob("*"))
+    with pytest.raises(FileExistsError, match=path.name):
+        save(pushes, path, name)
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        save(pushes, tmp_path / "nowhere" / path.name, name)
+    assert sorted((p, p.stat().st_mtime_ns) for p in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_nothing_is_left_when_writing_fails(tmp_path, name, error, pushes):
+    def failing(*_):
+        raise error
+
+    with pytest.raises(type(error)):
+        save(pushes, place(tmp_path, name), name, progress=failing)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "name", "message"),
+    [
+        ("set", None, "does not say which format is wanted; give format= one of csv, npz, hdf5"),
+        ("set.xlsx", None, "does not say which format"),
+        ("set.mat", None, r"MATLAB \(\*.mat\) can only be read; what can be written: csv"),
+        ("set.csv", None, "is written as a folder of files: name a folder and give format='csv'"),
+        ("set", "excel", "format='excel'; wanted one of csv"),
+        ("set.mcap", None, "one recording, and there are 6"),
+    ],
+)
+def test_formats_that_cannot_be_written_are_told(tmp_path, path, name, message, pushes):
+    with pytest.raises(ValueError, match=message):
+        save(pushes, tmp_path / path, name)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(TypeError, match="dataset must be a Dataset, got list"):
+        save([], tmp_path / path, name)
+
+
+def test_a_folder_of_several_formats(tmp_path):
+    wrench = np.arange(60.0).reshape(10, 6)
+    one = Dataset([Recording(wrench, rate_hz=500, name="x")])
+    (tmp_path / "rice").mkdir()
+    (tmp_path / "oats" / "monday").mkdir(parents=True)
+    np.save(tmp_path / "rice" / "1.npy", wrench)
+    save(one, tmp_path / "rice" / "2.npz")
+    save(one, tmp_path / "rice" / "3.mcap")
+    save(one, tmp_path / "oats" / "monday" / "1.h5")
+    save(one, tmp_path / "oats" / "monday" / "2", "parquet")
+    (tmp_path / "rice" / "notes.txt").write_text("passed over")
+    data = load(tmp_path, rate_hz=500)
+    assert data.y.tolist() == ["oats"] * 2 + ["rice"] * 3
+    assert data.sessions.tolist() == ["monday"] * 2 + [None] * 3
+    assert all(np.array_equal(recording.wrench, wrench) for recording in data)
+
+
+def test_what_the_file_says_wins_over_the_folder_and_the_index_over_both(tmp_path):
+    known = Recording(np.zeros((4, 6)), rate_hz=500, label="basmati", session="tuesday", name="x")
+    (tmp_path / "rice").mkdir()
+    save(Dataset([known]), tmp_path / "rice" / "1.npz")
+    assert load(tmp_path)[0].label == "basmati"
+    (tmp_path / "index.csv").write_text('file,label,operator\nrice/1.npz,jasmine,"Ann, Bob"\n')
+    (indexed,) = load(tmp_path)
+    assert (indexed.label, indexed.session) == ("jasmine", "tuesday")
+    assert dict(indexed.meta) == {"operator": "Ann, Bob"}
+    (tmp_path / "index.csv").write_text("file,label,trigger_index\nrice/1.npz,jasmine,2\n")
+    assert load(tmp_path)[0].trigger_index == 2
+
+
+def test_a_trigger_for_a_file_of_many_is_refused(tmp_path):
+    save(Dataset([Recording(np.zeros((4, 6)), rate_hz=500)] * 2), tmp_path / "two.npz")
+    (tmp_path / "index.csv").write_text("file,label,trigger_index\ntwo.npz,rice,2\n")
+    with pytest.raises(
+        RecordingFileError, match=r"two\.npz: start_time and trigger_index are stated for a file of 2"
+    ):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        "3",
+        '{"step": "load"}',
+        '[{"steps": 1}]',
+        '[{"step": 4}]',
+        "[" * 10**5,
+        '[{"step": "a", "rows": [1]}]',
+    ],
+)
+def test_a_broken_history_is_refused(tmp_path, text, pushes):
+    save(pushes, tmp_path / "set", "csv")
+    (tmp_path / "set" / "history.json").write_text(text)
+    with pytest.raises(RecordingFileError, match=r"history\.json: is no history of a data set"):
+        load(tmp_path / "set")
+
+
+def test_reports_are_saved_and_read_back(tmp_path, pushes):
+    step = pushes.history[-1]
+    step.save(tmp_path / "step.json")
+    assert StepReport.from_dict(json.loads((tmp_path / "step.json").read_text())) == step
+    step.save(tmp_path / "step.txt")
+    assert (tmp_path / "step.txt").read_text() == f"{step}\n"
+    with pytest.raises(ValueError, match="a step has the keys a; wanted step, parameters"):
+        StepReport.from_dict({"a": 1})
+    with pytest.raises(TypeError, match="a step must be a mapping, got list"):
+        StepReport.from_dict([])
+
+
+@given(name=st.text(max_size=300))
+def test_any_name_is_of_one_format_or_none(tmp_path_factory, name):
+    from pathlib import Path
+
+    assert format_of(Path(name.replace("\0", ""))) is None or Path(name).suffix
