@@ -1,6 +1,12 @@
-"""Random bytes and mutated files: either recordings or the documented exception, nothing else."""
+"""Random bytes and mutated files: either recordings or the documented exception, nothing else.
 
+``GRANULAR_ID_CASES=100000 pytest tests/python/test_csv_fuzz.py -k campaign -s`` runs the long campaign and prints
+how many files were read, refused and compared. ``tests/fuzz`` does the same to the table reader alone.
+"""
+
+import os
 import re
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -9,7 +15,9 @@ from hypothesis import strategies as st
 
 from granular_id._core import write_number_table
 from granular_id.io import RecordingFileError, load
+from granular_id.io.columns import axis_of
 from granular_id.io.csv_numbers import parse_numbers
+from granular_id.recording import AXES
 
 GOOD = b"time,fx,fy,fz,tx,ty,tz\r\n0.00,1.5,-2,3e0,.4,5,+6\r\n0.01,1,2,3,4,5,6\n0.02, 1, 2, 3,4,5,6\n"
 INDEX = (
@@ -160,3 +168,110 @@ def digits(number):
 def test_columns_that_cannot_be_written(columns, problem):
     with pytest.raises((TypeError, ValueError), match=problem):
         write_number_table(columns)
+
+
+CELLS = [
+    b"",
+    b"nan",
+    b"-inf",
+    b"1e999",
+    b"1_0",
+    b"0x1",
+    b"+.5e-3",
+    b" 7. ",
+    b"1e-999",
+    b"9007199254740993",
+    b"--1",
+    b'"1"',
+]
+NAMES = [
+    b"fx",
+    b"Fx [N]",
+    b"mx",
+    b"Torque_y",
+    b"t",
+    b"time_s",
+    b"stamp",
+    b"flags",
+    b"tx_Nmm",
+    b"temp",
+    b"wrench.force.z",
+]
+DIRT = [
+    b"",
+    b",",
+    b"\n",
+    b"\r",
+    b"\0",
+    b"-",
+    b"e",
+    b".",
+    b'"',
+    b"\xff",
+    b"\xef\xbb\xbf",
+    b" ",
+    b"\t",
+    b"\xe2\x88\x92",
+]
+
+
+def pick(rng, items):
+    return items[rng.integers(len(items))]  # rng.choice would cut NUL bytes off
+
+
+def a_file(rng):
+    """Make a file of a few lines, and damage it in up to three ways."""
+    time = np.arange(rng.integers(1, 6)) * 0.01 + rng.choice([0.0, 5.0, 1.6e9])
+    names = [b"time", *(axis.encode() for axis in AXES)]
+    if rng.random() < 0.2:
+        names[rng.integers(len(names))] = pick(rng, NAMES)
+    rows = [[repr(float(t)).encode(), *(b"%.17g" % v for v in rng.normal(size=6))] for t in time]
+    line_end = b"\r\n" if rng.random() < 0.3 else b"\n"
+    for _ in range(rng.choice([0, 0, 1, 2])):
+        row = pick(rng, rows)
+        if rng.random() < 0.5 and row:
+            row[rng.integers(len(row))] = pick(rng, CELLS)
+        elif rng.random() < 0.5:
+            row.insert(rng.integers(len(row) + 1), b"1")
+        else:
+            i, j = rng.integers(len(rows), size=2)
+            rows[i] = list(rows[j])
+    data = line_end.join(b",".join(row) for row in [names, *rows]) + pick(rng, [b"", line_end, 2 * line_end])
+    for _ in range(rng.choice([0, 0, 1, 2])):
+        start = int(rng.integers(len(data) + 1))
+        data = data[:start] + pick(rng, DIRT) + data[start + int(rng.integers(4)) :]
+    return data[: rng.integers(len(data) + 1)] if rng.random() < 0.05 else data
+
+
+def read_plainly(data):
+    """Return what a file that is right in every way holds: stamps (or None) and samples."""
+    lines = data.decode("utf-8-sig").replace("\r\n", "\n").rstrip("\n \t\r").split("\n")
+    axes = [axis_of(name.strip().strip('"').strip()) for name in lines[0].split(",")]
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
+    stamps = table[:, axes.index("time")] if "time" in axes else None
+    return stamps, table[:, [axes.index(axis) for axis in AXES]]
+
+
+def test_campaign(tmp_path):
+    n_cases = int(os.environ.get("GRANULAR_ID_CASES", "500"))
+    rng = np.random.default_rng(20240326)
+    counts = Counter()
+    file = tmp_path / "a_1.csv"
+    for _ in range(n_cases):
+        data = a_file(rng)
+        file.write_bytes(data)
+        result, error = outcome(load, file, rate_hz=None if rng.random() < 0.8 else 100.0)
+        if error is not None:
+            assert error.path == str(file)
+            assert len(str(error)) < 1000
+            counts["refused"] += 1
+            continue
+        stamps, wrench = read_plainly(data)
+        assert result[0].wrench.tobytes() == wrench.tobytes()
+        if result[0].time_s is not None:
+            assert result[0].time_s.tobytes() == (stamps - stamps[0] + 0.0).tobytes()
+        counts["read"] += 1
+        counts["values"] += wrench.size
+    print(f"CSV files: {n_cases} made, {dict(counts)}, 0 other outcomes")
+    assert counts["read"] > n_cases // 10
+    assert counts["refused"] > n_cases // 10
