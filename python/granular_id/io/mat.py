@@ -46,7 +46,7 @@ def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
     """
     variables, reading = read_variables(source, options)
     try:
-        content = recordings_of(variables, source, options, describe)
+        content = recordings_of(variables, source, options, "variable")
     except RecordingFileError as error:
         if not reading.left_out:
             raise
@@ -85,11 +85,6 @@ def read_variables(source: FileSource, options: LoadOptions) -> tuple[dict[str, 
         left_out = f": {'; '.join(reading.left_out)}" if reading.left_out else ""
         raise RecordingFileError(source.path, f"holds no variable that can be read{left_out}")
     return variables, reading
-
-
-def describe(name: str) -> str:
-    """Return how errors and notes call a variable."""
-    return f"variable {name}"
 
 
 def _version(file: BinaryIO, reading: MatReading) -> int:

@@ -6,15 +6,17 @@ lists the last index first. Cells and the fields of struct arrays are datasets o
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from granular_id.io.hdf5_guard import GuardedFile
+from granular_id.io.hdf5_guard import GuardedFile, translated
 from granular_id.io.mat_tree import (
     COMPLEX,
     FUNCTION,
     LEFT_OUT,
+    MAX_DIMENSIONS,
     MAX_NAME,
     SPARSE,
     MatReading,
@@ -58,20 +60,19 @@ class _Walk:
         """Return one value, whatever class it is of."""
         self._reading.count(1, place)
         file = self._file
-        marks = file.attribute_names(item, place)
-        class_name = file.attribute(item, "MATLAB_class", place) if "MATLAB_class" in marks else None
-        if "MATLAB_sparse" in marks or class_name == "function_handle":
-            return self._reading.leave_out(place, *(SPARSE if "MATLAB_sparse" in marks else FUNCTION))
-        if _DECODED in marks:
+        class_name = file.attribute(item, "MATLAB_class", place)
+        if class_name == "function_handle":
+            return self._reading.leave_out(place, *FUNCTION)
+        if file.has_attribute(item, _DECODED, place):
             return self._reading.leave_out_object(place, str(class_name))
-        if file.is_group(item):
-            return self._struct(item, class_name, marks, place, depth)
+        if self._file.is_group(item):
+            return self._struct(item, class_name, place, depth)
         if class_name not in (*_NUMBERS, "char", "cell", "struct"):
             raise self._no_class(class_name, place)
-        return self._dataset(item, class_name, marks, place, depth)
+        return self._dataset(item, class_name, place, depth)
 
-    def _dataset(self, item: Any, class_name: str, marks: list[str], place: str, depth: int) -> Any:
-        if "MATLAB_empty" in marks and self._file.attribute(item, "MATLAB_empty", place):
+    def _dataset(self, item: Any, class_name: str, place: str, depth: int) -> Any:
+        if self._file.attribute(item, "MATLAB_empty", place):
             return self._empty(item, class_name, place)
         if class_name == "cell":
             return self._cell(item, place, depth)
@@ -86,26 +87,27 @@ class _Walk:
         return self._reading.fault(place, f"{problem}; save it with -v7 or -v7.3, or name it .h5")
 
     def _plain(self, item: Any, class_name: str, place: str) -> Any:
-        if item.dtype.names is not None:
+        with translated(self._reading, place):
+            dtype, dims = item.id.dtype, _dims(item)
+        if dtype.names is not None:
             return self._reading.leave_out(place, *COMPLEX)
-        if item.dtype.kind not in "iufb":
-            raise self._reading.fault(place, f"is called {class_name}, but holds {item.dtype}")
-        dims = _dims(item)
         self._reading.checked_dims(dims, place)
-        if class_name == "char":
-            if item.dtype.kind != "u" or item.dtype.itemsize > 4:
-                raise self._reading.fault(place, f"is called char, but holds {item.dtype}")
+        is_text = class_name == "char"
+        wanted = dtype.kind == "u" and dtype.itemsize <= 4 if is_text else dtype.kind in "iufb"
+        if not wanted or not (is_text or class_name in _NUMBERS):
+            raise self._reading.fault(place, f"is called {class_name}, but holds {dtype}")
+        if is_text:
             self._reading.count(dims[0], place)
             return text_of(self._file.values(item, place).ravel(), dims)
-        if class_name not in _NUMBERS:
-            raise self._reading.fault(place, f"is called {class_name}, but holds {item.dtype}")
-        values = self._file.values(item, place)
-        return values.astype(_NUMBERS[class_name], copy=False).reshape(dims[::-1]).T
+        values = self._file.values(item, place).astype(_NUMBERS[class_name], copy=False)
+        return values.reshape(dims[::-1]).T
 
     def _empty(self, item: Any, class_name: str, place: str) -> Any:
         """Return an empty array: its values are its size."""
-        if item.size > 64:
-            raise self._reading.fault(place, f"is called empty, but holds {item.size} values")
+        with translated(self._reading, place):
+            n_sizes = math.prod(item.id.shape)
+        if n_sizes > MAX_DIMENSIONS:
+            raise self._reading.fault(place, f"is called empty, but holds {n_sizes} values")
         if class_name == "char":
             return ""
         if class_name in ("cell", "struct"):
@@ -124,8 +126,10 @@ class _Walk:
             return LEFT_OUT
         return nested(items, _dims(item))
 
-    def _struct(self, group: Any, class_name: str | None, marks: list[str], place: str, depth: int) -> Any:
-        if class_name is None and "OCTAVE_NEW_FORMAT" in marks:
+    def _struct(self, group: Any, class_name: str | None, place: str, depth: int) -> Any:
+        if self._file.has_attribute(group, "MATLAB_sparse", place):
+            return self._reading.leave_out(place, *SPARSE)
+        if class_name is None and self._file.has_attribute(group, "OCTAVE_NEW_FORMAT", place):
             raise self._reading.fault(place, "was written by Octave's save -hdf5; wanted save -v7")
         if class_name != "struct":
             raise self._no_class(class_name, place)
@@ -139,9 +143,10 @@ class _Walk:
 
     def _is_column(self, item: Any, place: str) -> bool:
         """Tell whether a field holds one reference per element of a struct array (a cell has a class)."""
-        if self._file.is_group(item) or "MATLAB_class" in self._file.attribute_names(item, place):
+        if self._file.is_group(item) or self._file.has_attribute(item, "MATLAB_class", place):
             return False
-        return self._file.is_reference(item, place)
+        with translated(self._reading, place):
+            return self._file.is_reference(item.id.dtype)
 
     def _struct_array(self, members: dict[str, Any], place: str, depth: int) -> Any:
         columns = {name: self._references(item, f"{place}.{name}") for name, item in members.items()}
@@ -158,10 +163,11 @@ class _Walk:
         return records[0] if len(records) == 1 else nested(records, size)
 
     def _references(self, item: Any, place: str) -> list[Any]:
-        if not self._file.is_reference(item, place):
-            raise self._reading.fault(place, f"is called a cell, but holds {item.dtype}")
-        self._reading.checked_dims(_dims(item), place)
-        self._reading.count(item.size, place)
+        with translated(self._reading, place):
+            dtype, dims = item.id.dtype, _dims(item)
+        if not self._file.is_reference(dtype):
+            raise self._reading.fault(place, f"is called a cell, but holds {dtype}")
+        self._reading.count(self._reading.checked_dims(dims, place), place)
         return list(self._file.values(item, place).ravel())
 
     def _target(self, reference: Any, place: str, depth: int) -> Any:
@@ -180,5 +186,5 @@ class _Walk:
 
 def _dims(item: Any) -> tuple[int, ...]:
     """Return the size of a dataset as MATLAB counts, at least two numbers."""
-    dims = tuple(reversed(item.shape))
+    dims = tuple(reversed(item.id.shape or ()))
     return (*dims, *(1,) * (2 - len(dims)))

@@ -1,0 +1,114 @@
+"""Chunks of an HDF5 dataset that gzip has packed, unpacked to the size they should have and no further."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator
+from operator import add, mod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.expansion import Expansion
+
+DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3
+
+MAX_CHUNKS = 20_000
+"""Chunks of one dataset, each of which takes time however small it is."""
+
+
+class PackedChunks:
+    """The chunks of one dataset.
+
+    Parameters
+    ----------
+    dataset : h5py.h5d.DatasetID
+    dtype, shape
+        Of the dataset.
+    chunk : tuple of int
+        Shape of a chunk.
+    filters : list of int
+        Numbers of the filters, in the order of writing: gzip, and possibly shuffle and fletcher32.
+    expansion : Expansion
+        Size of the file, and its name for errors.
+    place : str
+        How errors call the dataset.
+    """
+
+    def __init__(
+        self,
+        dataset: Any,
+        dtype: np.dtype[Any],
+        shape: tuple[int, ...],
+        chunk: tuple[int, ...],
+        filters: list[int],
+        expansion: Expansion,
+        place: str,
+    ) -> None:
+        self._dataset, self._expansion, self._place = dataset, expansion, place
+        self._dtype, self._shape, self._chunk = dtype, shape, chunk
+        self._size = math.prod(self._chunk) * self._dtype.itemsize
+        at = filters.index(DEFLATE)
+        self._gzip = 1 << at
+        self._shuffle = 1 << filters.index(SHUFFLE) if SHUFFLE in filters[:at] else 0
+        # a checksum made before packing is packed with the values; one made after stands behind the stream
+        self._checksum = 1 << filters.index(FLETCHER32) if FLETCHER32 in filters[:at] else 0
+        self._found: list[Any] = []
+        dataset.chunk_iter(self._note)
+        packed_bytes = sum(info.size for info in self._found)
+        if len(self._found) > MAX_CHUNKS or packed_bytes > expansion.n_bytes:
+            came = f"{len(self._found)} chunks of {packed_bytes} bytes"
+            raise expansion.fault(place, f"has {came} in a file of {expansion.n_bytes}")
+
+    def _note(self, info: Any) -> bool | None:
+        self._found.append(info)
+        return True if len(self._found) > MAX_CHUNKS else None  # a damaged index may go round in circles
+
+    def __iter__(self) -> Iterator[tuple[tuple[int, ...], int, bytes]]:
+        """Yield offset, mask of the filters left out, and packed bytes of each chunk that is there."""
+        for info in self._found:
+            mask, packed = self._dataset.read_direct_chunk(info.chunk_offset)
+            yield info.chunk_offset, mask, packed
+
+    def unpacked(self, packed: bytes, mask: int) -> bytes:
+        """Return the bytes of one chunk."""
+        data = packed
+        size = self._size + (4 if self._checksum & ~mask else 0)
+        if not mask & self._gzip:
+            stream = zlib.decompressobj()
+            try:
+                data = stream.decompress(packed, size + 1)
+            except zlib.error as error:
+                raise self._expansion.fault(self._place, f"a chunk is damaged ({error})") from error
+            if not stream.eof and len(data) <= size:
+                raise self._expansion.fault(self._place, "a chunk is cut off")
+        if len(data) != size:
+            came = f"{len(data)} bytes" if len(data) <= size else "more"
+            raise self._expansion.fault(self._place, f"a chunk of {size} bytes unpacks to {came}")
+        data = data[: self._size]  # the checksum of gzip covers what that of fletcher32 would
+        if self._shuffle & ~mask and self._dtype.itemsize > 1:
+            data = np.frombuffer(data, np.uint8).reshape(self._dtype.itemsize, -1).T.tobytes()
+        return data
+
+    def whole(self) -> NDArray[Any]:
+        """Return the values of the dataset."""
+        n_chunks = math.prod(-(-n // size) for n, size in zip(self._shape, self._chunk, strict=True))
+        if len(self._found) == n_chunks:
+            values = np.empty(self._shape, self._dtype)
+        else:
+            fill = np.zeros((), self._dtype)
+            self._dataset.get_create_plist().get_fill_value(fill)
+            values = np.full(self._shape, fill, self._dtype)
+        filled = set()
+        for offset, mask, packed in self:
+            chunk = np.frombuffer(self.unpacked(packed, mask), self._dtype).reshape(self._chunk)
+            part = values[tuple(map(slice, offset, map(add, offset, self._chunk)))]
+            # chunks at the border are larger than what is left of the dataset
+            part[...] = chunk if part.shape == self._chunk else chunk[tuple(map(slice, part.shape))]
+            if part.size and not any(map(mod, offset, self._chunk)):
+                filled.add(offset)
+        if len(filled) < len(self._found):  # values may be left as they were in memory
+            raise self._expansion.fault(self._place, "has chunks over each other or outside the dataset")
+        return values
