@@ -7,6 +7,7 @@ Nodes are mappings (structs, groups), lists (cells), ``str``, and leaves: numpy 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,12 +105,21 @@ def texts(node: Any) -> list[str] | None:
         return single if single and len(single) == len(items) else None
     if not is_leaf(node) or np.dtype(node.dtype).kind not in "US" or n_values(node) is None:
         return None
-    array = values(node).reshape(-1)
-    try:
-        plain = [item.decode("utf-8") if isinstance(item, bytes) else str(item) for item in array.tolist()]
-    except (ValueError, OverflowError):  # bytes that are no text, numbers that no character has
+    plain = plain_texts(values(node).reshape(-1))
+    return None if plain is None else [text.rstrip(" ") for text in plain]
+
+
+def plain_texts(array: NDArray[Any]) -> list[str] | None:
+    """Return the texts of an array of shape (n,) and kind U or S (UTF-8); None where one of them is no text."""
+    if array.dtype.kind == "S":
+        try:
+            return [item.decode("utf-8") for item in array.tolist()]
+        except UnicodeDecodeError:
+            return None
+    codes = np.ascontiguousarray(array).view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    if codes.max(initial=0) > sys.maxunicode:  # no character: numpy would raise a SystemError over it
         return None
-    return [text.rstrip(" ") for text in plain]
+    return [str(item) for item in array.tolist()]
 
 
 def as_tree(node: Any) -> Any:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from collections.abc import Mapping
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from granular_id._files import whole_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.array_layouts import recordings_of
+from granular_id.io.array_tree import plain_texts, texts
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat import FlatRecordings, flatten, unflatten
 from granular_id.io.npz_archive import NpzArchive, NpzMember, open_npz
@@ -33,7 +35,7 @@ _RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
 
 _TEXTS = ("label", "session", "name")
-_LINES = {"meta_json": "meta", "history_json": "history"}
+_BYTES = ("meta", "history")
 _NUMBERS = ("wrench", "n_samples", "rate_hz", "start_time", "trigger_index")
 _OPTIONAL = ("time_s", "flags")
 
@@ -102,8 +104,9 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
     """
     with open_npz(source.path, source.root, options.max_binary_bytes) as archive:
         mark = archive.arrays.get(_FORMAT)
-        if mark is not None and mark.dtype.kind == "U" and str(mark.read()).startswith(_OURS):
-            return _read_own(archive, source)
+        said = None if mark is None else texts(mark)
+        if said and said[0].startswith(_OURS):
+            return _read_own(archive, said[0], source)
         content = recordings_of(_tree(archive), source, options, "array")
     if archive.others:
         content.notes.append(f"members that are no arrays were not read: {', '.join(archive.others[:10])}")
@@ -129,26 +132,25 @@ def _bytes(text: str) -> NDArray[np.uint8]:
     return np.frombuffer(text.encode("utf-8"), np.uint8)
 
 
-def _read_own(archive: NpzArchive, source: FileSource) -> FileContent:
+def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent:
     path = source.path
-    mark = str(archive.arrays[_FORMAT].read())
     if mark != f"{_OURS} {_VERSION}":
         problem = f"is of the format {mark[:60]!r}; this version of granular-id reads '{_OURS} {_VERSION}'"
         raise RecordingFileError(path, problem)
-    known = {_FORMAT, "axes", *_NUMBERS, *_OPTIONAL, *_TEXTS, *_LINES.values()}
+    known = {_FORMAT, "axes", *_NUMBERS, *_OPTIONAL, *_TEXTS, *_BYTES}
     missing = known - set(_OPTIONAL) - set(archive.arrays)
     if missing:
         raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
-    n_recordings = int(np.prod(archive.arrays["n_samples"].shape))
+    n_recordings = math.prod(archive.arrays["n_samples"].shape)
     archive.expansion.spend(n_recordings * _RECORDING_BYTES, "array n_samples")
     columns: dict[str, Any] = {name: archive.arrays[name].read() for name in _NUMBERS}
     columns |= {name: archive.arrays[name].read() for name in _OPTIONAL if name in archive.arrays}
-    texts = {name: _texts(archive.arrays[name], path) for name in _TEXTS}
+    words = {name: _texts(archive.arrays[name], path) for name in _TEXTS}
     flat = FlatRecordings(
         axes=tuple(_texts(archive.arrays["axes"], path)),
-        label=[text or None for text in texts["label"]],
-        session=[text or None for text in texts["session"]],
-        name=texts["name"],
+        label=[text or None for text in words["label"]],
+        session=[text or None for text in words["session"]],
+        name=words["name"],
         meta_json=[
             None if line == "{}" else line for line in _text(archive.arrays["meta"], path).split("\n")
         ],
@@ -168,10 +170,10 @@ def _texts(member: NpzMember, path: Path) -> list[str]:
     if member.dtype.kind != "U" or len(member.shape) != 1:
         problem = f"has shape {member.shape} and dtype {member.dtype}; wanted a list of texts"
         raise RecordingFileError(path, problem, place=member.place)
-    try:
-        return [str(text) for text in member.read().tolist()]
-    except (ValueError, OverflowError) as error:  # numbers that no character has
-        raise RecordingFileError(path, f"holds no text: {error}", place=member.place) from error
+    words = plain_texts(member.read())
+    if words is None:
+        raise RecordingFileError(path, "holds numbers that no character has", place=member.place)
+    return words
 
 
 def _text(member: NpzMember, path: Path) -> str:
