@@ -9,6 +9,7 @@ assumed here.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +50,8 @@ def is_gm10(path: Path) -> bool:
     values.
     """
     try:
-        with open_bounded(path, path.parent, _MAX_FILE_BYTES) as (file, _):
+        # one line is read, however long the file
+        with open_bounded(path, path.parent, sys.maxsize) as (file, _):
             line = file.readline(_MAX_ROW_BYTES)
     except RecordingFileError:
         return False

@@ -10,12 +10,10 @@ from typing import Any, BinaryIO
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
 from granular_id.io.files import check_expansion, open_bounded
-from granular_id.io.parquet_pages import MAGIC, unpacked_bytes
+from granular_id.io.parquet_footer import MAX_FOOTER_BYTES, Footer, read_footer
+from granular_id.io.parquet_pages import unpacked_bytes
 
 __all__ = ["CheckedParquet", "open_parquet", "parquet_library"]
-
-_MAX_FOOTER = 16 * 1024 * 1024
-"""Footers grow with row groups times columns: a part of 64 groups needs 60 kB."""
 
 _MAX_FOOTER_ITEMS = 100_000
 """Longest list in a footer; a longer claim would take hundreds of megabytes before it is seen to be false."""
@@ -49,17 +47,20 @@ def open_parquet(
     """
     library = parquet_library("to read Parquet files")
     with open_bounded(path, root, max_bytes) as (file, n_bytes):
-        _check_frame(file, n_bytes, path)
+        try:
+            footer = read_footer(file, n_bytes)
+        except ValueError as error:
+            raise RecordingFileError(path, str(error)) from error
         with _naming(path, "footer"):
             parquet = library.ParquetFile(
                 file,
                 read_dictionary=list(texts),
                 pre_buffer=False,
                 page_checksum_verification=True,
-                thrift_string_size_limit=_MAX_FOOTER,
+                thrift_string_size_limit=MAX_FOOTER_BYTES,
                 thrift_container_size_limit=_MAX_FOOTER_ITEMS,
             )
-            opened = CheckedParquet(path, file, n_bytes, parquet)
+            opened = CheckedParquet(path, file, n_bytes, parquet, footer)
         yield opened
 
 
@@ -76,26 +77,21 @@ class CheckedParquet:
         Rows of each row group.
     """
 
-    def __init__(self, path: Path, file: BinaryIO, n_bytes: int, parquet: Any) -> None:
+    def __init__(self, path: Path, file: BinaryIO, n_bytes: int, parquet: Any, footer: Footer) -> None:
         self.path = path
         self._file = file
         self._n_bytes = n_bytes
         self._parquet = parquet
+        self._footer = footer
         self._checked: set[str] = set()
-        footer = parquet.metadata
         schema = parquet.schema_arrow
         names = list(schema.names)
         if len(set(names)) < len(names):
             twice = next(name for i, name in enumerate(names) if name in names[:i])
             raise ValueError(f"column {twice[:40]!r} occurs twice")
         self.columns: dict[str, Any] = dict(zip(names, schema.types, strict=True))
-        self.labels = {
-            key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
-            for key, value in (footer.metadata or {}).items()
-        }
-        self.rows = [footer.row_group(i).num_rows for i in range(footer.num_row_groups)]
-        if min(self.rows, default=0) < 0 or sum(self.rows) != footer.num_rows:
-            raise ValueError(f"the row groups hold {sum(self.rows)} rows, the footer says {footer.num_rows}")
+        self.labels = footer.labels
+        self.rows = footer.rows
 
     def check(self, columns: Sequence[str]) -> None:
         """Refuse what the columns would expand to, before any of it is decoded.
@@ -107,21 +103,16 @@ class CheckedParquet:
         """
         wanted = set(columns) - self._checked
         total = 0
-        footer = self._parquet.metadata
         for group, rows in enumerate(self.rows):
             with _naming(self.path, f"row group {group}"):
-                record = footer.row_group(group)
-                for i in range(record.num_columns):
-                    chunk = record.column(i)
-                    if (
-                        chunk.path_in_schema.split(".")[0] not in wanted
-                        and chunk.path_in_schema not in wanted
-                    ):
+                for chunk in self._footer.chunks[group]:
+                    if not {chunk.column, chunk.column.partition(".")[0]} & wanted:
                         continue
-                    if chunk.num_values != rows:
-                        said = f"{chunk.path_in_schema[:40]} has {chunk.num_values} values for {rows} rows"
-                        raise ValueError(f"column {said}")
-                    total += 8 * rows + unpacked_bytes(self._read_at, chunk, self._n_bytes)
+                    if chunk.n_values != rows:
+                        raise ValueError(
+                            f"column {chunk.column[:40]} has {chunk.n_values} values for {rows} rows"
+                        )
+                    total += 8 * rows + unpacked_bytes(self._read_at, chunk)
             check_expansion(self.path, self._n_bytes, total, place=f"row group {group}")
         self._checked |= wanted
 
@@ -138,26 +129,6 @@ class CheckedParquet:
     def _read_at(self, offset: int, n: int) -> bytes:
         self._file.seek(offset)
         return self._file.read(n)
-
-
-def _check_frame(file: BinaryIO, n_bytes: int, path: Path) -> None:
-    """Look at the ends of the file: magic numbers, and a footer that fits between them."""
-    start = file.read(len(MAGIC))
-    if not n_bytes:
-        raise RecordingFileError(path, "is empty (0 bytes)")
-    if start != MAGIC:
-        raise RecordingFileError(path, "is not a Parquet file: it does not begin with PAR1")
-    file.seek(max(0, n_bytes - 8))
-    end = file.read(8)
-    if n_bytes < 12 or end[4:] != MAGIC:
-        raise RecordingFileError(
-            path, f"is cut off: its {n_bytes} bytes do not end with PAR1, as Parquet files do"
-        )
-    footer = int.from_bytes(end[:4], "little")
-    if footer > min(n_bytes - 12, _MAX_FOOTER):
-        most = min(n_bytes - 12, _MAX_FOOTER)
-        raise RecordingFileError(path, f"says that its footer has {footer} bytes; wanted at most {most}")
-    file.seek(0)
 
 
 @contextmanager
