@@ -35,6 +35,8 @@ class Found:
         Names of its columns.
     place : str
         Name of the array.
+    n_padded : int
+        Samples with those that were left out as padding.
     about : dict
         What is known: label, session, name, rate, start, trigger, stamps, flags, meta; what is not is missing.
     """
@@ -42,6 +44,7 @@ class Found:
     wrench: FloatArray
     axes: tuple[str, ...]
     place: str
+    n_padded: int
     about: dict[str, Any] = field(default_factory=dict)
 
 
@@ -160,8 +163,7 @@ def _rows(node: Any, every: list[Found], name: str, origin: Origin) -> list[NDAr
         rows = list(matrix)
     for i, (row, found) in enumerate(zip(rows, every, strict=True)):
         n_samples = len(found.wrench)
-        # samples that were padded with NaN, and left out, may have padded stamps
-        if len(row) < n_samples or not (len(row) == n_samples or np.isnan(row[n_samples:]).all()):
+        if len(row) not in (n_samples, found.n_padded):
             problem = f"has {len(row)} values for the {n_samples} samples of recording {i} in {found.place}"
             raise origin.fault(name, problem)
     return [row[: len(found.wrench)] for row, found in zip(rows, every, strict=True)]

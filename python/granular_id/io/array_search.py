@@ -16,7 +16,15 @@ from granular_id.io.columns import axis_of
 from granular_id.recording import AXES
 from granular_id.recording._values import FloatArray, as_floats
 
-_ONE_PER_RECORDING: tuple[Role, ...] = ("labels", "sessions", "names", "rate", "start", "trigger")
+_ONE_PER_RECORDING: tuple[Role, ...] = (
+    "labels",
+    "class_names",
+    "sessions",
+    "names",
+    "rate",
+    "start",
+    "trigger",
+)
 
 _MEANINGS = ("recordings", "samples", "axes")
 
@@ -223,7 +231,7 @@ class Search:
                 self._note(f"{name} {array.shape} taken as axes, samples")
             wrench = np.ascontiguousarray(array.T if turned else array)
             refuse_gaps(wrench, known.axes, name, self.origin)
-            return [Found(wrench, known.axes, name)]
+            return [Found(wrench, known.axes, name, len(wrench))]
         if array.ndim != 3:
             raise self.origin.unclear(f"{self.origin.describe} {name} has the shape {array.shape}")
         order = recordings_samples_axes(array.shape, known, name, self.origin)
@@ -234,7 +242,7 @@ class Search:
         cut = sum(len(recording) < block.shape[1] for recording in recordings)
         if cut:
             self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
-        return [Found(recording, known.axes, name) for recording in recordings]
+        return [Found(recording, known.axes, name, block.shape[1]) for recording in recordings]
 
     def _floats(self, raw: Any, name: str) -> FloatArray:
         try:

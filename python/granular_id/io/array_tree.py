@@ -87,7 +87,7 @@ def n_values(node: Any) -> int | None:
 def numbers(node: Any) -> NDArray[Any] | None:
     """Return a list of real numbers as an array of shape (n,), None where a node is no such list."""
     if isinstance(node, list):
-        items = [numbers(item) for item in node]
+        items = [None if isinstance(item, list) else numbers(item) for item in node]
         single = [item for item in items if item is not None and len(item) == 1]
         return np.concatenate(single) if single and len(single) == len(items) else None
     if not is_numbers(node) or n_values(node) is None:
@@ -100,7 +100,7 @@ def texts(node: Any) -> list[str] | None:
     if isinstance(node, str):
         return [node.rstrip(" ")]
     if isinstance(node, list):
-        items = [texts(item) for item in node]
+        items = [None if isinstance(item, list) else texts(item) for item in node]
         single = [item[0] for item in items if item is not None and len(item) == 1]
         return single if single and len(single) == len(items) else None
     if not is_leaf(node) or np.dtype(node.dtype).kind not in "US" or n_values(node) is None:
@@ -153,7 +153,7 @@ def _described(node: Any, name: str, depth: int) -> Iterator[str]:
         for key, item in node.items():
             yield from _described(item, f"{name}/{key[:60]}" if name else key[:60], depth - 1)
     elif isinstance(node, list):
-        first = next(_described(node[0], "", 0), "") if node else ""
+        first = next(_described(node[0], "", depth - 1), "") if node and depth else ""
         yield f"{name} (list of {len(node)}{', the first:' if first else ''}{first})"
     elif is_leaf(node):
         yield f"{name} {tuple(node.shape)} {np.dtype(node.dtype)}"
