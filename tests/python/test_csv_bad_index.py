@@ -41,9 +41,20 @@ BAD_INDEX = {
         b"file,start_time\ngood.csv,yesterday\n",
         2,
         "start_time",
-        "'yesterday' is not a plain",
+        "'yesterday' is no time",
     ),
-    "infinite start time": (b"file,start_time\ngood.csv,1e999\n", 2, "start_time", "is not a plain finite"),
+    "infinite start time": (
+        b"file,start_time\ngood.csv,1e999\n",
+        2,
+        "start_time",
+        "is no time; wanted seconds",
+    ),
+    "no zone": (
+        b"file,start_time\ngood.csv,2026-11-21T09:30:00\n",
+        2,
+        "start_time",
+        "ISO 8601 with its zone",
+    ),
     "negative rate": (b"file,rate_hz\ngood.csv,-1\n", 2, "rate_hz", "must be positive, got -1"),
     "rate that does not fit": (b"file,rate_hz\ngood.csv,7\n", None, "time", "does not fit the stamps"),
     "fractional trigger": (

@@ -1,7 +1,7 @@
 """``index.csv``: what is known about the files of a folder, one line per recording.
 
-Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since
-1970), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name`` and ``meta`` (a JSON
+Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since 1970, or
+ISO 8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name`` and ``meta`` (a JSON
 object) may follow in any order, empty cells meaning "not known". Any other column goes into each recording's
 ``meta`` as text.
 """
@@ -13,6 +13,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -152,12 +153,33 @@ def _source(root: Path, cells: dict[str, str], line: int) -> FileSource:
         name=cells.get("name", cells["file"]),
         label=cells.get("label") or None,
         session=cells.get("session") or None,
-        start_time=number("start_time"),
+        start_time=_start_time(root, cells.get("start_time", ""), line),
         rate_hz=rate_hz,
         irregular=irregular,
         trigger_index=int(trigger) if trigger else None,
         meta={**extra, **meta},
     )
+
+
+def _start_time(root: Path, text: str, line: int) -> float | None:
+    if not text:
+        return None
+    seconds = plain_number(text)
+    if seconds is not None:
+        return seconds
+    try:
+        # before Python 3.11 it knows no Z, and fractions of three or six digits only
+        digits = re.sub(r"\.([0-9]+)", lambda fraction: f".{fraction[1]:0<6.6}", text)
+        when = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", digits))
+    except ValueError:
+        when = None
+    if when is None or when.tzinfo is None:
+        problem = (
+            f"{text[:40]!r} is no time; wanted seconds since 1970, or ISO 8601 with its zone, like "
+            "2026-11-21T09:30:00+01:00"
+        )
+        raise RecordingFileError(root / INDEX_NAME, problem, line=line, column="start_time")
+    return when.timestamp()
 
 
 def _inside(root: Path, text: str, line: int) -> Path:
