@@ -48,7 +48,7 @@ def decoded(path):
 # -- bits
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(st.lists(recordings(), min_size=1, max_size=3), st.booleans())
 def test_round_trip(tmp_path_factory, items, changed):
     history = [StepReport("made", {"seed": 1}, rows=[{"name": "a", "gap": 0.1}])] if changed else []

@@ -203,7 +203,11 @@ class _Walk:
         if self._file.read(min(length, _OWN_ATTACHMENT.stop))[_OWN_ATTACHMENT] != OWN_NAME.encode():
             return  # somebody else's, of any size
         self._file.seek(start)
-        record = self._parsed("Attachment", self._file.read(length), place)
+        body = self._file.read(length)
+        record = self._parsed("Attachment", body, place)
+        stated = int.from_bytes(body[-4:], "little")
+        if stated and zlib.crc32(body[:-4]) != stated:
+            self._fail(f"has an attachment {record.name[:40]!r} whose checksum does not fit", place)
         self.own.attachments[record.name] = record.data
 
     def _parsed(self, kind: str, body: bytes, place: str) -> Any:

@@ -66,7 +66,8 @@ def wire_stamps(times: FloatArray, start_time: float | None) -> NDArray[np.int64
     first_ns = 0
     if start_time is not None and 0 <= start_time < room:
         first_ns = round(Fraction(start_time) * 10**9)  # in float64 it would be off by up to 128 ns
-    return np.rint(times * 1e9).astype(np.int64) + np.int64(first_ns)
+    offsets_ns: NDArray[np.int64] = np.rint(times * 1e9).astype(np.int64)
+    return offsets_ns + first_ns
 
 
 def own_records(recording: Recording, history_json: str) -> OwnRecords:
@@ -171,6 +172,10 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
         time_s = np.arange(n_samples) / checked_rate(rate_hz)
     else:
         time_s = _attached(own, _TIME_S, n_samples, np.dtype("<f8")).astype(np.float64)
+        if not (
+            time_s[0] == 0 and (time_s[1:] > time_s[:-1]).all()
+        ):  # what is not even a number is not greater
+            raise ValueError(f"attachment {_TIME_S} does not ascend from 0")
     flags = _attached(own, _FLAGS, n_samples, np.dtype(np.uint8)) if _FLAGS in own.attachments else None
     trigger = texts.get("trigger_index")
     return _Known(

@@ -87,13 +87,14 @@ def read_bag_folder(folder: Path, root: Path, max_bytes: int) -> BagFolder:
 def _essential(text: str) -> str:
     """Cut from the block of metadata what is not needed: lists of topics and files, which may be long."""
     kept: list[str] = []
-    depth, keeping = None, True
+    depth, keeping = 0, True
     for line in text.splitlines():
         key = _KEY.match(line)
-        if key is not None and key[1] and depth is None:
-            depth = len(key[1])  # how far the entries are indented
-        if key is not None and depth is not None and len(key[1]) == depth:
-            keeping = key[2] in _WANTED
+        if key is not None:
+            indent = len(key[1])
+            depth = depth or indent  # how far the entries of the block are indented
+            if indent <= depth:
+                keeping = indent < depth or not indent or key[2] in _WANTED
         if keeping:
             kept.append(line)
     return "\n".join(kept)

@@ -6,7 +6,10 @@ could run any SQL in their place.
 
 from __future__ import annotations
 
+import math
+import os
 import sqlite3
+import struct
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -19,6 +22,8 @@ from granular_id.io.ros_wrench import LARGEST_MESSAGE
 __all__ = ["walk_db3"]
 
 _MAGIC = b"SQLite format 3\0"
+_HEAD = struct.Struct(">16sH10xI")
+"""Magic, bytes of a page (1 means 65536), number of pages."""
 
 _MOST_TOPICS = 20_000
 
@@ -43,9 +48,13 @@ def walk_db3(file: Path, path: Path, topics: Topics, unpacker: Unpacker) -> None
     RecordingFileError
         Not an SQLite file, not closed, tables missing or no plain tables, damaged.
     """
-    with file.open("rb") as head:
-        if head.read(len(_MAGIC)) != _MAGIC:
-            raise RecordingFileError(path, "is not an SQLite file, as the .db3 of a ROS 2 bag is")
+    with file.open("rb") as opened:
+        head = opened.read(_HEAD.size)
+        n_bytes = opened.seek(0, os.SEEK_END)
+    if not head.startswith(_MAGIC):
+        raise RecordingFileError(path, "is not an SQLite file, as the .db3 of a ROS 2 bag is")
+    if len(head) < _HEAD.size or math.prod(_HEAD.unpack(head)[1:]) > n_bytes:
+        raise RecordingFileError(path, f"is cut off at byte {n_bytes}")
     log = file.with_name(file.name + "-wal")
     if log.exists() and log.stat().st_size:
         problem = f"was not closed: {log.name} holds messages that are not in it yet; run `ros2 bag reindex`"

@@ -12,7 +12,7 @@ from granular_id.io.files import FREE_BYTES, MAX_EXPANSION, check_expansion
 
 __all__ = ["Unpacker", "unpack_zstd"]
 
-_RECORD_BYTES = 64
+_RECORD_BYTES = 128
 """A record counts as at least this many bytes: millions of empty ones take as long to walk as full ones."""
 
 
