@@ -103,6 +103,9 @@ def _chunk(column: Any, data_end: int) -> Chunk:
     path = b".".join(part for part in _get(about, 3, list) if isinstance(part, bytes)).decode(
         "utf-8", "replace"
     )
+    n_values = _number(about, 5, f"values of column {path[:40]}")
+    if not n_values:  # a row group without rows has no pages, and says nothing about where they are
+        return Chunk(path, 0, 0, 0)
     start = _number(about, 9, f"place of column {path[:40]}")
     dictionary = about.get(11)
     if isinstance(dictionary, int) and 0 < dictionary < start:
@@ -110,7 +113,7 @@ def _chunk(column: Any, data_end: int) -> Chunk:
     end = start + _number(about, 7, f"size of column {path[:40]}")
     if start < len(MAGIC) or end > data_end:
         raise ValueError(f"has a damaged footer: column {path[:40]} in bytes {start} to {end} of {data_end}")
-    return Chunk(path, start, end, _number(about, 5, f"values of column {path[:40]}"))
+    return Chunk(path, start, end, n_values)
 
 
 def _structs(fields: dict[int, Any], number: int) -> list[dict[int, Any]]:

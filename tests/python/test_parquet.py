@@ -1,0 +1,231 @@
+"""Parquet archives: whole data sets there and back, with plain pyarrow as the other side in both directions."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from dataset_strategies import assert_same_bits, datasets
+from granular_id.io import load, save
+from granular_id.io.parquet_archive import ParquetArchive
+from granular_id.io.parquet_save import _repeats, save_parquet
+from granular_id.recording import Dataset, Recording, StepReport
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
+each_example_anew = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+
+
+def small():
+    regular = Recording(
+        np.arange(12.0).reshape(2, 6),
+        rate_hz=500,
+        label="oat flakes",
+        session="mon",
+        start_time=1.7e9,
+        name="one",
+        meta={"tool": {"d_mm": 17}},
+    )
+    stamped = Recording(
+        -np.arange(18.0).reshape(3, 6), time_s=[0, 0.25, 0.375], name="two", trigger_index=1, flags=[0, 1, 2]
+    )
+    return Dataset([regular, stamped], [StepReport("load", {"format": "csv"})])
+
+
+def table(path):
+    """Read with plain pyarrow, knowing nothing of this package."""
+    return pq.ParquetFile(path).read()
+
+
+@each_example_anew
+@given(dataset=datasets(), per_group=st.integers(1, 4))
+def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path_factory, dataset, per_group):
+    folder = tmp_path_factory.mktemp("archive")
+    read = load(save_parquet(dataset, folder, recordings_per_group=per_group))
+    assert_same_bits(read, dataset)
+    assert read == dataset
+    assert read.history[:-1] == dataset.history
+
+
+@each_example_anew
+@given(dataset=datasets(), per_group=st.integers(1, 4))
+def test_row_groups_one_by_one_are_the_whole(tmp_path_factory, dataset, per_group):
+    archive = ParquetArchive(
+        save_parquet(dataset, tmp_path_factory.mktemp("archive"), recordings_per_group=per_group)
+    )
+    parts = list(archive)
+    assert [len(part) for part in parts[:-1]] == [per_group] * (len(parts) - 1)
+    assert_same_bits(Dataset([r for part in parts for r in part], dataset.history), dataset)
+    assert archive.axes == dataset.axes
+    assert archive.index.num_rows == len(dataset)
+
+
+def test_plain_pyarrow_reads_what_is_saved(tmp_path):
+    folder = save(small(), tmp_path / "archive", "parquet")
+    index = table(folder / "recordings.parquet")
+    assert index.to_pydict() == {
+        "id": [0, 1],
+        "name": ["one", "two"],
+        "label": ["oat flakes", None],
+        "session": ["mon", None],
+        "start_time": [1.7e9, None],
+        "rate_hz": [500.0, None],
+        "n_samples": [2, 3],
+        "trigger_index": [None, 1],
+        "file": ["samples/part-00000.parquet"] * 2,
+        "row_group": [0, 0],
+        "meta": ['{"tool": {"d_mm": 17}}', None],
+    }
+    samples = table(folder / "samples" / "part-00000.parquet")
+    assert samples.column_names == [*AXES, "time_s", "flags"]
+    assert [str(kind) for kind in samples.schema.types] == ["double"] * 7 + ["uint8"]
+    wrench = np.concatenate([r.wrench for r in small()])
+    assert all(samples[axis].to_numpy().tobytes() == wrench[:, j].tobytes() for j, axis in enumerate(AXES))
+    assert np.array_equal(samples["time_s"].to_numpy(), [np.nan, np.nan, 0, 0.25, 0.375], equal_nan=True)
+    assert samples["flags"].to_pylist() == [0, 0, 0, 1, 2]
+    footer = pq.read_metadata(folder / "recordings.parquet").metadata
+    mark = json.loads(footer[b"granular_id"])
+    assert mark == {
+        "format": "recordings",
+        "version": 1,
+        "axes": AXES,
+        "columns": AXES,
+        "units": ["N"] * 3 + ["N m"] * 3,
+    }
+    assert json.loads(footer[b"granular_id.history"]) == [small().history[0].to_dict()]
+
+
+def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):
+    wrench = np.random.default_rng(0).standard_normal((5, 6))
+    mark = {"version": 1, "axes": AXES, "columns": AXES}
+    samples = pa.table({axis: wrench[:, j] for j, axis in enumerate(AXES)})
+    samples = samples.replace_schema_metadata({"granular_id": json.dumps({**mark, "format": "samples"})})
+    index = pa.table(
+        {
+            "id": [0, 1],
+            "name": ["a", "b"],
+            "label": ["rice", "peas"],
+            "session": pa.array([None, None], pa.string()),
+            "start_time": pa.array([None, None], pa.float64()),
+            "rate_hz": [500.0, 250.0],
+            "n_samples": [2, 3],
+            "trigger_index": pa.array([None, 2], pa.int64()),
+            "file": ["samples/part-00000.parquet"] * 2,
+            "row_group": pa.array([0, 0], pa.int32()),
+            "meta": pa.array([None, '{"fill_mm": 80}'], pa.string()),
+        }
+    ).replace_schema_metadata({"granular_id": json.dumps({**mark, "format": "recordings"})})
+    (tmp_path / "samples").mkdir()
+    pq.write_table(index, tmp_path / "recordings.parquet", compression="snappy")
+    pq.write_table(
+        samples, tmp_path / "samples" / "part-00000.parquet", compression="gzip", use_dictionary=False
+    )
+    expected = [
+        Recording(wrench[:2], rate_hz=500, label="rice", name="a"),
+        Recording(wrench[2:], rate_hz=250, label="peas", name="b", trigger_index=2, meta={"fill_mm": 80}),
+    ]
+    assert load(tmp_path) == Dataset(expected)
+
+
+def test_axes_called_like_other_columns_keep_their_names(tmp_path):
+    axes = ("flags", "time_s", "x.y", "x")
+    data = Dataset([Recording(np.arange(8.0).reshape(2, 4), rate_hz=10, axes=axes, flags=[1, 2], name="a")])
+    read = load(save(data, tmp_path / "archive", "parquet"))
+    assert read == data
+    assert read.axes == axes
+
+
+def test_values_that_repeat_become_a_dictionary_and_others_are_split(tmp_path):
+    rng = np.random.default_rng(1)
+    wrench = rng.standard_normal((3000, 6))
+    wrench[:, :2] = np.round(wrench[:, :2] * 16) / 16
+    folder = save(Dataset([Recording(wrench, rate_hz=500, name="a")]), tmp_path / "archive", "parquet")
+    group = pq.read_metadata(folder / "samples" / "part-00000.parquet").row_group(0)
+    encodings = [set(group.column(j).encodings) for j in range(6)]
+    assert all("RLE_DICTIONARY" in some for some in encodings[:2])
+    assert all("BYTE_STREAM_SPLIT" in some for some in encodings[2:])
+    assert {group.column(j).compression for j in range(6)} == {"ZSTD"}
+    assert _repeats(np.zeros(4))
+    assert not _repeats(np.arange(4.0))
+
+
+def test_many_recordings_go_into_several_files(tmp_path):
+    data = Dataset([Recording(np.full((1, 6), i), rate_hz=500, name=str(i)) for i in range(150)])
+    seen = []
+    folder = save_parquet(
+        data, tmp_path / "archive", recordings_per_group=1, progress=lambda *a: seen.append(a)
+    )
+    assert [path.name for path in sorted((folder / "samples").iterdir())] == [
+        f"part-0000{i}.parquet" for i in range(3)
+    ]
+    assert seen[-1] == (150, 150, "samples/part-00002.parquet")
+    assert load(folder) == data
+    archive = ParquetArchive(folder)
+    assert len(archive) == 150
+    assert archive.partition(140)[0].wrench[0, 0] == 140
+    with pytest.raises(IndexError):
+        archive.partition(150)
+
+
+def test_long_recordings_do_not_share_a_row_group(tmp_path, monkeypatch):
+    monkeypatch.setattr("granular_id.io.parquet_save._MAX_GROUP_SAMPLES", 10)
+    data = Dataset([Recording(np.full((n, 6), n), rate_hz=500, name=str(n)) for n in (4, 5, 20, 3, 7, 1)])
+    archive = ParquetArchive(save_parquet(data, tmp_path / "archive"))
+    assert [part.n_samples for part in archive.partitions] == [9, 20, 10, 1]
+    assert load(archive.folder) == data
+
+
+def test_recordings_of_one_length_are_one_block(tmp_path):
+    data = Dataset([Recording(np.full((4, 6), i), rate_hz=500, label="a", name=str(i)) for i in range(5)])
+    read = load(save_parquet(data, tmp_path / "archive", recordings_per_group=2))
+    assert np.shares_memory(read.X, read[0].wrench)
+    assert not read.X.flags.writeable
+
+
+def test_a_long_text_that_repeats_is_held_once(tmp_path):
+    meta = {"notes": "x" * 100_000}
+    data = Dataset([Recording(np.ones((1, 6)), rate_hz=500, meta=meta, name=str(i)) for i in range(200)])
+    read = load(save(data, tmp_path / "archive", "parquet"))
+    assert read == data
+    assert read[0].meta is read[199].meta
+
+
+def test_an_interrupt_leaves_nothing(tmp_path):
+    data = Dataset([Recording(np.ones((2, 6)), rate_hz=500, name=str(i)) for i in range(4)])
+
+    def interrupt(done, total, what):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        save_parquet(data, tmp_path / "archive", recordings_per_group=1, progress=interrupt)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"recordings_per_group": 0}, ValueError, "recordings_per_group must be positive, got 0"),
+        ({"recordings_per_group": 1.5}, TypeError, "recordings_per_group must be an int"),
+        ({"dataset": "x"}, TypeError, "dataset must be a Dataset"),
+        ({"folder": "full"}, FileExistsError, "not empty"),
+    ],
+)
+def test_bad_arguments_of_save(tmp_path, change, error, message):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "x").touch()
+    arguments = {"dataset": small(), "folder": "new", **change}
+    with pytest.raises(error, match=message):
+        save_parquet(arguments.pop("dataset"), tmp_path / arguments.pop("folder"), **arguments)
+    assert [path.name for path in tmp_path.iterdir()] == ["full"]
+
+
+def test_recordings_of_different_axes_are_refused(tmp_path):
+    recordings = [Recording(np.ones((2, 1)), rate_hz=5, axes=(axis,), name=axis) for axis in ("a", "b")]
+    with pytest.raises(ValueError, match="differ in their axes"):
+        save_parquet(Dataset(recordings), tmp_path / "archive")
+    assert not any(tmp_path.iterdir())
