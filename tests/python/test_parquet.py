@@ -96,7 +96,7 @@ def test_plain_pyarrow_reads_what_is_saved(tmp_path):
         "columns": AXES,
         "units": ["N"] * 3 + ["N m"] * 3,
     }
-    assert json.loads(footer[b"granular_id.history"]) == [small().history[0].to_dict()]
+    assert json.loads((folder / "history.json").read_bytes()) == [small().history[0].to_dict()]
 
 
 def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):

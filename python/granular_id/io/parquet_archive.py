@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import check_expansion, check_file
+from granular_id.io.files import check_expansion, check_file, read_bounded
 from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.options import MAX_BINARY_BYTES
 from granular_id.io.parquet_file import CheckedParquet, open_parquet
 from granular_id.io.parquet_index import Partition, floats, integers, partitions, read_index, texts
-from granular_id.io.parquet_layout import FLAGS, HISTORY_KEY, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
+from granular_id.io.parquet_layout import FLAGS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 from granular_id.recording._values import FloatArray
@@ -74,7 +75,6 @@ class ParquetArchive:
             mark = read_mark(parquet.labels, "recordings", path)
             self.axes = mark.axes
             self._mark = mark
-            self._history = parquet.labels.get(HISTORY_KEY, "[]")
             self.index = read_index(parquet)
         self.partitions = partitions(self.index, path)
         self._groups = Counter(part.file for part in self.partitions)
@@ -86,7 +86,7 @@ class ParquetArchive:
         return (self.partition(i) for i in range(len(self)))
 
     def partition(self, i: int) -> Dataset:
-        """Read the recordings of one row group.
+        """Read the recordings of one row group, without the history of the whole.
 
         Raises
         ------
@@ -96,14 +96,13 @@ class ParquetArchive:
             With file and row group: damaged, cut off, or not what the index says.
         """
         source = FileSource(self.folder, self.folder, self.folder.name)
-        content = self._content([self.partitions[i]], source)
-        return Dataset(content.recordings, content.history)
+        return Dataset(self._content([self.partitions[i]], source, "[]").recordings)
 
     def content(self, source: FileSource) -> FileContent:
-        """Read everything, into one block of samples."""
-        return self._content(self.partitions, source)
+        """Read everything, into one block of samples, and the history."""
+        return self._content(self.partitions, source, self._history())
 
-    def _content(self, parts: Sequence[Partition], source: FileSource) -> FileContent:
+    def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
         block = _Block(sum(part.n_samples for part in parts), len(self.axes))
         files = {part.file: self.folder / part.file for part in parts}
         n_bytes = sum(check_file(path, self.folder, self._max_file_bytes) for path in files.values())
@@ -125,9 +124,19 @@ class ParquetArchive:
             meta_json=texts(rows, "meta"),
             time_s=block.time_s,
             flags=block.flags,
-            history_json=self._history,
+            history_json=history_json,
         )
         return unflatten(flat, self.folder, source)
+
+    def _history(self) -> str:
+        path = self.folder / HISTORY_NAME
+        if not path.is_file():
+            return "[]"
+        data = read_bounded(path, self.folder, self._max_file_bytes)
+        try:
+            return data.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise RecordingFileError(path, f"is not UTF-8 text: {error}") from error
 
     def _fill(self, block: _Block, parquet: CheckedParquet, parts: Sequence[Partition]) -> None:
         path = parquet.path

@@ -20,7 +20,6 @@ INDEX_FILE = "recordings.parquet"
 SAMPLES_FOLDER = "samples"
 VERSION = 1
 MARK = "granular_id"
-HISTORY_KEY = "granular_id.history"
 TIME, FLAGS = "time_s", "flags"
 INDEX_COLUMNS: dict[str, type] = {
     "id": int,

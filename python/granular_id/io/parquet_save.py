@@ -16,11 +16,10 @@ from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
 from granular_id.io.flat import FlatRecordings, flatten
 from granular_id.io.flat_checks import NO_TRIGGER
-from granular_id.io.folder_save import checked_dataset, history_json, new_folder
+from granular_id.io.folder_save import HISTORY_NAME, checked_dataset, history_json, new_folder
 from granular_id.io.parquet_file import parquet_library
 from granular_id.io.parquet_layout import (
     FLAGS,
-    HISTORY_KEY,
     INDEX_FILE,
     MARK,
     SAMPLES_FOLDER,
@@ -111,7 +110,9 @@ def save_parquet(
                 written.append(_Group(file, row_group, flat))
                 if progress is not None:
                     progress(spans[row_group][1], len(recordings), file)
-        _write_index(library, partial / INDEX_FILE, _index_table(written), mark, history_json(dataset))
+        _write_index(library, partial / INDEX_FILE, _index_table(written), mark)
+        if dataset.history:
+            (partial / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
     return Path(folder)
 
 
@@ -183,9 +184,9 @@ def _repeats(values: FloatArray) -> bool:
     return len(np.unique(values)) < _DISTINCT_SHARE * len(values)
 
 
-def _write_index(library: Any, path: Path, index: Any, mark: Mark, history: str) -> None:
+def _write_index(library: Any, path: Path, index: Any, mark: Mark) -> None:
     with library.ParquetWriter(path, index.schema, **_COMMON) as writer:
-        writer.add_key_value_metadata({MARK: mark.to_json("recordings"), HISTORY_KEY: history})
+        writer.add_key_value_metadata({MARK: mark.to_json("recordings")})
         writer.write_table(index)
 
 
