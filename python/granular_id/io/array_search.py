@@ -8,13 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.io.array_axes import Known, cut_padding, recordings_samples_axes, refuse_gaps, samples_axes
+from granular_id.io.array_axes import (
+    Known,
+    cut_padding,
+    recordings_samples_axes,
+    refuse_gaps,
+    row_major,
+    samples_axes,
+)
 from granular_id.io.array_details import Entries, Found, add_details
 from granular_id.io.array_names import Role, is_general, label_of_name, role_of
 from granular_id.io.array_tree import MAX_DEPTH, Origin, as_tree, is_leaf, n_values, texts, values
 from granular_id.io.columns import axis_of
 from granular_id.recording import AXES
-from granular_id.recording._values import FloatArray, as_floats
+from granular_id.recording._values import FloatArray
 
 _ONE_PER_RECORDING: tuple[Role, ...] = (
     "labels",
@@ -229,7 +236,7 @@ class Search:
             turned = not sensor_last and samples_axes(array.shape, known, name, self.origin)
             if turned:
                 self._note(f"{name} {array.shape} taken as axes, samples")
-            wrench = np.ascontiguousarray(array.T if turned else array)
+            wrench = array.T if turned else array
             refuse_gaps(wrench, known.axes, name, self.origin)
             return [Found(wrench, known.axes, name, len(wrench))]
         if array.ndim != 3:
@@ -237,7 +244,7 @@ class Search:
         order = recordings_samples_axes(array.shape, known, name, self.origin)
         meaning = ", ".join(_MEANINGS[order.index(axis)] for axis in range(3))
         self._note(f"{name} {array.shape} taken as {meaning}")
-        block = np.ascontiguousarray(array.transpose(order))
+        block = row_major(array.transpose(order))
         recordings = cut_padding(block, known.axes, name, self.origin)
         cut = sum(len(recording) < block.shape[1] for recording in recordings)
         if cut:
@@ -245,12 +252,11 @@ class Search:
         return [Found(recording, known.axes, name, block.shape[1]) for recording in recordings]
 
     def _floats(self, raw: Any, name: str) -> FloatArray:
-        try:
-            return as_floats(raw, f"{self.origin.describe} {name}", "real numbers")
-        except TypeError as error:
-            raise self.origin.fault(
-                name, f"has dtype {np.asarray(raw).dtype}; wanted real numbers"
-            ) from error
+        array = np.asarray(raw)
+        if array.dtype.kind not in "iuf":
+            raise self.origin.fault(name, f"has dtype {array.dtype}; wanted real numbers")
+        with np.errstate(over="ignore"):  # what overflows becomes infinite, and is refused as such
+            return array.astype(np.float64, copy=False)  # as it lies in memory, to be copied once
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

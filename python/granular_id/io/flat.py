@@ -239,7 +239,7 @@ def joined(parts: Sequence[FloatArray]) -> FloatArray:
     base = parts[0].base
     total = sum(part.nbytes for part in parts)
     if not isinstance(base, np.ndarray) or base.nbytes != total or not base.flags.c_contiguous:
-        return np.concatenate(parts)
+        return _stacked(parts)
     address = base.__array_interface__["data"][0]
     for part in parts:
         if (
@@ -247,6 +247,12 @@ def joined(parts: Sequence[FloatArray]) -> FloatArray:
             or not part.flags.c_contiguous
             or part.__array_interface__["data"][0] != address
         ):
-            return np.concatenate(parts)
+            return _stacked(parts)
         address += part.nbytes
     return base.reshape(-1, parts[0].shape[1])
+
+
+def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
+    whole = np.empty((sum(map(len, parts)), parts[0].shape[1]))
+    # without out=, column-major parts give a column-major whole, which has to be copied once more
+    return np.concatenate(parts, out=whole)

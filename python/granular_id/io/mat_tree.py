@@ -65,6 +65,8 @@ class MatReading(Expansion):
 
     def checked_dims(self, dims: Sequence[int], place: str) -> int:
         """Return how many elements an array has, or refuse its size."""
+        if len(dims) == 2 and 0 <= dims[0] < 1 << 20 and 0 <= dims[1] < 1 << 20:
+            return dims[0] * dims[1]
         if len(dims) > MAX_DIMENSIONS or any(n < 0 for n in dims):
             shown = " x ".join(map(str, dims[:8]))
             raise self.fault(place, f"has the size {shown}, {len(dims)} dimensions; that is damage")
@@ -137,21 +139,22 @@ def text_of(codes: NDArray[Any], dims: Sequence[int]) -> str | list[str]:
     """
     if not len(codes):
         return ""
-    rows = codes.reshape(dims[0], -1, order="F")
-    encoding = {1: "utf-8", 2: "utf-16-le", 4: "utf-32-le"}[codes.dtype.itemsize]
-    wide = rows.astype(codes.dtype.newbyteorder("<"))
-    texts = [_decoded(row.tobytes(), encoding) for row in wide]
+    rows = np.ascontiguousarray(codes.reshape(dims[0], -1, order="F"))
+    texts = [decoded(row.tobytes(), codes.dtype) for row in rows]
     if len(texts) == 1:
         return texts[0]
     return [text.rstrip(" \0") for text in texts]  # char matrices are padded to one width
 
 
-def _decoded(data: bytes, encoding: str) -> str:
+def decoded(data: bytes, stored: np.dtype[Any]) -> str:
+    """Turn the bytes of character codes of one, two or four bytes into text."""
+    if stored.itemsize > 1:
+        order = "be" if stored.str.startswith(">") else "le"
+        return data.decode(f"utf-{8 * stored.itemsize}-{order}", "replace")
     try:
-        return data.decode(encoding)
-    except UnicodeDecodeError:
-        # before Unicode, char arrays held Latin-1; nothing else with one byte a character is stored
-        return data.decode("latin-1" if encoding == "utf-8" else encoding, "replace")
+        return data.decode("utf-8")
+    except UnicodeDecodeError:  # before Unicode, char arrays held Latin-1
+        return data.decode("latin-1")
 
 
 def name_of(data: bytes) -> str:
