@@ -13,10 +13,16 @@ from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.nearest import Neighbours, by_kind, by_number, by_place
 from granular_id.recording.checking.rest import Rest
 from granular_id.recording.checking.timing import Pace
+from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
 
 DESCRIBES_MATERIAL = "material"
 """Entries of ``meta`` under this key describe the material, and may well name it."""
+
+MOST_KINDS = 20
+"""Attributes of more values than this are not asked whether the label names them."""
+
+_REPAIRS = SampleFlag.GAP_FILLED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
 
 
 @dataclass(frozen=True)
@@ -31,8 +37,8 @@ class Attribute:
         In words.
     neighbours : Neighbours
         Which recordings are alike in it.
-    shown : sequence of float or None
-        Values to show where a single label stands apart, with their `unit`.
+    shown : ndarray or None
+        Numbers to show where a single label stands apart, shape (n,), in `unit`.
     unit : str
     """
 
@@ -49,14 +55,18 @@ def attributes_of(
     rests: Sequence[Rest | None],
     resolutions: Sequence[tuple[float | None, ...]],
 ) -> list[Attribute]:
-    """Collect what varies between recordings, apart from their samples and labels."""
+    """Collect what varies between recordings, apart from their samples and labels.
+
+    Attributes of few values come twice: as what may name the label, and (``neighbours.reverse``) as what the
+    label may name.
+    """
     starts = np.array([np.nan if r.start_time is None else r.start_time for r in recordings])
     kinds: list[tuple[str, str, Sequence[Any]]] = [
         ("leak-session", "the session", [r.session for r in recordings]),
         ("leak-format", "the file's ending", [PurePosixPath(r.name).suffix.lower() for r in recordings]),
         ("leak-resolution", "the resolution", resolutions),
         ("leak-hour", "the hour of the day (UTC)", [None if np.isnan(s) else s // 3600 % 24 for s in starts]),
-        ("leak-flags", "the kind of flags", [_flags(r) for r in recordings]),
+        ("leak-flags", "what was repaired (flags)", [_repairs(r) for r in recordings]),
     ]
     numbers: list[tuple[str, str, FloatArray, str]] = [
         ("leak-clock", "the clock", starts, "s"),
@@ -71,23 +81,41 @@ def attributes_of(
         ("leak-jitter", "the jitter of the steps", np.array([p.spread for p in paces]), "of the median step"),
         ("leak-trigger", "the time of the trigger", np.array([_trigger_s(r) for r in recordings]), "s"),
     ]
-    for key, values in scalar_meta(recordings).items():
-        name = f"meta {key!r}"
-        if all(v is None or (isinstance(v, (int, float)) and not isinstance(v, bool)) for v in values):
-            column = np.array([np.nan if v is None else float(v) for v in values])
-            numbers.append(("leak-meta", name, column, ""))
+    for key, entries in scalar_meta(recordings).items():
+        if all(v is None or (isinstance(v, (int, float)) and not isinstance(v, bool)) for v in entries):
+            column = np.array([np.nan if v is None else float(v) for v in entries])
+            numbers.append(("leak-meta", f"meta {key!r}", column, ""))
         else:
-            kinds.append(("leak-meta", name, values))
-    found = [Attribute(code, name, by_kind(values)) for code, name, values in kinds if len(set(values)) > 1]
-    found += [
-        Attribute(code, name, by_number(values), values, unit)
-        for code, name, values, unit in numbers
-        if not np.array_equal(values, np.full(len(values), values[0]), equal_nan=True)
-    ]
+            kinds.append(("leak-meta", f"meta {key!r}", entries))
+    found = []
+    for code, name, values in kinds:
+        if len(set(values)) > 1:
+            found.append(Attribute(code, name, by_kind(values)))
+            found += _named_by_label(code, name, values)
+    for code, name, column, unit in numbers:
+        if len(np.unique(column)) > 1:
+            found.append(Attribute(code, name, by_number(column), column, unit))
+            found += _named_by_label(code, name, np.nan_to_num(column, nan=np.inf).tolist())
+    return found + _rest_levels(recordings, rests)
+
+
+def _rest_levels(recordings: Sequence[Recording], rests: Sequence[Rest | None]) -> list[Attribute]:
     levels = [rest.level for rest in rests if rest is not None]
-    if len(levels) == len(recordings) and len({len(level) for level in levels}) == 1:
-        found.append(Attribute("leak-rest", "the rest level", by_place(np.array(levels))))
-    return found
+    if len(levels) < len(recordings) or len({r.axes for r in recordings}) > 1:
+        return []
+    table = np.array(levels)
+    each = [
+        Attribute("leak-rest", f"the rest level of {axis}", by_number(column), column)
+        for axis, column in zip(recordings[0].axes, table.T, strict=True)
+        if len(np.unique(column)) > 1
+    ]
+    return [Attribute("leak-rest", "the rest level of all axes", by_place(table)), *each]
+
+
+def _named_by_label(code: str, name: str, values: Sequence[Any]) -> list[Attribute]:
+    if len(set(values)) > min(MOST_KINDS, len(values) // 2):
+        return []
+    return [Attribute(code, name, by_kind(values, reverse=True))]
 
 
 def scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
@@ -116,8 +144,8 @@ def _flat(meta: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return entries
 
 
-def _flags(recording: Recording) -> int:
-    return 0 if recording.flags is None else int(np.bitwise_or.reduce(recording.flags))
+def _repairs(recording: Recording) -> int:
+    return 0 if recording.flags is None else int(np.bitwise_or.reduce(recording.flags) & _REPAIRS)
 
 
 def _trigger_s(recording: Recording) -> float:

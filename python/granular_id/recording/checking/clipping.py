@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
+from scipy.special import pdtrc
 
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.finding import Finding, count, found, verb
-from granular_id.recording.checking.runs import longest_run, surprising_run
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
 NEAR_RANGE = 0.999
@@ -20,14 +21,26 @@ FAR_BEYOND = 2.0
 SHORTEST = 30
 """Shorter recordings are not judged without a range: what is usual for them cannot be told."""
 
+FEWEST = 5
+"""Readings at the extreme from which on it is looked at."""
+
+PILED_UP = 5.0
+"""Times as many readings as at any value nearby: the flat top of a smooth, coarse signal has two to three times."""
+
+COARSE = 0.3
+"""Axes that repeat the reading before in more than this part of the samples are not judged without a range."""
+
+_NEIGHBOURS = 10
+
 
 def check_clipping(
     recordings: Sequence[Recording], ranges: Mapping[str, float] | None, false_alarm_rate: float
 ) -> Iterator[Finding]:
     """Find samples at the sensor's range; without one, axes that stay at their own extreme.
 
-    Without a range an axis counts as clipped when its highest (or lowest) value comes in a run, away from both
-    ends of the recording, that is longer than repeated values explain: see :func:`surprising_run`.
+    Without a range an axis counts as clipped when readings pile up at its highest (or lowest) value: five times
+    as many as at any of the ten values next to it, and more than a Poisson variable of that mean reaches by
+    chance. Unclipped readings thin out towards their extremes.
     """
     if ranges is not None:
         yield from _beyond_range(recordings, ranges)
@@ -36,32 +49,45 @@ def check_clipping(
     places: dict[int, list[str]] = {}
     samples = 0
     for i, r in enumerate(recordings):
-        for axis, run in plateaus(r.wrench, r.axes, false_alarm_rate / n_tests):
+        for axis, run in plateaus(by_axis(r), r.axes, false_alarm_rate / n_tests):
             places.setdefault(i, []).append(axis)
             samples += run
     if places:
         axes = sorted({axis for names in places.values() for axis in names})
         message = (
-            f"{count(len(places))} {verb(len(places), 'seems', 'seem')} clipped on {', '.join(axes)}: the extreme "
-            f"value stands still for {count(samples, 'sample')} in all; state sensor_range to be sure"
+            f"{count(len(places))} {verb(len(places), 'seems', 'seem')} clipped on {', '.join(axes)}: "
+            f"{count(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
         )
         yield found("warning", "clipped", message, recordings, places, axes=axes, samples=samples)
 
 
 def plateaus(wrench: FloatArray, axes: Sequence[str], alpha: float) -> Iterator[tuple[str, int]]:
-    """Yield axis and length of runs at the highest or lowest value that chance does not explain."""
+    """Yield axes that meet their highest or lowest value more often than chance explains, and how often."""
     if len(wrench) < SHORTEST:
         return
-    equal = wrench[1:] == wrench[:-1]
-    repeated = equal.mean(axis=0)
     for edge in (wrench.max(axis=0), wrench.min(axis=0)):
-        held = (wrench[1:] == edge) & equal
-        for column in np.flatnonzero(held.sum(axis=0) >= 2):
-            start, length = longest_run(held[:, column])
-            inside = start > 0 and start + length < len(held)
-            rest = (repeated[column] * len(equal) - length) / len(equal)
-            if inside and length + 1 >= surprising_run(rest, len(wrench), alpha):
-                yield axes[int(column)], length + 1
+        for column in np.flatnonzero(np.count_nonzero(wrench == edge, axis=0) >= FEWEST):
+            number = _piled_up(wrench[:, column], float(edge[column]), alpha)
+            if number:
+                yield axes[int(column)], number
+
+
+def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
+    """Return how many samples lie at the edge, 0 where their number surprises nobody."""
+    at_edge = samples == edge
+    inside = np.flatnonzero(~at_edge)
+    if not len(inside):
+        return 0
+    visits = at_edge[inside[0] : inside[-1]]  # a recording may begin or end at rest, at its extreme
+    number = int(np.count_nonzero(visits))
+    away = samples[~at_edge]
+    if number < FEWEST or np.mean(away[1:] == away[:-1]) > COARSE:
+        return 0
+    values, counts = np.unique(away, return_counts=True)
+    nearest = counts[np.argsort(np.abs(values - edge), kind="stable")[:_NEIGHBOURS]]
+    expected = float(nearest.max())
+    surprising = number >= PILED_UP * expected and pdtrc(number - 1, expected) <= alpha
+    return number if surprising else 0
 
 
 def _beyond_range(recordings: Sequence[Recording], ranges: Mapping[str, float]) -> Iterator[Finding]:
@@ -70,7 +96,7 @@ def _beyond_range(recordings: Sequence[Recording], ranges: Mapping[str, float]) 
     far: list[int] = []
     for i, r in enumerate(recordings):
         limit = np.array([ranges.get(axis, np.inf) for axis in r.axes])
-        peak = np.abs(r.wrench).max(axis=0)
+        peak = np.abs(by_axis(r)).max(axis=0)
         if (peak > FAR_BEYOND * limit).any():
             far.append(i)
         elif (peak >= NEAR_RANGE * limit).any():

@@ -11,6 +11,7 @@ from scipy.special import stdtr
 
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.finding import Finding, count, found
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.rest import Rest, unit_columns
 from granular_id.recording.one import Recording
 
@@ -46,7 +47,7 @@ def check_drift(
         return
     levels = np.array([rest.level for rest in rests if rest is not None])
     noise = np.median([rest.noise for rest in rests if rest is not None], axis=0)
-    signal = np.median([recordings[i].wrench.std(axis=0) for i in resting], axis=0)
+    signal = np.median([by_axis(recordings[i]).std(axis=0) for i in resting], axis=0)
     axes = recordings[0].axes
     scale = np.empty(len(axes))
     for unit in unit_columns(axes):

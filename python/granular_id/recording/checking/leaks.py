@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -69,36 +70,61 @@ def check_leaks(
         return
     alpha = false_alarm_rate / (len(attributes) * len(labels))
     sizes = np.bincount(numbers)
-    leaks: dict[str, list[tuple[Attribute, Naming, list[str]]]] = {}
+    leaks: dict[str, dict[str, _Leak]] = {}
     for attribute, named in zip(attributes, naming([a.neighbours for a in attributes], numbers), strict=True):
         lift = (named.share - named.chance) / max(1 - named.chance, 1e-12)
         strong = lift >= STRONG and named.p <= false_alarm_rate
-        apart = [str(labels[k]) for k in _apart(named, sizes, 1.0 if strong else alpha)]
+        apart = []
+        if not attribute.neighbours.reverse:
+            apart = [str(labels[k]) for k in _apart(named, sizes, 1.0 if strong else alpha)]
         if strong or apart:
-            few = 0 < len(apart) < len(labels) / 2 or not strong  # then it is those labels that leak, not all
-            leaks.setdefault(attribute.code, []).append((attribute, named, apart if few else []))
+            some = not strong or len(apart) < len(labels) / 2  # these labels leak, not all of them
+            leak = _Leak(attribute, named, apart if some else [])
+            leaks.setdefault(attribute.code, {}).setdefault(attribute.name, leak)
     known = {"leak-session", *leaks} if sessions_are_labels else set(leaks)
     for code, members in leaks.items():
         if (code == "leak-session" and sessions_are_labels) or known & set(_EXPLAINED_BY.get(code, ())):
             continue
-        members.sort(key=lambda leak: 0.0 if leak[2] else -leak[1].share)
-        attribute, named, apart = members[0]
-        if apart:
-            message = _about_labels(attribute, apart, judged)
-        else:
-            message = (
-                f"{attribute.name} alone names {100 * named.share:.0f} % of the labels "
-                f"(chance {100 * named.chance:.0f} %)"
-            )
-            message += _why(code, judged)
-        if len(members) > 1:
-            message += (
-                f"; so {verb(len(members) - 1, 'does', 'do')} {first_names([m[0].name for m in members[1:]])}"
-            )
-        names = [member[0].name for member in members]
-        yield found(
-            "warning", code, message, attributes=names, share=named.share, chance=named.chance, p=named.p
+        yield _report(code, sorted(members.values(), key=_Leak.order), judged)
+
+
+@dataclass(frozen=True)
+class _Leak:
+    attribute: Attribute
+    named: Naming
+    apart: list[str]  # labels that are given away; none: all are, more or less
+
+    def order(self) -> float:
+        return 0.0 if self.apart else -self.named.share
+
+
+def _report(code: str, leaks: Sequence[_Leak], recordings: Sequence[Recording]) -> Finding:
+    worst, *others = leaks
+    message = _words(worst, recordings)
+    if others:
+        also = first_names([leak.attribute.name for leak in others])
+        message += f"; so {verb(len(others), 'does', 'do')} {also}"
+    names = [leak.attribute.name for leak in leaks]
+    named = worst.named
+    return found(
+        "warning", code, message, attributes=names, share=named.share, chance=named.chance, p=named.p
+    )
+
+
+def _words(leak: _Leak, recordings: Sequence[Recording]) -> str:
+    attribute, named = leak.attribute, leak.named
+    if leak.apart:
+        return _about_labels(attribute, leak.apart, recordings)
+    share, chance = f"{100 * named.share:.0f} %", f"(chance {100 * named.chance:.0f} %)"
+    if not attribute.neighbours.reverse:
+        return (
+            f"{attribute.name} alone names {share} of the labels {chance}{_why(attribute.code, recordings)}"
         )
+    if named.share == 1:
+        how = f"each label has only one of its {int(attribute.neighbours.group.max()) + 1} values"
+    else:
+        how = f"two recordings of a label agree in {share} {chance}"
+    return f"{attribute.name} goes with the label: {how}"
 
 
 def _chosen(places: Sequence[int]) -> list[int]:

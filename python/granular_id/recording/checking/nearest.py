@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,19 @@ class Neighbours:
         Recordings of the same value share a number; all the others of the group are nearest, equally.
     nearest : ndarray of int, shape (n,)
         The nearest recording of another value, for those alone in their group; -1: none.
+    reverse : bool
+        Ask how well the label names the group instead: two sensors cannot name eleven labels, but when each label
+        was recorded with one of them, the label names the sensor.
     """
 
     group: NDArray[np.intp]
     nearest: NDArray[np.intp]
+    reverse: bool = False
+
+    @cached_property
+    def has_ties(self) -> bool:
+        """Whether any two recordings share a value."""
+        return int(self.group.max()) + 1 < len(self.group)
 
 
 def by_number(values: FloatArray) -> Neighbours:
@@ -50,11 +60,11 @@ def by_number(values: FloatArray) -> Neighbours:
     return Neighbours(group, nearest)
 
 
-def by_kind(values: Sequence[Hashable]) -> Neighbours:
+def by_kind(values: Sequence[Hashable], *, reverse: bool = False) -> Neighbours:
     """Return the neighbours among values that are equal or not, with no order between them."""
     numbers: dict[Hashable, int] = {}
     group = np.array([numbers.setdefault(value, len(numbers)) for value in values], dtype=np.intp)
-    return Neighbours(group, np.full(len(values), -1, dtype=np.intp))
+    return Neighbours(group, np.full(len(values), -1, dtype=np.intp), reverse)
 
 
 def by_place(points: FloatArray) -> Neighbours:
@@ -74,7 +84,8 @@ class Naming:
     Attributes
     ----------
     share : float
-        How often the nearest other recording has the same label (the mean over ties).
+        How often the nearest other recording has the same label (the mean over ties); in reverse, how often
+        another recording of the same label has the same value.
     chance : float
         What that is for shuffled labels.
     p : float
@@ -107,7 +118,6 @@ def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp], seed: int
     rng = np.random.default_rng(seed)
     n_labels = int(labels.max()) + 1
     sizes = np.bincount(labels)
-    chance = float((sizes * (sizes - 1)).sum() / (len(labels) * (len(labels) - 1)))
     hits = [_hits(each, labels, n_labels) for each in neighbours]
     shares = np.array([each.mean() for each in hits])
     shuffled = np.empty((N_SHUFFLES, len(neighbours)))
@@ -119,17 +129,24 @@ def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp], seed: int
     scores = (shares - shuffled.mean(axis=0)) / spread
     p = [(1 + int((best >= score).sum())) / (N_SHUFFLES + 1) for score in scores]
     return [
-        Naming(float(share), chance, p_value, _agreement(near, each, labels, sizes))
-        for share, p_value, each, near in zip(shares, p, hits, neighbours, strict=True)
+        Naming(float(share), float(chance), p_value, _agreement(near, each, labels, sizes))
+        for share, chance, p_value, each, near in zip(
+            shares, shuffled.mean(axis=0), p, hits, neighbours, strict=True
+        )
     ]
 
 
 def _hits(neighbours: Neighbours, labels: NDArray[np.intp], n_labels: int) -> FloatArray:
-    group, nearest = neighbours.group, neighbours.nearest
+    nearest = neighbours.nearest
+    by_nearest = (nearest >= 0) & (labels[nearest] == labels)
+    if not neighbours.has_ties:
+        return np.asarray(by_nearest, dtype=np.float64)
+    group = neighbours.group
+    if neighbours.reverse:
+        group, labels, n_labels = labels, group, int(group.max()) + 1
     cell = group * n_labels + labels
     alike = np.bincount(cell)[cell] - 1
     others = np.bincount(group)[group] - 1
-    by_nearest = (nearest >= 0) & (labels[nearest] == labels)
     return np.asarray(np.where(others > 0, alike / np.maximum(others, 1), by_nearest))
 
 

@@ -10,6 +10,7 @@ from scipy.special import stdtrit
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.finding import Finding, count, found, verb
 from granular_id.recording.checking.labels import by_label
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.rest import unit_columns
 from granular_id.recording.one import Recording
 
@@ -30,9 +31,9 @@ def figures(recording: Recording) -> dict[str, float]:
     Returns
     -------
     dict
-        For forces and, where there are some, torques: ``mean`` (of the norm, over time), ``spread`` (norm of the
-        axes' standard deviations) and ``roughness`` (root mean square of the change from sample to sample),
-        natural logarithms, because such figures vary by factors.
+        Natural logarithms, because such figures vary by factors, for forces and, where there are some, torques:
+        ``mean`` (of the norm, over time), ``spread`` (norm of the axes' standard deviations) and ``roughness``
+        (mean norm of the change from sample to sample, the largest 1 % left out: spikes are another check's).
 
     Examples
     --------
@@ -42,16 +43,25 @@ def figures(recording: Recording) -> dict[str, float]:
     ['mean force', 'roughness of force', 'spread of force']
     """
     described = {}
+    wrench = by_axis(recording)
+    steps = np.diff(wrench, axis=0) ** 2
+    power = wrench**2
+    variance = wrench.var(axis=0)
     for columns in unit_columns(recording.axes):
         name = "torque" if recording.axes[columns[0]] in ("tx", "ty", "tz") else "force"
-        part = recording.wrench[:, columns]
-        described[f"mean {name}"] = float(np.linalg.norm(part, axis=1).mean())
-        described[f"spread of {name}"] = float(np.linalg.norm(part.std(axis=0)))
-        steps = np.diff(part, axis=0)
-        described[f"roughness of {name}"] = (
-            float(np.sqrt((steps**2).sum(axis=1).mean())) if len(steps) else 0.0
-        )
+        described[f"mean {name}"] = float(np.sqrt(_row_sum(power, columns)).mean())
+        described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
+        changes = np.sort(np.sqrt(_row_sum(steps, columns)))
+        usual = changes[: len(changes) - len(changes) // 100]
+        described[f"roughness of {name}"] = float(usual.mean()) if len(usual) else 0.0
     return {name: float(np.log(value + _TINY)) for name, value in described.items()}
+
+
+def _row_sum(samples: FloatArray, columns: Sequence[int]) -> FloatArray:
+    total = np.zeros(len(samples))
+    for column in columns:
+        total += samples[:, column]
+    return total
 
 
 def threshold(n: int, alpha: float) -> float:

@@ -85,7 +85,7 @@ def _by_pattern(recordings: Sequence[Recording]) -> set[tuple[int, int, int]]:
     if shortest <= 2 * _KEY_BITS // n_used:
         n_used = n_axes
     n_steps = max(1, _KEY_BITS // n_used)
-    rising = [np.diff(r.wrench[:, :n_used], axis=0) > 0 for r in recordings]
+    rising = [np.diff(np.asfortranarray(r.wrench[:, :n_used]), axis=0) > 0 for r in recordings]
     stride = _stride(rising, max(1, shortest // (2 * n_steps)))
     thin = np.uint64(max(1, sum(map(len, rising)) // _MOST_KEYS))
     keys, owners, places = [], [], []
@@ -124,11 +124,13 @@ def _patterns(
     length = len(rising) - (n_steps - 1) * stride
     if length < 1:
         return np.empty(0, np.uint64), np.empty(0, np.int64)
-    weights = (1 << np.arange(n_used)).astype(np.uint64)
-    codes = (rising * weights).sum(axis=1, dtype=np.uint64)
-    ups = rising.sum(axis=1)
+    codes = np.zeros(len(rising), np.uint64)
+    ups = np.zeros(len(rising), np.uint8)
+    for column in range(n_used):
+        codes |= rising[:, column].astype(np.uint64) << np.uint64(column)
+        ups += rising[:, column]
     key = np.zeros(length, np.uint64)
-    risen = np.zeros(length, np.int64)
+    risen = np.zeros(length, np.uint8)
     for j in range(n_steps):
         part = slice(j * stride, j * stride + length)
         key = (key << np.uint64(n_used)) | codes[part]
@@ -147,7 +149,7 @@ def _by_moments(recordings: Sequence[Recording]) -> set[tuple[int, int, int]]:
     for group in lengths.values():
         if len(group) < 2:
             continue
-        leading = [recordings[i].wrench[:, :_LEADING_AXES] for i in group]
+        leading = [np.asfortranarray(recordings[i].wrench[:, :_LEADING_AXES]) for i in group]
         spreads = np.array([samples.std(axis=0) for samples in leading])
         table = np.hstack([np.array([samples.mean(axis=0) for samples in leading]), spreads])
         scale = np.median(spreads, axis=0)

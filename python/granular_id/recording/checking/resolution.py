@@ -9,6 +9,7 @@ import numpy as np
 
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
 FEWEST_CHANGES = 30
@@ -75,8 +76,9 @@ def signatures(recordings: Sequence[Recording]) -> list[tuple[float | None, ...]
     measured = []
     usual: dict[str, list[float]] = {}
     for r in recordings:
-        changes = np.abs(np.diff(r.wrench, axis=0))
-        measured.append(_steps(r.wrench, changes))
+        wrench = by_axis(r)
+        changes = np.abs(np.diff(wrench, axis=0))
+        measured.append(_steps(wrench, changes))
         if r.n_samples > FEWEST_CHANGES:
             typical = np.median(changes[:: max(1, len(changes) // _LOOKED_AT)], axis=0)
             for axis, change in zip(r.axes, typical, strict=True):

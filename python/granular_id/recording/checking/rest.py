@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granular_id.recording._values import FloatArray
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
 REST_S = 0.1
@@ -50,8 +51,9 @@ def rest_of(recording: Recording) -> Rest | None:
     n_rest = int(np.searchsorted(times, until))
     if n_rest < FEWEST_SAMPLES or n_rest > recording.n_samples // 2:
         return None
-    quiet = recording.wrench[:n_rest]
-    noise, whole = quiet.std(axis=0), recording.wrench.std(axis=0)
+    wrench = by_axis(recording)
+    quiet = wrench[:n_rest]
+    noise, whole = quiet.std(axis=0), wrench.std(axis=0)
     for unit in unit_columns(recording.axes):
         if np.linalg.norm(noise[unit]) > QUIET * np.linalg.norm(whole[unit]):
             return None

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
 SHORTEST = 30
@@ -20,6 +21,9 @@ grains reach (at 500 Hz 25, in 1000 recordings of a finger sliding at 90 Hz 32).
 LONE = 0.2
 """Its neighbours differ from each other by less than this part of it: a step or a slip is no spike."""
 
+_ROUNDING = 1e-12  # of the largest reading: what float64 leaves between equal readings
+_LOOKED_AT = 400  # samples that tell what is usual
+
 
 def check_spikes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Find samples far from both neighbours, which agree with each other."""
@@ -28,10 +32,13 @@ def check_spikes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     for i, r in enumerate(recordings):
         if r.n_samples < SHORTEST:
             continue
-        before, here, after = r.wrench[:-2], r.wrench[1:-1], r.wrench[2:]
+        wrench = by_axis(r)
+        before, here, after = wrench[:-2], wrench[1:-1], wrench[2:]
         away = np.abs(here - 0.5 * (before + after))
-        usual = np.median(away, axis=0)
-        usual = np.where(usual > 0, usual, away.mean(axis=0))
+        usual = np.median(away[:: max(1, len(away) // _LOOKED_AT)], axis=0)
+        usual = np.where(usual > _ROUNDING * np.abs(here).max(axis=0), usual, np.inf)  # too coarse to judge
+        if (away.max(axis=0) <= UNUSUAL * usual).all():
+            continue
         hit: NDArray[np.bool_] = (away > UNUSUAL * usual) & (np.abs(after - before) < LONE * away)
         spiky = np.flatnonzero(hit.any(axis=0))
         number = int(np.count_nonzero(hit.any(axis=1)))

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.runs import longest_run, surprising_run
 from granular_id.recording.one import Recording
 
 SHORTEST = 20
 """Shorter stretches are not judged: coarse converters repeat themselves while the tool rests."""
+
+COARSE = 0.3
+"""Axes that repeat the reading before in more than this part of the other samples are too coarse to judge."""
 
 MOVING = 0.5
 """The other axes move when they change, step by step, at least by this part of what is usual for them."""
@@ -28,10 +32,11 @@ def check_stuck(recordings: Sequence[Recording], false_alarm_rate: float) -> Ite
     for i, r in enumerate(recordings):
         if r.n_samples < 2:
             continue
-        still = np.asarray(np.ptp(r.wrench, axis=0) == 0)
+        wrench = by_axis(r)
+        still = np.asarray(np.ptp(wrench, axis=0) == 0)
         if still.any():
             whole[i] = {axis for axis, stands in zip(r.axes, still, strict=True) if stands}
-        stretches, length = _stretches(r.wrench, still, alpha)
+        stretches, length = _stretches(wrench, still, alpha)
         if stretches:
             part[i] = {r.axes[column] for column in stretches}
         if length:
@@ -63,19 +68,23 @@ def _stretches(wrench: FloatArray, still: NDArray[np.bool_], alpha: float) -> tu
     moving = np.flatnonzero(~still)
     if n_samples <= SHORTEST or not len(moving):
         return [], 0
-    steps = np.abs(np.diff(wrench, axis=0))
-    equal = steps == 0
-    repeated = equal.mean(axis=0)
-    candidates = [c for c in moving if equal[:, c].sum() >= SHORTEST]
+    equal = wrench[1:] == wrench[:-1]
+    repeated = np.count_nonzero(equal, axis=0) / (n_samples - 1)
+    candidates = [
+        c
+        for c in moving
+        if repeated[c] * (n_samples - 1) >= SHORTEST and longest_run(equal[:, c])[1] >= SHORTEST
+    ]
     if not candidates:
         return [], 0
     start, length = longest_run(equal[:, moving].all(axis=1))
     all_still = length + 1 if _judged(length, float(repeated[moving].min()), n_samples, alpha) else 0
+    steps = np.abs(np.diff(wrench, axis=0))
     usual = steps.mean(axis=0)
     stuck = []
     for column in candidates:
         at, run = longest_run(equal[:, column])
-        if at == start and run <= length:  # the sample as a whole was repeated
+        if at == 0 or (at == start and run <= length):  # still at rest, or the sample as a whole was repeated
             continue
         others = [c for c in moving if c != column]
         if not others or not _judged(run, float(repeated[column]), n_samples, alpha):
@@ -87,4 +96,6 @@ def _stretches(wrench: FloatArray, still: NDArray[np.bool_], alpha: float) -> tu
 
 def _judged(run: int, repeated: float, n_samples: int, alpha: float) -> bool:
     elsewhere = max(repeated - run / (n_samples - 1), 0.0)
+    if elsewhere > COARSE:
+        return False
     return run + 1 >= max(SHORTEST, surprising_run(elsewhere, n_samples, alpha))

@@ -143,7 +143,7 @@ def _steps(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[F
         mean = float(np.median([paces[i].mean_s for i in jittery]))
         message = (
             f"{count(len(jittery))} with uneven steps (median {1e3 * median:.3g} ms, mean {1e3 * mean:.3g} ms): "
-            f"above {0.5 / mean:.2g} Hz the resampled signal is made up"
+            f"above {0.5 / mean:.3g} Hz the resampled signal is made up"
         )
         yield found("warning", "jitter", message, recordings, jittery, median_step_s=median, mean_step_s=mean)
     message = f"{count(len(irregular))} irregularly sampled: resample before extracting features"
@@ -153,9 +153,7 @@ def _steps(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[F
 def _lengths(recordings: Sequence[Recording]) -> Iterator[Finding]:
     lengths = [r.n_samples for r in recordings]
     if len(set(lengths)) > 1:
-        seconds = [r.duration_s for r in recordings]
-        message = (
-            f"lengths differ, {min(lengths)} to {max(lengths)} samples, {min(seconds):.3g} to "
-            f"{max(seconds):.3g} s: align before comparing"
-        )
+        seconds = [f"{pick(r.duration_s for r in recordings):.3g}" for pick in (min, max)]
+        lasting = f", {seconds[0]} to {seconds[1]} s" if seconds[0] != seconds[1] else ""
+        message = f"lengths differ, {min(lengths)} to {max(lengths)} samples{lasting}: align before comparing"
         yield found("info", "lengths-differ", message, shortest=min(lengths), longest=max(lengths))
