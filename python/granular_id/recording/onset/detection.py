@@ -25,8 +25,10 @@ class Detection:
         Smallest change between windows that counts, in units of the axis; infinite for an axis that never moves.
     statistic : ndarray, shape (n, T, C)
         Change at each sample over the critical one; 0 where there is no room for the windows.
+    joint : ndarray, shape (n, T)
+        What decides: above 1 where two axes change, or one by what is critical for an axis alone.
     first : ndarray of int, shape (n,)
-        First sample at which an axis exceeds 1, or -1.
+        First sample at which that is so, or -1.
     wander : ndarray, shape (n, C)
         Largest distance of a window after the rest from the level at rest.
     """
@@ -34,6 +36,7 @@ class Detection:
     noise: RestNoise
     critical: FloatArray
     statistic: FloatArray
+    joint: FloatArray
     first: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
     wander: FloatArray
 
@@ -49,6 +52,10 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     with what came just before, slow drift does not add up. One count is taken off: two readings of one level
     may differ by that much.
 
+    The motion of a tool loads several axes. Where two change together, the colour of the noise is taken from all
+    axes; a change of one axis only must stand out from what this axis alone has shown, lest the odd axis with
+    slower noise than the others ring every alarm.
+
     Parameters
     ----------
     samples : ndarray, shape (n, T, C)
@@ -61,8 +68,15 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     _, n_samples, n_axes = samples.shape
     n_tests = n_samples - rest - 2 * window + 1
     noise = rest_noise(samples, rest, window)
-    critical = critical_factors(noise.dof, n_tests, rate / n_axes) * np.sqrt(noise.shift_variance)
+    per_axis = rate / n_axes
+    critical = critical_factors(noise.dof, n_tests, per_axis)[:, np.newaxis] * np.sqrt(noise.shift_variance)
+    alone = critical_factors(np.array([noise.own_dof]), n_tests, per_axis) * np.sqrt(noise.own_variance)
     critical[noise.shift_variance == 0] = np.inf
+    if n_axes == 1:
+        critical = np.where(np.isinf(critical), np.inf, alone)
+    share = np.divide(
+        critical, np.maximum(alone, critical), out=np.zeros_like(critical), where=np.isfinite(critical)
+    )
     means = windows_of(samples, window)
     low, high = (bound(means[:, window:], means[:, :-window]) for bound in (np.minimum, np.maximum))
     first = rest - 2 * window  # where the two windows before the first tested sample begin
@@ -72,7 +86,22 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     np.maximum(gap, 0.0, out=gap)
     statistic = np.zeros(samples.shape)
     np.divide(gap, critical[:, np.newaxis], out=statistic[:, after])
-    passed = statistic.max(axis=2) > 1
+    joint = _joint(statistic, share)
+    passed = joint > 1
     first_passed = np.where(passed.any(axis=1), passed.argmax(axis=1), -1)
     wander = np.abs(means[:, rest:] - noise.level[:, np.newaxis]).max(axis=1)
-    return Detection(noise, critical, statistic, first_passed, wander)
+    return Detection(noise, critical, statistic, joint, first_passed, wander)
+
+
+def _joint(statistic: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the second largest of the axes, or the largest in terms of what one axis alone must show."""
+    first = statistic[:, :, 0].copy()
+    second = np.zeros_like(first)
+    alone = first * share[:, :1]
+    for axis in range(1, statistic.shape[2]):
+        own = statistic[:, :, axis]
+        np.maximum(second, np.minimum(first, own), out=second)
+        np.maximum(first, own, out=first)
+        np.maximum(alone, own * share[:, axis : axis + 1], out=alone)
+    joint: FloatArray = np.maximum(second, alone)
+    return joint

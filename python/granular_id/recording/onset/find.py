@@ -159,7 +159,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     level = (found.noise.level + origin[:, 0]) * scale
     onsets = []
     for i in range(len(block)):
-        statistic = found.statistic[i].max(axis=1)
+        statistic = found.joint[i].copy()
         index, seen, carriers, why = began.get(i), None, (), ""
         strongest = statistic
         if index is None:

@@ -23,7 +23,8 @@ class Onset:
         The sample with which the change became certain: later than `index`, it is when an alarm that watches
         the signal as it comes would have rung.
     statistic : ndarray, shape (T,)
-        The largest change of any axis at each sample, over the smallest that counts; 0 where not judged.
+        How much changes at each sample, over the smallest change that counts: the second largest of the axes
+        (or one axis, by what must be asked of it alone); 0 where not judged.
     threshold : float
         What the statistic must exceed: 1.
     axes : tuple of str
@@ -33,7 +34,8 @@ class Onset:
     rest_level, rest_sd : ndarray, shape (C,)
         Mean and standard deviation of the axes at rest; of all samples where the recording is too short.
     critical : ndarray, shape (C,)
-        Smallest change that counts per axis, in its unit; infinite where an axis cannot show any.
+        Smallest change that counts where another axis changes too, in the unit of the axis; infinite where an
+        axis cannot show any.
     rest_samples, window_samples : int
         Samples taken for rest, and samples averaged before they are compared.
     why : str
