@@ -429,9 +429,9 @@ def _outside(folder, how):
     write_mcap(secret, one_topic(ROS2, samples(), even_stamps()))
     inner = folder / "in"
     inner.mkdir()
-    if how == "link":
+    if how in ("link", "beside"):
         path = folder_of(inner, metadata("y.mcap"))
-        (path / "y.mcap").symlink_to(secret)
+        (path / "y.mcap").symlink_to(secret if how == "link" else secret.rename(inner / "secret.mcap"))
         return path
     return folder_of(inner, metadata({"up": "../../secret.mcap", "absolute": secret}[how]))
 
@@ -463,8 +463,8 @@ FOLDER_ATTACKS = {
     "empty metadata": (lambda f: folder_of(f, ""), "no entry rosbag2_bagfile_information"),
     "binary metadata": (lambda f: folder_of(f, b"\xff\xfe\0\1" * 99), "is not UTF-8"),
     "no YAML": (lambda f: folder_of(f, "a: [b\nc: }"), "is not proper YAML"),
-    "deep brackets": (lambda f: folder_of(f, "[" * 60_000), "too deeply nested"),
-    "deep dashes": (lambda f: folder_of(f, "- " * 30_000), "not proper YAML|no entry"),
+    "deep brackets": (lambda f: folder_of(f, "[" * 9_000), "too deeply nested"),
+    "deep dashes": (lambda f: folder_of(f, "- " * 9_000), "not proper YAML|no entry"),
     "long list": (lambda f: folder_of(f, metadata(*(f"{i}.mcap" for i in range(9000)))), "too long"),
     "aliases upon aliases": (
         lambda f: folder_of(f, f"rosbag2_bagfile_information:\n{ALIASES}\n  relative_file_paths: *a29\n"),
@@ -486,6 +486,8 @@ FOLDER_ATTACKS = {
     "a name above": (lambda f: _outside(f, "up"), "wanted a name within the folder"),
     "an absolute name": (lambda f: _outside(f, "absolute"), "wanted a name within the folder"),
     "a link out": (lambda f: _outside(f, "link"), "links out are not followed"),
+    "a link to what lies beside the bag": (lambda f: _outside(f, "beside"), "links out are not followed"),
+    "lines without end": (lambda f: folder_of(f, metadata("x.mcap") + "\n" * 300_000), "lines, more than"),
     "a file twice": (lambda f: folder_of(f, metadata(*["x.mcap"] * 9)), "names a file twice"),
     "a missing file": (lambda f: folder_of(f, metadata("y.mcap")), "cannot be read: No such file"),
     "a folder for a file": (lambda f: folder_of(f, metadata(".")), "wanted a name within the folder"),

@@ -149,6 +149,18 @@ def test_unknown_or_impossible_start_counts_from_the_first_sample(tmp_path):
         assert load(path)[0] == recording
 
 
+@pytest.mark.parametrize(
+    "frame", ["ft", "\u00b5 sensor", "", "\ud800", "a\0b", "x" * 1023, "x" * 1024, 7, None]
+)
+def test_frames_that_can_be_written_and_others(tmp_path, frame):
+    recording = push(3, meta={"frame": frame})
+    path = save_mcap(Dataset([recording]), tmp_path / "x.mcap")
+    written = {message.decoded_message.header.frame_id for message in decoded(path)}
+    can_be = isinstance(frame, str) and frame.isprintable() and len(frame) < 1024
+    assert written == {frame if can_be else ""}
+    assert load(path)[0] == recording
+
+
 # -- files changed since
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -359,3 +360,22 @@ def test_what_the_index_says_comes_first(tmp_path):
     (tmp_path / "index.csv").write_text("file,label,start_time,name\nx.mcap,oats,12.5,first push\n")
     (recording,) = load(tmp_path)
     assert (recording.label, recording.start_time, recording.name) == ("oats", 12.5, "first push")
+
+
+@pytest.mark.parametrize(
+    ("kind", "module", "library"),
+    [
+        ("mcap NONE", "mcap.records", "mcap"),
+        ("mcap ZSTD", "zstandard", "zstandard"),
+        ("mcap LZ4", "lz4.frame", "lz4"),
+        ("bag1 LZ4", "lz4.frame", "lz4"),
+        ("bag2 sqlite None v9", "ruamel.yaml", "ruamel"),
+        ("bag2 sqlite FILE v9", "zstandard", "zstandard"),
+        ("bag2 sqlite MESSAGE v9", "zstandard", "zstandard"),
+    ],
+)
+def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, kind, module, library):
+    path = write_kind(kind, tmp_path, samples(), even_stamps())
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=rf"^{library} is needed .*pip install 'granular-id\[ros\]'"):
+        read(path)

@@ -13,7 +13,7 @@ from granular_id.io.extras import need
 from granular_id.io.folder_save import checked_dataset, history_json, indexed_folder, refuse_other_axes
 from granular_id.io.mcap_file import OWN_NAME
 from granular_id.io.mcap_own import own_records, wire_stamps
-from granular_id.io.ros_wrench import DEFINITION, encode_wrenches
+from granular_id.io.ros_wrench import DEFINITION, LONGEST_FRAME, encode_wrenches
 from granular_id.recording import Dataset, Recording
 
 __all__ = ["TOPIC", "save_mcap"]
@@ -98,8 +98,7 @@ def _write(recording: Recording, path: Path, *, history: str) -> None:
         stamps_ns = wire_stamps(recording.times(), recording.start_time)
     except ValueError as error:
         raise ValueError(f"recording {recording.name!r}: {error}") from error
-    frame = recording.meta.get("frame", "")
-    messages = encode_wrenches(recording.wrench, stamps_ns, frame if isinstance(frame, str) else "")
+    messages = encode_wrenches(recording.wrench, stamps_ns, _frame(recording))
     own = own_records(recording, history)
     first_ns = int(stamps_ns[0])
     with path.open("wb") as file:
@@ -115,3 +114,11 @@ def _write(recording: Recording, path: Path, *, history: str) -> None:
         for name, data in own.attachments.items():
             writer.add_attachment(first_ns, first_ns, name, "application/octet-stream", data)
         writer.finish()
+
+
+def _frame(recording: Recording) -> str:
+    """Return what the metadata call the frame, where that can be a ``frame_id``."""
+    frame = recording.meta.get("frame")
+    if isinstance(frame, str) and frame.isprintable() and len(frame.encode()) < LONGEST_FRAME:
+        return frame
+    return ""

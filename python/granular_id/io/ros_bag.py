@@ -125,15 +125,15 @@ def _walked(source: FileSource, options: LoadOptions, topics: Topics) -> _Bag:
         bag = _Bag(path, check_file(path, root, most))
         _walk_file(path, path, root, topics, bag)
         return bag
-    folder = read_bag_folder(path, root, most)
+    folder = read_bag_folder(path, root, options)
     bag = _Bag(path, folder.n_bytes)
     bag.distro = folder.distro
     bag.zstd_messages = folder.compression == "message"
     for file in folder.files:
         if folder.compression != "file":
-            _walk_file(file, file, root, topics, bag)
+            _walk_file(file, file, path, topics, bag)
             continue
-        with _expanded(file, root, most, bag.unpacker) as whole:
+        with _expanded(file, path, most, bag.unpacker) as whole:
             _walk_file(whole, file, whole.parent, topics, bag)
     if len(folder.files) > 1:
         bag.own = OwnRecords()

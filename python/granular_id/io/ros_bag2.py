@@ -9,7 +9,8 @@ from typing import Any
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
-from granular_id.io.files import check_file, read_bounded
+from granular_id.io.files import check_file, read_text_bounded, refuse_outside
+from granular_id.io.options import LoadOptions
 
 __all__ = ["METADATA_NAME", "BagFolder", "is_bag_folder", "read_bag_folder"]
 
@@ -17,8 +18,7 @@ METADATA_NAME = "metadata.yaml"
 
 _TOP = "rosbag2_bagfile_information"
 _WANTED = ("relative_file_paths", "compression_format", "compression_mode", "ros_distro")
-_LARGEST_METADATA = 16 * 1024 * 1024
-_LARGEST_YAML = 64 * 1024
+_LARGEST_YAML = 32 * 1024
 """Of the part that is parsed, bytes; the parser is slow, and nothing but the names of the files is needed."""
 
 _DEEPEST = 16
@@ -52,7 +52,7 @@ def is_bag_folder(folder: Path) -> bool:
     return (folder / METADATA_NAME).is_file()
 
 
-def read_bag_folder(folder: Path, root: Path, max_bytes: int) -> BagFolder:
+def read_bag_folder(folder: Path, root: Path, options: LoadOptions) -> BagFolder:
     """Read ``metadata.yaml`` and look at the files it names.
 
     Raises
@@ -60,9 +60,10 @@ def read_bag_folder(folder: Path, root: Path, max_bytes: int) -> BagFolder:
     RecordingFileError
         No proper YAML, other compression than zstd, names that leave the folder, files missing or too large.
     """
+    refuse_outside(folder, root)
     path = folder / METADATA_NAME
     try:
-        text = read_bounded(path, root, _LARGEST_METADATA).decode("utf-8")
+        text = read_text_bounded(path, folder, options.max_text_bytes).decode("utf-8")
     except UnicodeDecodeError as error:
         raise RecordingFileError(path, "is not UTF-8 text") from error
     about = _parsed(_essential(text), path)
@@ -77,7 +78,8 @@ def read_bag_folder(folder: Path, root: Path, max_bytes: int) -> BagFolder:
     files = [folder / _plain_name(name, path) for name in names]
     if len(set(files)) < len(files):
         raise RecordingFileError(path, "names a file twice")
-    n_bytes = sum(check_file(file, root, max_bytes) for file in files)
+    max_bytes = options.max_binary_bytes
+    n_bytes = sum(check_file(file, folder, max_bytes) for file in files)
     if n_bytes > max_bytes:
         problem = f"the files have {n_bytes} bytes together, more than max_file_bytes={max_bytes}"
         raise RecordingFileError(folder, f"{problem}; raise max_file_bytes to read them")

@@ -66,6 +66,8 @@ class Unpacker:
         self.spend(n_bytes, place)
         try:
             raw = decoder(data, n_bytes)
+        except ImportError:
+            raise
         except Exception as error:  # every library raises its own kinds; damaged is what they all mean
             problem = f"cannot be decompressed ({compression}: {error})"
             raise RecordingFileError(self._path, problem, place=place) from error

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 __all__ = [
     "DEFINITION",
     "LARGEST_MESSAGE",
+    "LONGEST_FRAME",
     "STAMPED",
     "WRENCH_TYPES",
     "Encoding",
@@ -40,7 +41,9 @@ WRENCH_TYPES = (STAMPED, "geometry_msgs/Wrench")
 LARGEST_MESSAGE = 4096
 """Bytes of a message of either type, compressed or not; without its frame_id it has at most 72."""
 
-_LONGEST_FRAME = 1024
+LONGEST_FRAME = 1024
+"""Bytes of a frame_id, at most."""
+
 _LITTLE_ENDIAN = b"\x00\x01"
 _ORDERS = {b"\x00\x00": ">", _LITTLE_ENDIAN: "<"}
 _RULE = "=" * 80
@@ -178,8 +181,8 @@ def _layout_of(
     frame_bytes = 0
     if stamped:
         frame_bytes = int.from_bytes(message[12:16], "little" if order == "<" else "big")
-        if frame_bytes > _LONGEST_FRAME:
-            refuse(f"claims a frame_id of {frame_bytes} bytes; at most {_LONGEST_FRAME} are read")
+        if frame_bytes > LONGEST_FRAME:
+            refuse(f"claims a frame_id of {frame_bytes} bytes; at most {LONGEST_FRAME} are read")
     layout = _layout(encoding, order, stamped=stamped, frame_bytes=frame_bytes)
     if layout.itemsize != len(message):
         refuse(f"has {len(message)} bytes; its type makes it {layout.itemsize}")

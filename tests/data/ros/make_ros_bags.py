@@ -1,7 +1,7 @@
 """Writes the bags beside this script: eight messages each, by rosbags, and one recording by this library.
 
-Run with ``python tests/data/ros/make_ros_bags.py``. Written with rosbags 0.11.9, mcap 1.6.0 and granular-id 0.1.0; what is
-in them says ``expected`` below, which the tests import.
+Run with ``python tests/data/ros/make_ros_bags.py``. Written with rosbags 0.11.9, mcap 1.6.0 and granular-id 0.1.0.
+What is in them say ``expected`` and ``own`` below, which the tests run.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ def main():
     """Write all of them."""
     sys.path.insert(0, str(HERE.parents[1] / "python"))
     import ros_cases as ros
-
     from granular_id.io.mcap_save import save_mcap
     from granular_id.recording import Dataset, StepReport
 
