@@ -53,7 +53,7 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
     path = source.path
     version = file.attribute(file.root, "version", "header")
     if not isinstance(version, np.integer) or version != VERSION:
-        problem = f"is of version {version!r}; this granular_id reads version {VERSION}"
+        problem = f"is of version {version!s:.40}; this granular_id reads version {VERSION}"
         raise RecordingFileError(path, problem, place="header")
     top = set(file.names(file.root, "header"))
     group = _member(file, file.root, "recordings", "group recordings")

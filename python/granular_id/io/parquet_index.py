@@ -119,13 +119,13 @@ def texts(table: Any, name: str) -> list[str | None]:
 def coded_texts(table: Any, name: str) -> tuple[NDArray[np.int64], list[str | None]]:
     """Return a dictionary-encoded column as codes and what they mean; the last one, None, is an empty cell."""
     found: list[NDArray[np.int64]] = []
-    values: list[str | None] = []
+    known: dict[str, int] = {}
     for chunk in table.column(name).chunks:
         codes = np.asarray(chunk.indices.fill_null(-1).to_numpy(zero_copy_only=False), np.int64)
         kept, places = np.unique(codes[codes >= 0], return_inverse=True)
-        codes[codes >= 0] = places + len(values)
+        own = [known.setdefault(text, len(known)) for text in chunk.dictionary.take(kept).to_pylist()]
+        codes[codes >= 0] = np.array(own, np.int64)[places]
         found.append(codes)
-        values += chunk.dictionary.take(kept).to_pylist()
     codes = np.concatenate(found)
-    codes[codes < 0] = len(values)
-    return codes, [*values, None]
+    codes[codes < 0] = len(known)
+    return codes, [*known, None]

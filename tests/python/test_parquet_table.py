@@ -1,0 +1,137 @@
+"""Single Parquet files that others wrote: recordings told apart by a column, clocks, labels; and what is refused."""
+
+import numpy as np
+import pytest
+
+from granular_id.io import RecordingFileError, load
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
+WRENCH = np.random.default_rng(2).standard_normal((6, 6))
+
+
+def columns(**more):
+    return {**{axis: WRENCH[:, j] for j, axis in enumerate(AXES)}, **more}
+
+
+def write(tmp_path, values, **options):
+    path = tmp_path / "pushes.parquet"
+    pq.write_table(pa.table(values), path, **options)
+    return path
+
+
+def test_a_table_of_one_recording(tmp_path):
+    data = load(write(tmp_path, columns()), rate_hz=500)
+    assert len(data) == 1
+    assert data[0].name == "pushes.parquet"
+    assert data[0].wrench.tobytes() == WRENCH.tobytes()
+    assert data[0].rate_hz == 500
+    assert data[0].label is None
+
+
+def test_recordings_are_told_apart_by_a_column(tmp_path):
+    values = columns(
+        recording=["b", "b", "a", "a", "b", "a"],
+        label=["rice", "rice", None, None, "rice", None],
+        session=["s1"] * 6,
+        time=[0.0, 0.1, 5.0, 5.1, 0.2, 5.2],
+        flags=np.array([0, 0, 2, 0, 0, 4], np.int8),
+    )
+    data = load(write(tmp_path, values, row_group_size=2))
+    assert data.names == ("b", "a")
+    assert [r.label for r in data] == ["rice", None]
+    assert data.sessions.tolist() == ["s1", "s1"]
+    assert [r.rate_hz for r in data] == [10, 10]
+    assert data[0].wrench.tobytes() == WRENCH[[0, 1, 4]].tobytes()
+    assert data[1].flags.tolist() == [2, 0, 4]
+    assert data[0].flags is None
+
+
+def test_numbers_name_recordings_and_other_names_of_columns_are_known(tmp_path):
+    values = {
+        name: WRENCH[:, j].astype(np.float32) for j, name in enumerate(["Fx", "Fy", "Fz", "Mx", "My", "Mz"])
+    }
+    values |= {"Recording ID": [7, 7, 7, 3, 3, 3], "material": ["rice"] * 6, "temperature": [20.0] * 6}
+    data = load(write(tmp_path, values), rate_hz=100)
+    assert data.names == ("pushes.parquet[7]", "pushes.parquet[3]")
+    assert data.labels == ("rice",)
+    assert data[0].wrench.tolist() == WRENCH[:3].astype(np.float32).astype(np.float64).tolist()
+    assert any("not read: temperature" in note for note in data.history[-1].notes)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_dates_and_times_give_start_and_rate(tmp_path, unit):
+    per_s = {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]
+    stamps = (np.arange(6) * per_s + 1_600_000_000 * per_s).astype(np.int64)
+    data = load(write(tmp_path, columns(time=pa.array(stamps, pa.timestamp(unit, "UTC")))))
+    assert data[0].rate_hz == 1
+    assert data[0].start_time == 1_600_000_000
+
+
+def test_texts_that_are_dictionary_encoded_by_the_writer(tmp_path):
+    label = pa.array(["rice"] * 3 + ["peas"] * 3).dictionary_encode()
+    data = load(write(tmp_path, columns(label=label, id=label)), rate_hz=10)
+    assert [(r.name, r.label) for r in data] == [("rice", "rice"), ("peas", "peas")]
+
+
+def test_pandas_writes_what_is_loaded(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(columns(time=np.arange(6) / 500, label="rice"))
+    frame.to_parquet(tmp_path / "a.parquet")
+    data = load(tmp_path / "a.parquet")
+    assert (data[0].label, data.rate_hz) == ("rice", 500)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fx": None}, "no column for fx"),
+        ({"Fx": WRENCH[:, 0]}, "columns 'fx' and 'Fx' both mean fx"),
+        ({"fx": ["1"] * 6}, "column fx: holds .*string.*; wanted numbers"),
+        ({"fx": [1.0, 2, None, 4, 5, 6]}, "column fx: has 1 empty cells"),
+        ({"fx": [1.0, 2, np.inf, 4, 5, 6]}, "column fx, row 2: is inf"),
+        ({"fx": [True] * 6}, "column fx: holds bool; wanted numbers"),
+        ({"time": [0.0, 1, 2, 2, 3, 4]}, "row 3: the stamp 2.0 is repeated"),
+        ({"time": [0.0, 1, 2, np.nan, 3, 4]}, "column time, row 3: is nan"),
+        ({"flags": [0, 1, 2, 3, 4, 99]}, "row 5 holds 99; wanted a sum of SampleFlag bits"),
+        ({"label": ["a", "a", "b", "a", "a", "a"]}, "has 2 values: 'a', 'b'; wanted one"),
+        ({"label": [1] * 6}, "column label: holds int64; wanted texts"),
+        ({"label": ["a\tb"] * 6}, "control character"),
+        ({"recording": [0.5] * 6}, "holds double; wanted whole numbers or texts that name recordings"),
+        ({"recording": [1, 1, None, 1, 1, 1]}, "recording: has 1 empty cells"),
+        ({"recording": ["a"] * 6, "id": ["b"] * 6}, "both mean recording"),
+    ],
+)
+def test_what_is_refused(tmp_path, change, message):
+    values = {name: value for name, value in columns(**change).items() if value is not None}
+    path = write(tmp_path, values)
+    with pytest.raises(RecordingFileError, match=message):
+        load(path, rate_hz=None if "time" in change else 500)
+
+
+def test_a_rate_is_wanted_where_there_is_no_time(tmp_path):
+    with pytest.raises(RecordingFileError, match="no rate is stated"):
+        load(write(tmp_path, columns()))
+
+
+def test_an_empty_table(tmp_path):
+    path = tmp_path / "x.parquet"
+    pq.write_table(pa.table(columns()).slice(0, 0), path)
+    with pytest.raises(RecordingFileError, match="holds no samples"):
+        load(path, rate_hz=1)
+
+
+def test_time_that_runs_back_is_repaired_where_asked(tmp_path):
+    path = write(tmp_path, columns(time=[0.0, 2, 1, 3, 4, 5]))
+    with pytest.raises(RecordingFileError, match=r"row 2: time runs back from 2\.0 to 1\.0"):
+        load(path)
+    data = load(path, on_time_error="repair")
+    assert data[0].wrench.tobytes() == WRENCH[[0, 2, 1, 3, 4, 5]].tobytes()
+
+
+def test_a_nested_column_is_no_axis(tmp_path):
+    path = write(tmp_path, columns(fx=[{"a": 1.0}] * 6))
+    with pytest.raises(RecordingFileError, match=r"row group 0|column fx"):
+        load(path, rate_hz=1)
