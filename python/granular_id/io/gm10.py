@@ -61,7 +61,7 @@ def is_gm10(path: Path) -> bool:
         return False
     values = np.array(numbers, np.float64)
     start, middle = _spans(len(values))
-    return _is_id(values[0]) and bool((np.diff(values[start:middle]) > 0).all())
+    return _is_id(float(values[0])) and bool((np.diff(values[start:middle]) > 0).all())
 
 
 def read_gm10(source: FileSource, options: LoadOptions) -> FileContent:
@@ -117,7 +117,7 @@ def _spans(n_cells: int) -> tuple[int, int]:
 
 
 def _is_id(value: float) -> bool:
-    return value >= 0 and value == np.floor(value) and value < 1e6
+    return 0 <= value < 1e6 and value == int(value)
 
 
 def _rows(source: FileSource, max_bytes: int) -> Iterator[_Row]:
@@ -166,7 +166,7 @@ def _recording(
     def locate(sample: int | None) -> dict[str, Any]:
         return {"line": row.line} if sample is None else {"line": row.line, "column": str(start + sample + 1)}
 
-    if not _is_id(row.values[0]):
+    if not _is_id(float(row.values[0])):
         problem = f"the material's id is {row.values[0]:g}; wanted 0, 1, 2 ..."
         raise RecordingFileError(source.path, problem, line=row.line, column="1")
     material = int(row.values[0])

@@ -1,0 +1,184 @@
+"""Rows of GM10-ts and GM10-ts-Plus: recognised, read exactly, refused with line and column."""
+
+import csv
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from granular_id.evaluation import evaluate
+from granular_id.io import RecordingFileError, load
+from granular_id.io.gm10 import is_gm10
+from granular_id.spaces import HFMH, RawSignal
+
+NAMES = "baysalt\nbroad bean\nsand\n"
+
+
+def a_row(material=0, n=20, settings=(), seed=0):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.010, 0.022, n)).round(4).tolist()
+    forces = np.abs(rng.normal(3, 1, n)).round(5).tolist()
+    return [material, *settings, *times, *forces]
+
+
+def write(path, *rows, end="\n"):
+    with path.open("w", newline="") as file:
+        csv.writer(file, lineterminator=end).writerows(rows)
+    return path
+
+
+def test_rows_of_gm10_ts(tmp_path):
+    rows = [a_row(2, 20), a_row(0, 25, seed=1)]
+    data = load(write(tmp_path / "HKUGM10_ts_train.csv", *rows))
+    assert data.axes == ("force",)
+    assert data.y.tolist() == ["2", "0"]
+    for recording, row in zip(data, rows, strict=True):
+        n = (len(row) - 1) // 2
+        assert recording.wrench[:, 0].tolist() == row[1 + n :]
+        times = np.array(row[1 : 1 + n])
+        assert recording.time_s.tolist() == (times - times[0]).tolist()
+        assert recording.rate_hz is None
+        assert not recording.meta
+    assert any("GM10-ts (id, times, forces)" in note for note in data.history[-1].notes)
+
+
+def test_rows_of_gm10_ts_plus_carry_their_settings(tmp_path):
+    data = load(write(tmp_path / "HKUGM10_ts_test1.csv", a_row(1, 20, (0.7, 3, 6)), end="\r\n"))
+    assert dict(data[0].meta) == {"a": 0.7, "v": 3.0, "d": 6.0}
+    assert data[0].n_samples == 20
+
+
+def test_names_of_materials_beside_the_file(tmp_path):
+    (tmp_path / "HKUGM10_ts.txt").write_text(NAMES)
+    for split in ("train", "valid", "test1", "test2"):
+        data = load(write(tmp_path / f"HKUGM10_ts_{split}.csv", a_row(1), a_row(2)))
+        assert data.y.tolist() == ["broad bean", "sand"]
+    with pytest.raises(RecordingFileError, match=r"line 1, column 1: the material's id is 3, .* has 3"):
+        load(write(tmp_path / "HKUGM10_ts.csv", a_row(3)))
+
+
+def test_a_list_of_names_that_is_none(tmp_path):
+    path = write(tmp_path / "x_train.csv", a_row())
+    for data in (b"\xff\xfe", b"a\n\nb\n"):
+        (tmp_path / "x.txt").write_bytes(data)
+        with pytest.raises(RecordingFileError, match=r"x\.txt: is no list of names"):
+            load(path)
+    (tmp_path / "x.txt").unlink()
+    (tmp_path / "x.txt").symlink_to("/etc/hostname")
+    with pytest.raises(RecordingFileError, match="link that leaves the folder"):
+        load(path)
+
+
+def test_stamps_on_an_even_grid_make_a_uniform_recording(tmp_path):
+    n = 30
+    row = [0, *(np.arange(n) * 0.016).round(6).tolist(), *range(n)]
+    data = load(write(tmp_path / "a.csv", row))
+    assert data.rate_hz == 62.5
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
+@given(
+    rows=st.lists(
+        st.tuples(
+            st.integers(0, 9),
+            st.lists(st.floats(-1e6, 1e6), min_size=10, max_size=14),
+            st.lists(st.floats(1e-3, 10), min_size=14, max_size=14),
+        ),
+        min_size=1,
+        max_size=3,
+    ),
+    plus=st.booleans(),
+)
+def test_every_number_is_read_to_the_last_bit(tmp_path, rows, plus):
+    written = []
+    for material, forces, steps in rows:
+        times = np.cumsum(steps[: len(forces)]).tolist()
+        written.append([material, *([1.5, 2.5, 3.5] if plus else []), *times, *forces])
+    data = load(write(tmp_path / "a.csv", *written))
+    assert [r.label for r in data] == [str(row[0]) for row in rows]
+    for recording, (_, forces, _) in zip(data, rows, strict=True):
+        assert recording.wrench.tobytes() == np.array(forces)[:, None].tobytes()
+        assert bool(recording.meta) == plus
+
+
+@pytest.mark.parametrize(
+    ("text", "known"),
+    [
+        (",".join(map(str, a_row(3, 10))), True),
+        (",".join(map(str, a_row(3, 10, (1, 2, 3)))), True),
+        (",".join(map(str, a_row(3, 9))), False),
+        (",".join(map(str, a_row(0.5, 10))), False),
+        (",".join(map(str, a_row(-1, 10))), False),
+        (",".join(map(str, [0, *[1.0] * 20])), False),
+        ("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6", False),
+        (",".join(f"c{i}" for i in range(30)), False),
+        (",".join(["nan", *map(str, range(20))]), False),
+        ("", False),
+    ],
+)
+def test_recognition(tmp_path, text, known):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    assert is_gm10(path) is known
+
+
+def test_what_cannot_be_opened_is_not_recognised(tmp_path):
+    assert not is_gm10(tmp_path / "missing.csv")
+    assert not is_gm10(tmp_path)
+
+
+def changed(at, value):
+    row = a_row(1)
+    row[at] = value
+    return row
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        (changed(5, "nan"), "line 2, column 6: 'nan' is not a plain decimal number"),
+        (changed(5, "1e999"), "line 2, column 6: '1e999' is too large"),
+        (changed(5, "1_000"), "line 2, column 6"),
+        (changed(40, ""), "line 2, column 41: the cell is empty"),
+        (changed(7, ""), "line 2, column 8: the cell is empty"),
+        (changed(0, 1.5), "line 2, column 1: the material's id is 1.5; wanted 0, 1, 2"),
+        (changed(0, -1), "line 2, column 1: the material's id is -1"),
+        (changed(3, 0.0), "line 2, column 4: time runs back"),
+        (a_row(1)[:-1], "line 2: 40 cells; the rows before have an odd number"),
+        (a_row(1, 4), "line 2: 9 cells; wanted id"),
+        ([], "line 2: the line is empty; only the end of a file may be"),
+        (["1" * 2_000_000], "line 2: the line is longer than 1048576 bytes"),
+    ],
+)
+def test_faults_are_named_by_line_and_column(tmp_path, row, message):
+    with pytest.raises(RecordingFileError, match=message):
+        load(write(tmp_path / "a.csv", a_row(), row, a_row()))
+
+
+def test_time_that_runs_back_is_repaired_where_asked(tmp_path):
+    data = load(write(tmp_path / "a.csv", a_row(), changed(3, 0.0)), on_time_error="repair")
+    assert data.history[-1].rows[-1]["moved"]
+    assert (np.diff(data[1].times()) > 0).all()
+
+
+def test_the_end_of_a_file_may_be_empty_lines(tmp_path):
+    path = write(tmp_path / "a.csv", a_row())
+    path.write_bytes(path.read_bytes() + b"\r\n\n")
+    assert len(load(path)) == 1
+
+
+def test_one_axis_goes_through_the_spaces_and_the_evaluation(tmp_path):
+    rows = [a_row(i % 3, 130, seed=i) for i in range(18)]
+    for row in rows:
+        row[131:] = [force * (1 + row[0]) for force in row[131:]]
+    data = load(write(tmp_path / "a.csv", *rows)).resample(62.5).align("shortest")
+    n = data.X.shape[1]
+    assert RawSignal().fit_transform(data.X).shape == (18, n)
+    counts = HFMH(rate_hz=62.5).fit_transform(data.X)
+    assert counts.shape == (18, 100)
+    assert counts.sum() > 0
+    result = evaluate(
+        data, ["raw+hfmh", "dft"], train_per_class=4, test_per_class=2, n_partitions=3, controls=False
+    )
+    assert "raw+hfmh" in str(result)
