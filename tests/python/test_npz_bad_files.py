@@ -40,7 +40,7 @@ def _zip(members, compression=zipfile.ZIP_STORED) -> bytes:
     return stream.getvalue()
 
 
-def _own(**changes) -> bytes:
+def _own(compression=zipfile.ZIP_DEFLATED, **changes) -> bytes:
     """A file of this format, with other arrays in place of some (None: without it)."""
     arrays = {
         "format": np.array("granular_id recordings 1"),
@@ -57,7 +57,9 @@ def _own(**changes) -> bytes:
         "history": np.frombuffer(b"[]", np.uint8),
     }
     arrays.update(changes)
-    return _zip([(f"{name}.npy", _npy(array)) for name, array in arrays.items() if array is not None])
+    return _zip(
+        [(f"{name}.npy", _npy(array)) for name, array in arrays.items() if array is not None], compression
+    )
 
 
 def _patched(data: bytes, old: bytes, new: bytes) -> bytes:
@@ -117,7 +119,7 @@ def _huge_directory() -> bytes:
     return data[:place] + many + bytes(end)
 
 
-BOMB = _asking("(100000000,)") + bytes(800_000_000 // 8)  # 100 MB of zeros that claim 800
+BOMB = _asking("(12500000,)") + bytes(100_000_000)
 
 NPZ_FILES = {
     "empty": (b"", "no whole NPZ archive"),
@@ -149,6 +151,21 @@ NPZ_FILES = {
     "shorter than its header": (_zip([("X.npy", _npy(X)[:-8])]), "needs 576 bytes, but there are 568"),
     "longer than its header": (_zip([("X.npy", _npy(X) + b"1")]), "needs 576 bytes, but there are 577"),
     "zip bomb": (_zip([("X.npy", BOMB)], zipfile.ZIP_DEFLATED), "array X: would expand from"),
+    "texts that fill memory": (
+        _zip(
+            [("X.npy", _npy(X)), ("y.npy", _asking("(2000000,)", "'<U1'") + bytes(8_000_000))],
+            zipfile.ZIP_DEFLATED,
+        ),
+        "array y: would expand from",
+    ),
+    "bytes that become float64": (
+        _zip([("X.npy", _asking("(2000, 1000, 6)", "'|u1'") + bytes(12_000_000))], zipfile.ZIP_DEFLATED),
+        "array X: would expand from",
+    ),
+    "own: recordings without end": (
+        _own(n_samples=np.ones(100_000, np.uint8), wrench=np.zeros((100_000, 6))),
+        "array n_samples: would expand from",
+    ),
     "zip in a zip": (_zip([("X.npy", _zip([("Y.npy", _npy(X))]))]), "array X: is no array in numpy's format"),
     "duplicates": (_duplicates(), "holds two arrays called 'X'"),
     "path upwards": (_zip([("../../x.npy", _npy(X))]), r"member called '\.\./\.\./x\.npy'"),
@@ -166,7 +183,7 @@ NPZ_FILES = {
     "bzip2": (_zip([("X.npy", _npy(X))], zipfile.ZIP_BZIP2), "compressed by method 12"),
     "claims less": (_claiming(200), "array X: .*Bad CRC-32"),
     "claims more": (_claiming(10_000), "needs 576 bytes, but there are 9872"),
-    "zip64 lie": (_zip64_lie(), "array X: would expand from"),
+    "zip64 lie": (_zip64_lie(), "directory does not fit what is there"),
     "huge directory": (_huge_directory(), "its directory has more than 4194304 bytes"),
     "flipped bit": (
         _patched(_zip([("X.npy", _npy(X)), ("fs.npy", _npy(9))]), b"\x51\x40", b"\x51\x41"),
@@ -270,7 +287,7 @@ def test_files_cut_anywhere_are_refused(tmp_path, compression):
     )
 )
 def test_damaged_files_are_refused_or_give_finite_samples(tmp_path, changes):
-    data = bytearray(_own())
+    data = bytearray(_own(zipfile.ZIP_STORED))
     for place, value in changes:
         data[int(place * len(data))] = value
     path = tmp_path / "damaged.npz"

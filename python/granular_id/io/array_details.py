@@ -175,7 +175,7 @@ def _add_meta(every: list[Found], rest: Mapping[str, Any], notes: list[str]) -> 
     for name, node in rest.items():
         value = _single(node)
         (unread if value is None else kept)[name] = node if value is None else value
-    for found in every:
+    for found in every if kept else ():
         found.about["meta"] = {
             **{name.rpartition("/")[2]: kept[name] for name in kept},
             **found.about.get("meta", {}),

@@ -36,8 +36,11 @@ def labels_of(entries: Mapping[str, Any], n: int, origin: Origin, notes: list[st
     if not entries:
         return None
     words = {name: found for name, node in entries.items() if (found := texts(node)) is not None}
-    codes = {name: whole_numbers(node, name, origin) for name, node in entries.items() if name not in words}
-    coded = {name: code for name, code in codes.items() if len(code) == n}
+    coded = {
+        name: whole_numbers(node, name, origin)
+        for name, node in entries.items()
+        if name not in words and n_values(node) in (n, None)  # None: refused with its shape
+    }
     # a list of names that happens to be as long as the labels is still no list of labels
     named = {k: v for k, v in words.items() if len(v) == n and not (coded and role_of(k) == "class_names")}
     if len({tuple(labels) for labels in named.values()}) > 1 or len(coded) > 1:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -186,29 +187,37 @@ def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Re
     irregular = np.array([rate is None for rate in rates])
     times = checked_times(flat.time_s, irregular, rows)
     flags, flagged = checked_flags(flat.flags, rows)
-    columns: dict[str, Sequence[Any]] = {
+    for array in (wrench, times, flags):
+        if array is not None:
+            array.flags.writeable = False
+    spans = [slice(start, end) for start, end in zip(rows.starts.tolist(), rows.ends.tolist(), strict=True)]
+    columns: dict[str, Iterable[Any]] = {
+        "wrench": [wrench[span] for span in spans],
         "rate_hz": rates,
         "label": checked_texts(flat.label, "label", n),
         "session": checked_texts(flat.session, "session", n),
         "start_time": checked_start_times(flat.start_time, rows),
         "trigger_index": checked_triggers(flat.trigger_index, rows),
+        "time_s": _views(times, spans, irregular),
         "meta": checked_metas(flat.meta_json, n),
+        "flags": _views(flags, spans, flagged),
         "name": named,
+        "axes": repeat(axes, n),
     }
-    for array in (wrench, times, flags):
-        if array is not None:
-            array.flags.writeable = False
-    recordings = []
-    for i, (start, end) in enumerate(zip(rows.starts.tolist(), rows.ends.tolist(), strict=True)):
-        recording = Recording._trusted(
-            wrench=wrench[start:end],
-            axes=axes,
-            time_s=times[start:end] if times is not None and irregular[i] else None,
-            flags=flags[start:end] if flags is not None and flagged[i] else None,
-            **{name: column[i] for name, column in columns.items()},
-        )
-        recordings.append(recording)
-    return recordings
+    fields = tuple(columns)
+    return [
+        Recording._trusted(**dict(zip(fields, row, strict=True)))
+        for row in zip(*columns.values(), strict=True)
+    ]
+
+
+def _views(
+    array: NDArray[Any] | None, spans: Sequence[slice], wanted: NDArray[np.bool_]
+) -> Iterable[NDArray[Any] | None]:
+    """Return the part of an array per recording, None for recordings that have none."""
+    if array is None:
+        return repeat(None, len(spans))
+    return [array[span] if has else None for span, has in zip(spans, wanted.tolist(), strict=True)]
 
 
 def _floats(values: Iterable[float | None]) -> FloatArray:

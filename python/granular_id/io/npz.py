@@ -34,6 +34,9 @@ _VERSION = 1
 _RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
 
+_JSON_BYTES = 20
+"""What a byte of JSON may cost in memory: lists of empty lists are the worst."""
+
 _TEXTS = ("label", "session", "name")
 _BYTES = ("meta", "history")
 _NUMBERS = ("wrench", "n_samples", "rate_hz", "start_time", "trigger_index")
@@ -143,6 +146,8 @@ def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent
         raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
     n_recordings = math.prod(archive.arrays["n_samples"].shape)
     archive.expansion.spend(n_recordings * _RECORDING_BYTES, "array n_samples")
+    for name in _BYTES:
+        archive.expansion.spend(math.prod(archive.arrays[name].shape) * _JSON_BYTES, f"array {name}")
     columns: dict[str, Any] = {name: archive.arrays[name].read() for name in _NUMBERS}
     columns |= {name: archive.arrays[name].read() for name in _OPTIONAL if name in archive.arrays}
     words = {name: _texts(archive.arrays[name], path) for name in _TEXTS}

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import IO, Any, BinaryIO
+from typing import IO, Any, BinaryIO, cast
 
-import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.files import open_bounded
-from granular_id.io.npy_stream import ArrayHeader, read_header, read_values
+from granular_id.io.npy_stream import read_header, read_values
 
 _MAX_DIRECTORY_BYTES = 4 * 1024 * 1024
 """Bytes of the list of members: about 40,000 arrays, read within a second."""
+
+_TEXT_BYTES = 64
+"""What a short text costs in memory."""
 
 _SUFFIX = ".npy"
 
@@ -59,22 +61,19 @@ class NpzArchive:
                 self.arrays[key] = NpzMember(self, archive, info, key)
 
 
-@dataclass(frozen=True)
-class _Opened:
-    stream: IO[bytes]
-    header: ArrayHeader
-
-
 class NpzMember:
     """One array of an archive; its header is read when the archive is opened, its values by :meth:`read`."""
 
     def __init__(self, archive: NpzArchive, file: zipfile.ZipFile, info: zipfile.ZipInfo, key: str) -> None:
         self._archive, self._file, self._info = archive, file, info
         self.place = f"array {key}"
-        archive.expansion.spend(info.file_size, self.place)
-        with self._open() as opened:
-            self.shape: tuple[int, ...] = opened.header.shape
-            self.dtype: np.dtype[Any] = opened.header.dtype
+        with self._open() as stream:
+            self._header = read_header(stream, info.file_size, archive.path, self.place)
+        # numbers become float64, texts become Python's
+        n_bytes = math.prod(self._header.shape) * (_TEXT_BYTES if self._header.dtype.kind in "US" else 8)
+        archive.expansion.spend(max(n_bytes, info.file_size), self.place)
+        self.shape = self._header.shape
+        self.dtype = self._header.dtype
 
     def read(self) -> NDArray[Any]:
         """Return the values.
@@ -84,19 +83,22 @@ class NpzMember:
         RecordingFileError
             They are damaged or cut off.
         """
-        with self._open() as opened:
-            values = read_values(opened.stream, opened.header, self._archive.path, self.place)
-            if opened.stream.read(1):  # the checksum is compared when the end is met
+        with self._open() as stream:
+            stream.read(self._info.file_size - self._header.n_bytes)
+            values = read_values(stream, self._header, self._archive.path, self.place)
+            if stream.read(1):  # the checksum is compared when the end is met
                 raise RecordingFileError(self._archive.path, "is longer than it claims", place=self.place)
         return values
 
     @contextmanager
-    def _open(self) -> Iterator[_Opened]:
-        path, info = self._archive.path, self._info
-        with _zip_faults(path, self.place):
-            stored = info.compress_type == zipfile.ZIP_STORED
-            with _Stored(self._archive.file, info) if stored else self._file.open(info) as stream:
-                yield _Opened(stream, read_header(stream, info.file_size, path, self.place))
+    def _open(self) -> Iterator[IO[bytes]]:
+        stored = self._info.compress_type == zipfile.ZIP_STORED
+        with (
+            _zip_faults(self._archive.path, self.place),
+            # zipfile would copy every byte twice
+            _Stored(self._archive.file, self._info) if stored else self._file.open(self._info) as stream,
+        ):
+            yield cast("IO[bytes]", stream)
 
 
 @contextmanager
@@ -117,7 +119,7 @@ def open_npz(path: Path, root: Path, max_bytes: int) -> Iterator[NpzArchive]:
 
 
 class _Stored(io.RawIOBase):
-    """A member that is not compressed, read from the file into its place: zipfile would copy every byte twice."""
+    """A member that is not compressed, read from the file into its place."""
 
     def __init__(self, file: BinaryIO, info: zipfile.ZipInfo) -> None:
         file.seek(info.header_offset)
