@@ -74,6 +74,15 @@ def test_only_what_is_used_isread_tree():
     assert "not used: hfmh (4, 600) float64" in notes
 
 
+def test_matrices_beside_the_recordings_are_left_out_and_that_is_said():
+    tree = {"calibration": np.eye(6), "limits": np.ones((2, 6)), "mean_push": X.mean(0), "data": X}
+    data, notes = read_tree(tree, rate_hz=500)
+    assert np.array_equal(data.X, X)
+    assert notes[-1].startswith("not used: calibration (6, 6) float64, limits (2, 6)")
+    data, _ = read_tree({"calibration": np.eye(6), "rice": X[0]}, rate_hz=500)
+    assert np.array_equal(data.X, X[:1])
+
+
 def test_fields_of_a_structured_array_are_arrays():
     table = np.zeros(4, [("X", "f8", (50, 6)), ("label", "U8")])
     table["X"], table["label"] = X, LABELS
@@ -111,6 +120,20 @@ def test_texts_are_labels_under_any_usual_name(name, values):
 def test_spaces_that_pad_texts_are_no_part_of_them():
     data, _ = read_tree({"X": X, "labels": np.array([f"{label:9}" for label in LABELS])}, rate_hz=500)
     assert data.y.tolist() == LABELS
+
+
+def test_an_empty_text_is_no_label():
+    data, _ = read_tree({"X": X, "labels": ["rice", "", "peas", ""]}, rate_hz=500)
+    assert [r.label for r in data] == ["rice", None, "peas", None]
+
+
+def test_one_label_or_rate_is_for_all_but_one_name_or_start_is_about_the_file():
+    tree = {"X": X, "label": "rice", "fs": np.array(500), "name": "kitchen", "start_time": np.array([[5.0]])}
+    data, _ = read_tree(tree)
+    assert data.y.tolist() == ["rice"] * 4
+    assert data.names == tuple(f"set.mat[{i}]" for i in range(4))
+    assert all(r.start_time is None for r in data)
+    assert dict(data[0].meta) == {"name": "kitchen", "start_time": 5.0}
 
 
 def test_texts_beside_numbers_are_the_labels():
@@ -182,7 +205,7 @@ def test_structs_under_the_names_of_recordings():
     assert data.y.tolist() == ["rice"] * 4
     assert data.names == ("rice_0", "rice_1", "rice_2", "rice_3")
     assert data.sessions.tolist() == ["day 0", "day 1", "day 2", "day 3"]
-    assert any("the part before the number as label" in note for note in notes)
+    assert any("and the part before the number as label" in note for note in notes)
 
 
 def test_names_without_numbers_are_no_labels():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -66,14 +66,12 @@ def add_details(
     if not every:
         return
     _add_labels(groups, every, entries, origin, notes)
-    for role, read in (
-        ("sessions", _words),
-        ("names", _words),
-        ("start", _start_times),
-        ("trigger", _triggers),
-    ):
-        for name, node in entries.get(role, {}).items():  # type: ignore[call-overload]
-            _set(every, _ATTRIBUTES[role], _spread(read(node, name, origin), len(every), name, origin))
+    for role, (attribute, read) in _READERS.items():
+        for name, node in entries.get(role, {}).items():
+            if n_values(node) == 1 and len(every) > 1 and role in _NEVER_SHARED:
+                rest = {**rest, name: node}  # it is about the file
+            else:
+                _set(every, attribute, _spread(read(node, name, origin), len(every), name, origin))
     for name, node in entries.get("rate", {}).items():
         rates = numbers(node)
         if rates is None or not len(rates):
@@ -84,9 +82,6 @@ def add_details(
     for name, node in entries.get("flags", {}).items():
         _set(every, "flags", _rows(node, every, name, origin))
     _add_meta(every, rest, notes)
-
-
-_ATTRIBUTES = {"sessions": "session", "names": "name", "start": "start", "trigger": "trigger"}
 
 
 def _add_labels(
@@ -138,6 +133,17 @@ def _start_times(node: Any, name: str, origin: Origin) -> list[Any]:
 
 def _triggers(node: Any, name: str, origin: Origin) -> list[Any]:
     return [None if index == NO_TRIGGER else index for index in whole_numbers(node, name, origin)]
+
+
+_READERS: dict[Role, tuple[str, Callable[[Any, str, Origin], list[Any]]]] = {
+    "sessions": ("session", _words),
+    "names": ("name", _words),
+    "start": ("start", _start_times),
+    "trigger": ("trigger", _triggers),
+}
+
+_NEVER_SHARED: tuple[Role, ...] = ("names", "start")
+"""What two recordings do not have in common."""
 
 
 def _rows(node: Any, every: list[Found], name: str, origin: Origin) -> list[NDArray[Any]]:

@@ -11,7 +11,9 @@ from granular_id.io.array_names import role_of
 from granular_id.io.array_tree import Origin, n_values, numbers, texts
 
 
-def labels_of(entries: Mapping[str, Any], n: int, origin: Origin, notes: list[str]) -> list[str] | None:
+def labels_of(
+    entries: Mapping[str, Any], n: int, origin: Origin, notes: list[str]
+) -> list[str | None] | None:
     """Find one label for each of n recordings.
 
     Parameters
@@ -25,8 +27,8 @@ def labels_of(entries: Mapping[str, Any], n: int, origin: Origin, notes: list[st
 
     Returns
     -------
-    list of str or None
-        None when there are no entries.
+    list of (str or None), or None
+        A label per recording, None for an empty text; None in all when there are no entries.
 
     Raises
     ------
@@ -47,7 +49,7 @@ def labels_of(entries: Mapping[str, Any], n: int, origin: Origin, notes: list[st
         both = ", ".join(named if len(named) > 1 else coded)
         raise origin.unclear(f"{both}: more than one list of labels for {n} recordings")
     if named:
-        return next(iter(named.values()))
+        return [label or None for label in next(iter(named.values()))]
     if not coded:
         name, node = next(iter(entries.items()))
         raise origin.fault(

@@ -75,7 +75,9 @@ class Search:
         if "class_names" not in entries and "class_names" in outer:
             entries["class_names"] = outer["class_names"]
         known = self._known(entries, known)
-        samples = {key: node for key, node in others.items() if self._holds(node, known, depth)}
+        samples = _without_tables(
+            {key: node for key, node in others.items() if self._holds(node, known, depth)}, len(known.axes)
+        )
         columns = self._columns(others, name)
         if columns is not None and not samples:
             groups = [self._array(columns, _path(name, "fx ... tz"), known, sensor_last=True)]
@@ -136,9 +138,8 @@ class Search:
             key, node = next(iter(samples.items()))
             found = self._node(node, _path(name, key), known, entries, depth)
             if name and is_leaf(node) and len(node.shape) == 2 and not is_general(key):
-                found[0][0].about["name"] = _path(
-                    name, key
-                )  # rice/1, where other materials have more than one
+                # rice/1, which others would be called that have rice/2 beside them
+                found[0][0].about["name"] = _path(name, key)
             return found
         groups = []
         for key, node in samples.items():
@@ -169,14 +170,9 @@ class Search:
         if not groups:
             return
         keys = ", ".join(key for key, _ in groups[:3]) + (", ..." if len(groups) > 3 else "")
-        what = (
-            "labels"
-            if not single
-            else "names, and the part before the number as label"
-            if numbered
-            else "names"
-        )
-        self.notes.append(f"{keys} taken as {what} of the recordings in them")
+        what = "labels" if not single else "names"
+        part = ", and the part before the number as label" if single and numbered else ""
+        self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
 
     def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Groups:
         if isinstance(node, Mapping):
@@ -261,6 +257,20 @@ class Search:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _without_tables(samples: dict[str, Any], n_axes: int) -> dict[str, Any]:
+    """Leave out what only looks like samples beside the recordings: calibration matrices, ranges, means per sample.
+
+    Square matrices are left out wherever there is anything else; others of two dimensions where an array or list of
+    recordings has a general name (``X``, ``data``) and they have names of their own.
+    """
+    flat = {key for key, node in samples.items() if is_leaf(node) and len(node.shape) == 2}
+    square = {key for key in flat if tuple(samples[key].shape) == (n_axes, n_axes)}
+    kept = {key: node for key, node in samples.items() if key not in square} or samples
+    if any(is_general(key) and key not in flat for key in kept):
+        return {key: node for key, node in kept.items() if is_general(key) or key not in flat}
+    return kept
 
 
 def _path(level: str, key: str) -> str:
