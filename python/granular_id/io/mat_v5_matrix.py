@@ -47,6 +47,12 @@ _CLASSES: dict[int, np.dtype[Any]] = {
 _UNREADABLE = {_SPARSE: SPARSE, _FUNCTION: FUNCTION}
 _STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _STORED_TEXT = {1: "u1", 2: "u1", 4: "u2", 16: "u1", 17: "u2", 18: "u4"}
+_DTYPES = {  # made once: a file may hold thousands of arrays
+    order: tuple(
+        {kind: np.dtype(order + code) for kind, code in codes.items()} for codes in (_STORED, _STORED_TEXT)
+    )
+    for order in "<>"
+}
 _USUAL = [_UINT32, 8, _INT32, 8, 1, 0]  # tags of flags, size and an empty name
 _in_order = itemgetter(0, 1, 4, 5, 8, 9, 2, 6, 7)
 _IS_COMPLEX, _IS_LOGICAL = 0x0800, 0x0200
@@ -72,8 +78,7 @@ class MatrixReader:
         self._four = struct.Struct(order + "IIII").unpack_from
         self._usual = struct.Struct(order + "10I").unpack_from
         self._order = order
-        self._stored = {kind: np.dtype(order + code) for kind, code in _STORED.items()}
-        self._stored_text = {kind: np.dtype(order + code) for kind, code in _STORED_TEXT.items()}
+        self._stored, self._stored_text = _DTYPES[order]
 
     def variable(self, place: str) -> tuple[str, Any]:
         """Return the name and the value of the whole."""

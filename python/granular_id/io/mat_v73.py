@@ -7,6 +7,7 @@ lists the last index first. Cells and the fields of struct arrays are datasets o
 from __future__ import annotations
 
 import math
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,8 @@ class _Walk:
         self._reading.count(1, place)
         file = self._file
         class_name = file.attribute(item, "MATLAB_class", place)
+        if not isinstance(class_name, (str, NoneType)):
+            raise self._no_class(class_name, place)
         if class_name == "function_handle":
             return self._reading.leave_out(place, *FUNCTION)
         if file.has_attribute(item, _DECODED, place):
@@ -72,7 +75,7 @@ class _Walk:
         return self._dataset(item, class_name, place, depth)
 
     def _dataset(self, item: Any, class_name: str, place: str, depth: int) -> Any:
-        if self._file.attribute(item, "MATLAB_empty", place):
+        if np.any(self._file.attribute(item, "MATLAB_empty", place)):
             return self._empty(item, class_name, place)
         if class_name == "cell":
             return self._cell(item, place, depth)
