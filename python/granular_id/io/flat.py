@@ -35,6 +35,9 @@ from granular_id.recording import Dataset, Recording
 from granular_id.recording._values import FloatArray, as_floats, thaw
 from granular_id.recording.axes import checked_axes
 
+RECORDING_BYTES = 1024
+"""What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
+
 
 @dataclass(frozen=True)
 class FlatRecordings:

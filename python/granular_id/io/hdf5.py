@@ -11,7 +11,7 @@ from granular_id.io.array_layouts import recordings_of
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.files import check_file
-from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
 from granular_id.io.hdf5_guard import GuardedFile
 from granular_id.io.hdf5_save import FORMAT, NUMBERS, SAMPLES, TEXTS, VERSION
 from granular_id.io.hdf5_tree import Hdf5Tree
@@ -19,9 +19,6 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 
 __all__ = ["read_hdf5"]
-
-_RECORDING_BYTES = 1024
-"""What a recording costs in memory beside its samples."""
 
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
@@ -58,7 +55,7 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
     top = set(file.names(file.root, "header"))
     group = _member(file, file.root, "recordings", "group recordings")
     columns = {name: _values(file, group, name, f"recordings/{name}") for name in NUMBERS}
-    file.expansion.spend(columns["n_samples"].size * _RECORDING_BYTES, "recordings/n_samples")
+    file.expansion.spend(columns["n_samples"].size * RECORDING_BYTES, "recordings/n_samples")
     texts = {name: _texts(_values(file, group, name, f"recordings/{name}"), name, path) for name in TEXTS}
     (meta,) = _texts(_values(file, group, "meta", "recordings/meta"), "meta", path)
     (history,) = _texts(_values(file, file.root, "history", "history"), "history", path)

@@ -21,7 +21,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.array_layouts import recordings_of
 from granular_id.io.array_tree import plain_texts, texts
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.flat import FlatRecordings, flatten, unflatten
+from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, flatten, unflatten
 from granular_id.io.npz_archive import NpzArchive, NpzMember, open_npz
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -30,9 +30,6 @@ from granular_id.recording import Dataset
 _FORMAT = "format"
 _OURS = "granular_id recordings"
 _VERSION = 1
-
-_RECORDING_BYTES = 1024
-"""What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
 
 _JSON_BYTES = 20
 """What a byte of JSON may cost in memory: lists of empty lists are the worst."""
@@ -145,7 +142,7 @@ def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent
     if missing:
         raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
     n_recordings = math.prod(archive.arrays["n_samples"].shape)
-    archive.expansion.spend(n_recordings * _RECORDING_BYTES, "array n_samples")
+    archive.expansion.spend(n_recordings * RECORDING_BYTES, "array n_samples")
     for name in _BYTES:
         archive.expansion.spend(math.prod(archive.arrays[name].shape) * _JSON_BYTES, f"array {name}")
     columns: dict[str, Any] = {name: archive.arrays[name].read() for name in _NUMBERS}

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import check_expansion, check_file, read_bounded
-from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.options import MAX_BINARY_BYTES
 from granular_id.io.parquet_file import CheckedParquet, open_parquet
@@ -105,12 +105,15 @@ class ParquetArchive:
     def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
         block = _Block(sum(part.n_samples for part in parts), len(self.axes))
         files = {part.file: self.folder / part.file for part in parts}
-        n_bytes = sum(check_file(path, self.folder, self._max_file_bytes) for path in files.values())
-        check_expansion(self.folder / INDEX_FILE, n_bytes, block.n_bytes, place="column n_samples")
+        read = [self.folder / INDEX_FILE, *files.values()]
+        n_bytes = sum(check_file(path, self.folder, self._max_file_bytes) for path in read)
+        n_recordings = parts[-1].stop - parts[0].start
+        expanded = block.n_bytes + RECORDING_BYTES * n_recordings
+        check_expansion(self.folder / INDEX_FILE, n_bytes, expanded, place="column n_samples")
         for file, some in groupby(parts, key=lambda part: part.file):
             with open_parquet(files[file], self.folder, self._max_file_bytes) as parquet:
                 self._fill(block, parquet, list(some))
-        rows = self.index.slice(parts[0].start, parts[-1].stop - parts[0].start)
+        rows = self.index.slice(parts[0].start, n_recordings)
         flat = FlatRecordings(
             axes=self.axes,
             wrench=block.wrench,
