@@ -94,10 +94,13 @@ def test_indices(tmp_path, data):
 
 
 PLAIN = re.compile(r"[ \t]*[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?[ \t]*")
+DIGITS = st.integers(0, 10**25).map(str) | st.just("")
+SIGNS = st.sampled_from(["", "-", "+", " ", "\t-"])
+EXPONENTS = st.just("") | st.integers(-400, 400).map("e{}".format) | st.sampled_from(["E+5", "e", "e-", " "])
 NUMBERS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False).map(repr),
     st.integers(-(10**30), 10**30).map(str),
-    st.from_regex(r"[ \t]?[+-]?[0-9]{0,25}\.?[0-9]{0,25}([eE][+-]?[0-9]{1,3})?[ \t]?", fullmatch=True),
+    st.builds("{}{}.{}{}".format, SIGNS, DIGITS, DIGITS, EXPONENTS),
     st.text("0123456789+-.eE \t", max_size=8),
 )
 
@@ -125,7 +128,7 @@ def read_slowly(text):
     line_end=st.sampled_from(["\n", "\r\n"]),
     last=st.sampled_from(["", "\n", "\r\n\r\n"]),
 )
-@settings(max_examples=500)
+@settings(max_examples=200)
 def test_tables_agree_with_a_slow_twin(rows, line_end, last):
     """The same bits, or a fault in the same line and column."""
     text = line_end.join(",".join(row) for row in rows) + last
