@@ -123,17 +123,18 @@ def _is_id(value: float) -> bool:
 def _rows(source: FileSource, max_bytes: int) -> Iterator[_Row]:
     path = source.path
     with open_bounded(path, source.root, max_bytes) as (file, _):
-        number, ended = 0, 0
+        number = 0
         while data := file.readline(_MAX_ROW_BYTES + 1):
             number += 1
             if len(data) > _MAX_ROW_BYTES:
                 raise RecordingFileError(path, f"the line is longer than {_MAX_ROW_BYTES} bytes", line=number)
             data = data.rstrip(b"\r\n")
-            if not data:
-                ended = ended or number
-                continue
-            if ended:
-                raise RecordingFileError(path, "the line is empty; only the end of a file may be", line=ended)
+            if not data:  # the rest is looked at as a whole: millions of empty lines would take minutes
+                if file.read(_MAX_ROW_BYTES).strip(b"\r\n") or file.read(1):
+                    raise RecordingFileError(
+                        path, "the line is empty; only the end of a file may be", line=number
+                    )
+                return
             yield _Row(number, _numbers(data, path, number))
 
 
