@@ -18,6 +18,10 @@ from granular_id.io.hdf5_guard import GuardedFile, translated
 __all__ = ["Hdf5Tree"]
 
 _MOST_MEMBERS = 50_000
+_FREE_MEMBERS = 2_000
+_MEMBER_BYTES = 1024
+"""A file of more than 2,000 members has at least this many bytes for each: a member takes a third of a millisecond."""
+
 _MOST_ATTRIBUTES = 200
 _MOST_TEXTS = 100_000
 _TEXTS_AT_ONCE = 256
@@ -36,6 +40,8 @@ class Hdf5Tree:
     def __init__(self, file: GuardedFile) -> None:
         self._file = file
         self._h5py = need("h5py", extra="hdf5", why="to read .h5 files")
+        room = file.expansion.n_bytes // _MEMBER_BYTES
+        self._most_members = max(_FREE_MEMBERS, min(_MOST_MEMBERS, room))
         self._met = 0
         self._groups: set[int] = {file.address(file.root, _ROOT)}
         self.left_out: list[str] = []
@@ -56,10 +62,9 @@ class Hdf5Tree:
         found = self._attributes(group, place or _ROOT)
         for name in self._file.names(group, place or _ROOT):
             self._met += 1
-            if self._met > _MOST_MEMBERS:
-                raise self._file.expansion.fault(
-                    place or _ROOT, f"the file has more than {_MOST_MEMBERS} members"
-                )
+            if self._met > self._most_members:
+                came = f"the file of {self._file.expansion.n_bytes} bytes has more than {self._most_members} members"
+                raise self._file.expansion.fault(place or _ROOT, came)
             inner = f"{place}/{name}" if place else name
             item = self._file.member(group, name, inner)
             if self._file.is_group(item):
