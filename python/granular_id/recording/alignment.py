@@ -23,14 +23,27 @@ def align_recordings(
     trigger: Literal["recorded"] | Sequence[int] | None = None,
     lead_s: float = 0.0,
     on_short: Literal["raise", "skip"] = "raise",
+    on_missing: Literal["raise", "skip"] = "raise",
 ) -> tuple[list[Recording], StepReport]:
     """Crop recordings of one rate to one length; see :meth:`Dataset.align`, which calls this."""
     if on_short not in ("raise", "skip"):
         raise ValueError(f"on_short={on_short!r}; wanted 'raise' or 'skip'")
+    if on_missing not in ("raise", "skip"):
+        raise ValueError(f"on_missing={on_missing!r}; wanted 'raise' or 'skip'")
+    without: list[Recording] = []
+    if isinstance(trigger, str) and on_missing == "skip":
+        without = [r for r in recordings if r.trigger_index is None]
+        recordings = [r for r in recordings if r.trigger_index is not None]
+        if not recordings:
+            raise ValueError(
+                f"none of the {len(without)} recordings has a trigger_index; call .find_onsets() first"
+            )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
     kept: list[tuple[Recording, int]] = []
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = [
+        {"name": r.name, "samples_before": r.n_samples, "skipped": "has no trigger"} for r in without
+    ]
     for recording, start in zip(recordings, starts, strict=True):
         if start < 0 or start + n > recording.n_samples:
             missing = _missing(recording, start, n)
@@ -68,6 +81,7 @@ def align_recordings(
         "trigger": trigger if trigger is None or isinstance(trigger, str) else "given",
         "lead_s": lead_s,
         "on_short": on_short,
+        "on_missing": on_missing,
     }
     return cropped, StepReport("align", parameters, totals, rows)
 
@@ -90,7 +104,11 @@ def _starts(
             )
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
-            raise ValueError(f"{len(without)} recordings have no trigger_index, the first is {without[0]!r}")
+            names = ", ".join(map(repr, without[:3])) + (", ..." if len(without) > 3 else "")
+            raise ValueError(
+                f"{len(without)} recordings have no trigger_index: {names}; call .find_onsets(), state it with "
+                ".find_onsets(overrule={name: seconds}), or pass on_missing='skip' to leave such recordings out"
+            )
         return [(r.trigger_index or 0) - lead for r in recordings]
     indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
     if len(indices) != len(recordings):

@@ -232,6 +232,7 @@ class Dataset:
         trigger: Literal["recorded"] | Sequence[int] | None = None,
         lead_s: float = 0.0,
         on_short: Literal["raise", "skip"] = "raise",
+        on_missing: Literal["raise", "skip"] = "raise",
     ) -> Dataset:
         """Crop every recording to the same number of samples.
 
@@ -248,6 +249,9 @@ class Dataset:
             Seconds kept ahead of the trigger.
         on_short : {"raise", "skip"}
             What to do with a recording that is too short: refuse, or leave it out and say so. Never padded.
+        on_missing : {"raise", "skip"}
+            What to do, with ``trigger="recorded"``, with a recording that has no trigger: refuse (naming some),
+            or leave it out and say so. :meth:`find_onsets` finds triggers, or takes yours.
 
         Returns
         -------
@@ -267,6 +271,7 @@ class Dataset:
             trigger=trigger,
             lead_s=lead_s,
             on_short=on_short,
+            on_missing=on_missing,
         )
         return Dataset(cropped, (*self.history, report))
 

@@ -220,7 +220,7 @@ def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: t
     if strayed[axis] > _STRAYED:
         distance = f"{found.wander[i, axis] * scale[axis]:.2g} {unit_of(axes[axis])}"
         return (
-            f"{axes[axis]} strays by {distance} but never faster than in the first {rest_s:g} s already: it "
-            "starts in motion, or drifts"
+            f"starts in motion, or drifts: {axes[axis]} strays by {distance}, but never faster than in the first "
+            f"{rest_s:g} s"
         )
     return f"no change stands out from the noise of the first {rest_s:g} s"
