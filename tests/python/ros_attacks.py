@@ -298,6 +298,10 @@ BAG_ATTACKS = {
         lambda f: bag(f, bag_chunk(b"", b"bz2", 16_000_000, bz2.compress(bag_record(b"", b"") * 2_000_000))),
         "is no message",
     ),
+    "giant connection": (
+        lambda f: bag(f, index=bag_record(fields(op=b"\7", conn=bytes(4), topic=b"/ft"), bytes(2 * MIB))),
+        "connection of 2097152 bytes",
+    ),
     "topic that is no text": (
         lambda f: bag(f, index=bag_record(fields(op=b"\7", conn=bytes(4), topic=b"\xff"), b"")),
         "topic that is not UTF-8",

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dataset_strategies import assert_same_bits, recordings
-from granular_id.io import RecordingFileError, load, save
+from granular_id.io import RecordingFileError, load, mcap_own, save
 from granular_id.io.mcap_own import CHANGED_NOTE
 from granular_id.io.mcap_save import save_mcap
+from granular_id.io.ros_wrench import DEFINITION, encode_wrenches
 from granular_id.recording import Dataset, Recording, StepReport
 
 pytest.importorskip("mcap")
@@ -196,6 +197,45 @@ def test_a_cut_copy_is_read_by_its_stamps_and_says_so(tmp_path):
     assert (recording.n_samples, recording.rate_hz) == (10, 500)
     assert (recording.label, recording.trigger_index, recording.flags) == (None, None, None)
     assert CHANGED_NOTE in data.history[-1].notes
+
+
+def test_a_copy_with_other_stamps_is_read_by_them(tmp_path):
+    path = save_mcap(Dataset([push(20)]), tmp_path / "a.mcap")
+    moved = rewritten(path, tmp_path / "b.mcap", metadata=lambda data: {**data, "start_time": "1700000009.0"})
+    data = load(moved)
+    assert data[0].start_time == push().start_time
+    assert CHANGED_NOTE in data.history[-1].notes
+
+
+def test_texts_of_any_length_are_not_parsed(tmp_path, monkeypatch):
+    path = save_mcap(Dataset([push(5, meta={"a": "b" * 100})]), tmp_path / "a.mcap")
+    monkeypatch.setattr(mcap_own, "MAX_TEXT_BYTES", 99)
+    with pytest.raises(RecordingFileError, match="'meta' has 109 characters; at most 99 are read"):
+        load(path)
+
+
+def test_damaged_and_foreign_attachments(tmp_path):
+    path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
+    data = path.read_bytes()
+    at = data.index(irregular(40).time_s.tobytes())
+    path.write_bytes(data[: at + 20] + b"?" + data[at + 21 :])
+    with pytest.raises(
+        RecordingFileError, match="attachment 'granular_id/time_s' whose checksum does not fit"
+    ):
+        load(path)
+    with (tmp_path / "b.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2", "other")
+        schema = writer.register_schema(STAMPED, "ros2msg", DEFINITION.encode())
+        channel = writer.register_channel("/ft", "cdr", schema)
+        writer.add_attachment(0, 0, "calibration.json", "application/json", b"{}")
+        writer.add_attachment(0, 0, "", "", b"")
+        for stamp in (5, 7):
+            writer.add_message(
+                channel, stamp, encode_wrenches(np.ones((1, 6)), np.array([stamp]), "ft")[0], stamp
+            )
+        writer.finish()
+    assert load(tmp_path / "b.mcap")[0].n_samples == 2
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def test_bags_of_rosbags(name):
     (recording,) = load(HERE / name)
     assert recording.wrench.tobytes() == wrench.tobytes()
     assert recording.rate_hz == 500
-    assert recording.start_time == stamps[0] / 1e9
+    assert recording.start_time == stamps[0] / 10**9
     assert recording.meta["frame"] == "ft_link"
 
 

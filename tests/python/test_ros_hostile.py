@@ -9,8 +9,23 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from granular_id.io import RecordingFileError, load
-from ros_attacks import BAG_ATTACKS, DB3_ATTACKS, FOLDER_ATTACKS, MCAP_ATTACKS, database, good, insert
+from granular_id.io import RecordingFileError, load, mcap_file
+from ros_attacks import (
+    BAG_ATTACKS,
+    DB3_ATTACKS,
+    FOLDER_ATTACKS,
+    MCAP_ATTACKS,
+    channel,
+    chunk,
+    database,
+    folder_of,
+    good,
+    insert,
+    mcap,
+    metadata,
+    schema,
+    whole_chunk,
+)
 from ros_cases import KINDS, ROS2, even_stamps, payloads, read, samples, write_kind
 
 ATTACKS = {
@@ -96,6 +111,21 @@ def test_too_large_for_the_limit(tmp_path):
         path = write_kind(kind, tmp_path, samples(), even_stamps())
         with pytest.raises(RecordingFileError, match="more than max_file_bytes=500"):
             read(path, max_file_bytes=500)
+
+
+def test_the_files_of_a_bag_count_together(tmp_path):
+    path = folder_of(tmp_path, metadata("a.mcap", "b.mcap"), files=("a.mcap", "b.mcap"))
+    n_bytes = (path / "a.mcap").stat().st_size
+    with pytest.raises(RecordingFileError, match=f"the files have {2 * n_bytes} bytes together"):
+        read(path, max_file_bytes=n_bytes + 9)
+
+
+def test_definitions_may_be_repeated_but_not_be_endless(tmp_path, monkeypatch):
+    path = mcap(tmp_path, chunk(whole_chunk()), schema(), channel(), chunk(schema() + channel()))
+    assert read(path).recordings[0].n_samples == 3
+    monkeypatch.setattr(mcap_file, "_LARGEST_RECORD", 20)
+    with pytest.raises(RecordingFileError, match="bytes of names and text; at most 20 are read"):
+        read(path)
 
 
 @pytest.mark.parametrize("kind", KINDS)

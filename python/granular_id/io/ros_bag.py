@@ -92,7 +92,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     stamps_ns, clock = _stamps(wrenches, log_ns, notes)
     # ns since 1970 do not fit float64: seconds from the first stamp do, rounded once
     first_ns = int(stamps_ns.min())
-    first_s = first_ns / 1e9
+    first_s = first_ns / 10**9  # of integers, rounded once; 1e9 would round twice
     recording, remarks = stamped_recording(
         wrenches.wrench[order],
         source,
