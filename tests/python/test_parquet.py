@@ -117,6 +117,7 @@ def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):
             "file": ["samples/part-00000.parquet"] * 2,
             "row_group": pa.array([0, 0], pa.int32()),
             "meta": pa.array([None, '{"fill_mm": 80}'], pa.string()),
+            "operator": ["x", "y"],
         }
     ).replace_schema_metadata({"granular_id": json.dumps({**mark, "format": "recordings"})})
     (tmp_path / "samples").mkdir()
@@ -128,7 +129,9 @@ def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):
         Recording(wrench[:2], rate_hz=500, label="rice", name="a"),
         Recording(wrench[2:], rate_hz=250, label="peas", name="b", trigger_index=2, meta={"fill_mm": 80}),
     ]
-    assert load(tmp_path) == Dataset(expected)
+    data = load(tmp_path)
+    assert data == Dataset(expected)
+    assert "columns of recordings.parquet that are not read: operator" in data.history[-1].notes
 
 
 def test_axes_called_like_other_columns_keep_their_names(tmp_path):

@@ -19,7 +19,7 @@ from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.options import MAX_BINARY_BYTES
 from granular_id.io.parquet_file import CheckedParquet, open_parquet
 from granular_id.io.parquet_index import Partition, floats, integers, partitions, read_index, texts
-from granular_id.io.parquet_layout import FLAGS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
+from granular_id.io.parquet_layout import FLAGS, INDEX_COLUMNS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 from granular_id.recording._values import FloatArray
@@ -76,6 +76,7 @@ class ParquetArchive:
             self.axes = mark.axes
             self._mark = mark
             self.index = read_index(parquet)
+            self._unread = [name for name in parquet.columns if name not in INDEX_COLUMNS]
         self.partitions = partitions(self.index, path)
         self._groups = Counter(part.file for part in self.partitions)
 
@@ -100,7 +101,12 @@ class ParquetArchive:
 
     def content(self, source: FileSource) -> FileContent:
         """Read everything, into one block of samples, and the history."""
-        return self._content(self.partitions, source, self._history())
+        content = self._content(self.partitions, source, self._history())
+        if self._unread:
+            content.notes.append(
+                f"columns of {INDEX_FILE} that are not read: {', '.join(self._unread)[:200]}"
+            )
+        return content
 
     def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
         block = _Block(sum(part.n_samples for part in parts), len(self.axes))
