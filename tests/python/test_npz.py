@@ -30,7 +30,7 @@ def _small() -> Dataset:
     return Dataset([regular, stamped])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(dataset=datasets())
 def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path, dataset):
     path = tmp_path / "set.npz"
