@@ -151,6 +151,10 @@ NPZ_FILES = {
     "shorter than its header": (_zip([("X.npy", _npy(X)[:-8])]), "needs 576 bytes, but there are 568"),
     "longer than its header": (_zip([("X.npy", _npy(X) + b"1")]), "needs 576 bytes, but there are 577"),
     "zip bomb": (_zip([("X.npy", BOMB)], zipfile.ZIP_DEFLATED), "array X: would expand from"),
+    "many arrays": (
+        _zip([(f"a{i}.npy", b"") for i in range(3000)]),
+        "holds 3000 arrays in .* bytes, more than 2000; save recordings as one array",
+    ),
     "texts that fill memory": (
         _zip(
             [("X.npy", _npy(X)), ("y.npy", _asking("(2000000,)", "'<U1'") + bytes(8_000_000))],

@@ -22,6 +22,10 @@ from granular_id.io.npy_stream import read_header, read_values
 _MAX_DIRECTORY_BYTES = 4 * 1024 * 1024
 """Bytes of the list of members: about 40,000 arrays, read within a second."""
 
+_FREE_MEMBERS = 2000
+_MEMBER_BYTES = 1000
+"""What there may be of arrays in any file, and one more for how many bytes: a header takes 0.1 ms to read."""
+
 _TEXT_BYTES = 64
 """What a short text costs in memory."""
 
@@ -51,7 +55,14 @@ class NpzArchive:
         self.expansion = Expansion(path, n_bytes)
         self.arrays: dict[str, NpzMember] = {}
         self.others: list[str] = []
-        for info in archive.infolist():
+        members = archive.infolist()
+        most = max(_FREE_MEMBERS, n_bytes // _MEMBER_BYTES)
+        if len(members) > most:
+            problem = f"holds {len(members)} arrays in {n_bytes} bytes, more than {most}"
+            raise RecordingFileError(
+                path, f"{problem}; save recordings as one array (recordings, samples, 6)"
+            )
+        for info in members:
             name = _checked_name(info, path)
             if not name.endswith(_SUFFIX):
                 self.others.append(name)
