@@ -23,8 +23,10 @@ _MAX_DIRECTORY_BYTES = 4 * 1024 * 1024
 """Bytes of the list of members: about 40,000 arrays, read within a second."""
 
 _FREE_MEMBERS = 2000
+"""Arrays that any file may hold: their headers take 0.1 ms each."""
+
 _MEMBER_BYTES = 1000
-"""What there may be of arrays in any file, and one more for how many bytes: a header takes 0.1 ms to read."""
+"""A larger file may hold an array for as many bytes; a recording has more."""
 
 _TEXT_BYTES = 64
 """What a short text costs in memory."""
