@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_target", "made_folder", "whole_file"]
+__all__ = ["check_target", "made_folder", "new_file", "whole_file"]
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:
@@ -73,6 +73,23 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Write a file as `whole_file` does, where there is nothing yet.
+
+    Raises
+    ------
+    FileExistsError
+        There is something at `path` already, be it a link that leads nowhere.
+    OSError
+        As `whole_file`.
+    """
+    if os.path.lexists(path):
+        raise FileExistsError(f"{os.fspath(path)}: there is something already; nothing is overwritten")
+    with whole_file(path) as draft:
+        yield draft
 
 
 @contextmanager

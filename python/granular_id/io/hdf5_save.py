@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import whole_file
+from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.extras import need
 from granular_id.io.flat import FlatRecordings, flatten
@@ -73,12 +73,10 @@ def save_hdf5(
     target = Path(path)
     h5py = need("h5py", extra="hdf5", why="to write .h5 files")
     flat = flatten(dataset)
-    if os.path.lexists(target):
-        raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
     arrays = _arrays(flat, h5py)
     ticker = Ticker(len(arrays), progress)
-    with whole_file(target) as draft, h5py.File(draft, "w") as file:
-        file.attrs["format"] = FORMAT
+    with new_file(target) as draft, h5py.File(draft, "w") as file:
+        file.attrs["format"] = _text(FORMAT, h5py)
         file.attrs["version"] = VERSION
         for name, values in arrays.items():
             file[name] = values
@@ -87,7 +85,7 @@ def save_hdf5(
         file["wrench"].attrs["units"] = _texts([unit_of(axis) for axis in flat.axes], h5py)
         for name, unit in (("time_s", "s"), ("recordings/rate_hz", "Hz"), ("recordings/start_time", "s")):
             if name in file:
-                file[name].attrs["units"] = unit
+                file[name].attrs["units"] = _text(unit, h5py)
     return target
 
 

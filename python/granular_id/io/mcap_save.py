@@ -7,7 +7,7 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
-from granular_id._files import whole_file
+from granular_id._files import new_file
 from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
 from granular_id.io.folder_save import checked_dataset, history_json, indexed_folder, refuse_other_axes
@@ -83,9 +83,7 @@ def save_mcap(
         )
     if not is_file:
         return indexed_folder(dataset, target, ".mcap", partial(_write, history="[]"), progress)
-    if os.path.lexists(target):
-        raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
-    with whole_file(target) as draft:
+    with new_file(target) as draft:
         _write(dataset[0], draft, history=history_json(dataset))
     if progress is not None:
         progress(1, 1, target.name)

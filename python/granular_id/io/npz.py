@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import whole_file
+from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.array_layouts import recordings_of
 from granular_id.io.array_tree import plain_texts, texts
@@ -82,11 +82,9 @@ def save_npz(
     ((3, 6), True)
     """
     target = Path(path)
-    if os.path.lexists(target):
-        raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
     arrays = _arrays(flatten(dataset))
     ticker = Ticker(len(arrays), progress)
-    with whole_file(target) as draft, zipfile.ZipFile(draft, "w") as archive:
+    with new_file(target) as draft, zipfile.ZipFile(draft, "w") as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, array, allow_pickle=False)
