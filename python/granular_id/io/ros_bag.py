@@ -24,7 +24,7 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.ros_bag1 import walk_bag1
 from granular_id.io.ros_bag2 import read_bag_folder
 from granular_id.io.ros_db3 import walk_db3
-from granular_id.io.ros_topics import Topic, Topics
+from granular_id.io.ros_topics import Topic, Topics, shown
 from granular_id.io.ros_unpack import Unpacker, unpack_zstd
 from granular_id.io.ros_wrench import (
     LARGEST_MESSAGE,
@@ -71,7 +71,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     topic = topics.chosen()
 
     def refuse(index: int, problem: str) -> NoReturn:
-        raise RecordingFileError(source.path, problem, place=f"message {index + 1} of {topic.name}")
+        raise RecordingFileError(source.path, problem, place=f"message {index + 1} of {shown(topic.name)}")
 
     wrenches = _decoded(topic, bag, refuse)
     notes: list[str] = []
@@ -100,7 +100,9 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         stamps=(stamps_ns[order] - first_ns) / 1e9,
         start_time=first_s if first_s > SINCE_1970 else None,
         meta={key: value for key, value in about.items() if value},
-        locate=lambda i: {} if i is None else {"place": f"message {int(order[i]) + 1} of {topic.name}"},
+        locate=lambda i: (
+            {} if i is None else {"place": f"message {int(order[i]) + 1} of {shown(topic.name)}"}
+        ),
         clock=clock,
     )
     if 0 != first_s <= SINCE_1970:
@@ -182,7 +184,7 @@ def _decoded(topic: Topic, bag: _Bag, refuse: Refuse) -> Wrenches:
         spans = map(slice, [0, *ends], ends)
         messages = [_expanded_message(bytes(data[span]), i, refuse) for i, span in enumerate(spans)]
         data, lengths = b"".join(messages), np.array([len(message) for message in messages], np.int64)
-        bag.unpacker.spend(len(data), topic.name)
+        bag.unpacker.spend(len(data), shown(topic.name))
     return decode_wrenches(data, lengths, cast(Encoding, topic.encoding), topic.type_name, refuse)
 
 

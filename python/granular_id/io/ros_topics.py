@@ -9,7 +9,7 @@ from pathlib import Path
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.ros_wrench import STAMPED, WRENCH_TYPES
 
-__all__ = ["Topic", "Topics"]
+__all__ = ["Topic", "Topics", "shown"]
 
 _LISTED = 12
 _ENCODINGS = ("cdr", "ros1")
@@ -76,8 +76,8 @@ class Topic:
     def __str__(self) -> str:
         span_s = (self.last_ns - self.first_ns) / 1e9
         rate = f", {(self.count - 1) / span_s:.4g} Hz" if span_s > 0 else ""
-        encoding = "" if self.encoding in _ENCODINGS else f" in {_shown(self.encoding)}"
-        return f"{_shown(self.name)} ({_shown(self.type_name)}{encoding}, {self.count} messages{rate})"
+        encoding = "" if self.encoding in _ENCODINGS else f" in {shown(self.encoding)}"
+        return f"{shown(self.name)} ({shown(self.type_name)}{encoding}, {self.count} messages{rate})"
 
 
 class Topics:
@@ -148,6 +148,6 @@ def _listed(topics: list[Topic]) -> str:
     return ", ".join(map(str, topics[:_LISTED])) + more
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
     """Make text from a file fit for a line of an error."""
     return (text if text.isprintable() else ascii(text))[:80] or "''"
