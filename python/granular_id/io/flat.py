@@ -30,6 +30,7 @@ from granular_id.io.flat_checks import (
     checked_times,
     checked_triggers,
 )
+from granular_id.io.folder_save import checked_dataset
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording
 from granular_id.recording._values import FloatArray, as_floats, thaw
@@ -105,9 +106,7 @@ def flatten(dataset: Dataset) -> FlatRecordings:
     >>> flat.wrench.shape, flat.n_samples.tolist(), flat.name
     ((5, 6), [3, 2], ['rice_3', 'rice_2'])
     """
-    if not isinstance(dataset, Dataset):
-        raise TypeError(f"dataset must be a Dataset, got {type(dataset).__name__}")
-    recordings = dataset.recordings
+    recordings = checked_dataset(dataset).recordings
     triggers = [r.trigger_index for r in recordings]
     time_s = flags = None
     if not all(r.is_uniform for r in recordings):
