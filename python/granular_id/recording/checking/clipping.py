@@ -24,8 +24,8 @@ SHORTEST = 30
 FEWEST = 5
 """Readings at the extreme from which on it is looked at."""
 
-PILED_UP = 5.0
-"""Times as many readings as at any value nearby: the flat top of a smooth, coarse signal has two to three times."""
+PILED_UP = 3.0
+"""Times as many readings as at any value nearby: the flat top of a smooth signal has up to 2.4 times."""
 
 COARSE = 0.3
 """Axes that repeat the reading before in more than this part of the samples are not judged without a range."""
@@ -38,7 +38,7 @@ def check_clipping(
 ) -> Iterator[Finding]:
     """Find samples at the sensor's range; without one, axes that stay at their own extreme.
 
-    Without a range an axis counts as clipped when readings pile up at its highest (or lowest) value: five times
+    Without a range an axis counts as clipped when readings pile up at its highest (or lowest) value: three times
     as many as at any of the ten values next to it, and more than a Poisson variable of that mean reaches by
     chance. Unclipped readings thin out towards their extremes.
     """

@@ -79,23 +79,25 @@ def check_leaks(
             apart = [str(labels[k]) for k in _apart(named, sizes, 1.0 if strong else alpha)]
         if strong or apart:
             some = not strong or len(apart) < len(labels) / 2  # these labels leak, not all of them
-            leak = _Leak(attribute, named, apart if some else [])
-            leaks.setdefault(attribute.code, {}).setdefault(attribute.name, leak)
+            leak = _Leak(attribute, named, lift, apart if some else [])
+            same = leaks.setdefault(attribute.code, {})
+            same[attribute.name] = max(same.get(attribute.name, leak), leak, key=_Leak.weight)
     known = {"leak-session", *leaks} if sessions_are_labels else set(leaks)
     for code, members in leaks.items():
         if (code == "leak-session" and sessions_are_labels) or known & set(_EXPLAINED_BY.get(code, ())):
             continue
-        yield _report(code, sorted(members.values(), key=_Leak.order), judged)
+        yield _report(code, sorted(members.values(), key=_Leak.weight, reverse=True), judged)
 
 
 @dataclass(frozen=True)
 class _Leak:
     attribute: Attribute
     named: Naming
+    lift: float
     apart: list[str]  # labels that are given away; none: all are, more or less
 
-    def order(self) -> float:
-        return 0.0 if self.apart else -self.named.share
+    def weight(self) -> tuple[bool, float]:
+        return bool(self.apart), self.lift
 
 
 def _report(code: str, leaks: Sequence[_Leak], recordings: Sequence[Recording]) -> Finding:

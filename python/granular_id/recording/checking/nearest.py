@@ -127,13 +127,23 @@ def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp], seed: int
     spread = np.maximum(shuffled.std(axis=0), 1e-12)
     best = ((shuffled - shuffled.mean(axis=0)) / spread).max(axis=1)
     scores = (shares - shuffled.mean(axis=0)) / spread
-    p = [(1 + int((best >= score).sum())) / (N_SHUFFLES + 1) for score in scores]
     return [
-        Naming(float(share), float(chance), p_value, _agreement(near, each, labels, sizes))
-        for share, chance, p_value, each, near in zip(
-            shares, shuffled.mean(axis=0), p, hits, neighbours, strict=True
+        Naming(
+            share=float(share),
+            chance=_chance(each, labels),
+            p=(1 + int((best >= score).sum())) / (N_SHUFFLES + 1),
+            agreement=_agreement(each, own_hits, labels, sizes),
         )
+        for share, score, each, own_hits in zip(shares, scores, neighbours, hits, strict=True)
     ]
+
+
+def _chance(neighbours: Neighbours, labels: NDArray[np.intp]) -> float:
+    n = len(labels)
+    sizes = np.bincount(neighbours.group if neighbours.reverse else labels)
+    alone = (np.bincount(neighbours.group)[neighbours.group] == 1) & (neighbours.nearest < 0)
+    has_neighbour = 1.0 if neighbours.reverse else 1 - float(alone.mean())
+    return has_neighbour * float((sizes * (sizes - 1)).sum()) / (n * (n - 1))
 
 
 def _hits(neighbours: Neighbours, labels: NDArray[np.intp], n_labels: int) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,12 +16,13 @@ from granular_id.recording.one import Recording
 LEAST_SHARE = 0.1
 """Pairs are reported when at least this part of the shorter recording's rows is in the other one."""
 
-_KEY_BITS = 60  # of a pattern: two of a million blocks of noise agree in it once in a million data sets
+_MOST_BITS = 60  # of a pattern
+_SPARE_BITS = 14  # besides those that number all pairs of blocks: noise agrees once in 2**14 data sets
 _LEADING_AXES = 3  # patterns are made of the forces: files round torques to a few steps of their noise
 _MOST_KEYS = (
     200_000  # more blocks than this are thinned out, by their own value, so that copies keep the same ones
 )
-_MIXED = (0.2, 0.8)  # share of rising steps in a pattern that says something
+_MIXED = (0.05, 0.95)  # share of rising steps in a pattern that says something
 _INDEPENDENT = 0.65  # signs of steps this far apart agree by chance in half of the cases
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads the bits of a key
 _CLOSE = 1e-3  # difference of mean and spread, of what they vary by over the set, at which to look closer
@@ -54,11 +56,11 @@ class Overlap:
 def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:
     """Find pairs of recordings of the same axes that share at least a tenth of their rows.
 
-    Each block of 20 rows (10 to 60, by the number of axes) becomes a 60-bit pattern: on which forces it rises at
-    which step. The pattern survives shifting, cropping, taring, scaling and fine rounding. Sorting all patterns
-    brings copies together; pairs that agree more than once at the same shift are compared row by row. Copies too
-    coarsely rounded for that have the same length and nearly the same means and spreads. Time grows with the
-    number of samples, not of pairs.
+    Each block of some 20 rows becomes a pattern of up to 60 bits: at which steps which forces rise. The pattern
+    survives shifting, cropping, taring and fine rounding. Sorting all patterns brings copies together; pairs that
+    agree more than once at the same shift are compared row by row. Copies too coarsely rounded for that have the
+    same length and nearly the same means and spreads. Time grows with the number of samples, not of pairs. Of
+    copies of copies every one is found, though not every pair.
     """
     groups: dict[tuple[str, ...], list[int]] = {}
     for i, r in enumerate(recordings):
@@ -82,12 +84,14 @@ def _by_pattern(recordings: Sequence[Recording]) -> set[tuple[int, int, int]]:
     n_axes = recordings[0].wrench.shape[1]
     shortest = min(r.n_samples for r in recordings)
     n_used = min(n_axes, _LEADING_AXES)
-    if shortest <= 2 * _KEY_BITS // n_used:
-        n_used = n_axes
-    n_steps = max(1, _KEY_BITS // n_used)
+    n_rows = sum(r.n_samples for r in recordings)
+    n_bits = min(_MOST_BITS, math.ceil(2 * math.log2(n_rows)) + _SPARE_BITS)
+    if shortest <= 2 * n_bits // n_used:
+        n_used = min(n_axes, n_bits)
+    n_steps = n_bits // n_used
     rising = [np.diff(np.asfortranarray(r.wrench[:, :n_used]), axis=0) > 0 for r in recordings]
     stride = _stride(rising, max(1, shortest // (2 * n_steps)))
-    thin = np.uint64(max(1, sum(map(len, rising)) // _MOST_KEYS))
+    thin = np.uint64(max(1, n_rows // _MOST_KEYS))
     keys, owners, places = [], [], []
     for i, signs in enumerate(rising):
         own, at = _patterns(signs, n_steps, stride, thin)

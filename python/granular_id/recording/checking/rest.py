@@ -41,8 +41,7 @@ class Rest:
 def rest_of(recording: Recording) -> Rest | None:
     """Measure the rest before the motion; None where the recording begins in motion or too late.
 
-    The spreads of all axes are compared together, each relative to the axis that moves most among those of the
-    same unit: weak axes are all noise.
+    The spreads of axes of one unit are compared together: weak axes are all noise.
     """
     until = REST_S
     times = recording.times()

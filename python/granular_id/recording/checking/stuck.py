@@ -86,6 +86,8 @@ def _stretches(wrench: FloatArray, still: NDArray[np.bool_], alpha: float) -> tu
         at, run = longest_run(equal[:, column])
         if at == 0 or (at == start and run <= length):  # still at rest, or the sample as a whole was repeated
             continue
+        if wrench[at, column] in (wrench[:, column].max(), wrench[:, column].min()):  # clipped, if anything
+            continue
         others = [c for c in moving if c != column]
         if not others or not _judged(run, float(repeated[column]), n_samples, alpha):
             continue

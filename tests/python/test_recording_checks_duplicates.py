@@ -1,0 +1,144 @@
+"""Copies are found, however they were shifted, cropped, tared or rounded; other recordings are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from checks_cases import by_code, sound_set
+from granular_id.recording import Dataset, Recording
+from granular_id.recording.checking.duplicates import check_duplicates
+from granular_id.recording.checking.overlap import find_overlaps
+from robot_failures import SETS, load_failures
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return sound_set()
+
+
+def with_copy(data, wrench, **fields):
+    copy = replace(data[5], wrench=wrench, name="copy", trigger_index=None, **fields)
+    return Dataset([*data, copy])
+
+
+def test_exact_copies(sound):
+    finding = by_code(with_copy(sound, sound[5].wrench).check())["duplicates"]
+    assert finding.severity == "error"
+    assert (finding.indices, finding.values["pairs"]) == ((5, 48), ((5, 48),))
+    assert finding.message == "1 recording holds exactly the samples of another one"
+    other = by_code(with_copy(sound, sound[5].wrench, label="peas").check())["duplicates"]
+    assert other.message.endswith("some under a different label")
+
+
+@pytest.mark.parametrize(
+    ("change", "share", "shift"),
+    [
+        (lambda w, _: w[200:1400], 1.0, 200),
+        (lambda w, other: np.vstack([other[:300], w[:1300]]), 1300 / 1600, -300),
+        (lambda w, other: np.vstack([w[1200:], other[:1200]]), 400 / 1600, 1200),
+        (lambda w, _: w.round(3), 1.0, 0),
+        (lambda w, _: w.round(2), 0.75, 0),
+        (lambda w, _: w - w[:50].mean(axis=0), 1.0, 0),
+        (lambda w, other: np.where((np.arange(1600) % 40 < 10)[:, None], other, w), 0.75, 0),
+    ],
+    ids=["cropped", "later", "the end of it", "3 decimals", "2 decimals", "tared", "most rows"],
+)
+def test_other_copies(sound, change, share, shift):
+    report = with_copy(sound, change(sound[5].wrench, sound[30].wrench)).check()
+    finding = by_code(report)["near-duplicates"]
+    pairs = {
+        (first, second): (found_shift, found) for first, second, found_shift, found in finding.values["pairs"]
+    }
+    assert pairs[5, 48] == (shift, pytest.approx(share, abs=0.1))
+    assert finding.severity == "error"
+    assert report.verdicts[48].state == report.verdicts[5].state == "error"
+
+
+def test_recordings_that_only_resemble_each_other_are_left_alone(sound):
+    rng = np.random.default_rng(0)
+    same_push = [
+        replace(sound[5], wrench=sound[5].wrench + rng.normal(0, 0.05, (1600, 6)), name=f"{i}") for i in "ab"
+    ]
+    assert find_overlaps([*sound, *same_push]) == []
+    constant = [Recording(np.full((200, 6), k), rate_hz=100, name=f"{k}") for k in range(4)]
+    assert find_overlaps(constant) == []
+    assert find_overlaps([constant[0], Recording(np.ones((1, 6)), rate_hz=1)]) == []
+
+
+@settings(max_examples=30)
+@given(
+    start=st.integers(0, 300),
+    length=st.integers(60, 300),
+    offset=st.floats(-5, 5),
+    n_axes=st.sampled_from([1, 2, 3, 6]),
+    seed=st.integers(0, 99),
+)
+def test_any_long_crop_is_found(start, length, offset, n_axes, seed):
+    rng = np.random.default_rng(seed)
+    names = tuple(f"a{i}" for i in range(n_axes))
+    noise = [Recording(rng.normal(size=(600, n_axes)), rate_hz=100, axes=names) for _ in range(6)]
+    if n_axes == 1:
+        length = max(length, 150)  # one axis needs 60 rows for a pattern
+    copy = Recording(noise[3].wrench[start : start + length] + offset, rate_hz=100, axes=names)
+    (overlap,) = find_overlaps([*noise, copy])
+    assert (overlap.first, overlap.second, overlap.shift) == (3, 6, start)
+    assert overlap.share == 1
+    assert overlap.exact or offset != 0
+
+
+def test_recordings_of_different_axes_are_not_compared():
+    samples = np.random.default_rng(0).normal(size=(300, 2))
+    pair = [Recording(samples, rate_hz=9, axes=axes) for axes in (("a", "b"), ("a", "c"))]
+    assert find_overlaps(pair) == []
+
+
+def same_rows(one, two):
+    """The largest number of rows that two recordings share at one shift, by trying all."""
+    most, n = 0, len(one)
+    for shift in range(-n + 1, n):
+        left, right = one[max(shift, 0) :], two[max(-shift, 0) :]
+        rows = min(len(left), len(right))
+        most = max(most, int((left[:rows] == right[:rows]).all(axis=1).sum()))
+    return most
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", SETS)
+def test_the_robot_failures_hold_copies(data_dir, name):
+    data = load_failures(data_dir / "robot_failures", name)
+    report = by_code(data.check())
+    found = {
+        tuple(pair[:2])
+        for code in ("duplicates", "near-duplicates")
+        if code in report
+        for pair in report[code].values["pairs"]
+    }
+    least = 12
+    rows = [{row.tobytes() for row in r.wrench} for r in data]
+    plain = {
+        (i, j)
+        for i in range(len(data))
+        for j in range(i + 1, len(data))
+        if len(rows[i] & rows[j]) and same_rows(data[i].wrench, data[j].wrench) >= least
+    }
+    linked = list(range(len(data)))  # copies of copies need not be listed as pairs
+    for i, j in sorted(found):
+        group = {linked[i], linked[j]}
+        linked = [min(group) if own in group else own for own in linked]
+    assert all(linked[i] == linked[j] for i, j in plain)
+    if name == "lp5":
+        assert "some under a different label" in report["duplicates"].message
+
+
+@pytest.mark.data
+def test_a_thousand_real_recordings_hold_none(data_dir):
+    from granular_id.io import load  # reading takes its time: only where the data are there
+
+    sliding = load(data_dir / "sliding_wrench")
+    assert list(check_duplicates(sliding.recordings)) == []
+    twice = Dataset([*sliding, replace(sliding[500], wrench=sliding[500].wrench.round(2), name="rounded")])
+    (finding,) = check_duplicates(twice.recordings)
+    assert (finding.code, finding.indices) == ("near-duplicates", (500, 1000))
