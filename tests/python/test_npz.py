@@ -144,3 +144,9 @@ def test_samples_are_held_once(tmp_path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1.5 * block.nbytes
+
+
+@pytest.mark.data
+def test_a_thousand_real_recordings_keep_every_bit(tmp_path, data_dir):
+    dataset = load(data_dir / "sliding_wrench")
+    assert_same_bits(load(save(dataset, tmp_path / "sliding.npz")), dataset)
