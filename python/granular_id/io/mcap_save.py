@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
+from granular_id import _core
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
@@ -101,7 +101,7 @@ def _write(recording: Recording, path: Path, *, history: str) -> None:
     first_ns = int(stamps_ns[0])
     with path.open("wb") as file:
         writer = mcap.Writer(file, compression=mcap.CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(profile="ros2", library=f"granular-id {version('granular-id')}")
+        writer.start(profile="ros2", library=f"granular-id {_core.__version__}")
         schema = writer.register_schema(_TYPE, "ros2msg", DEFINITION.encode())
         channel = writer.register_channel(TOPIC, "cdr", schema)
         for number, (stamp_ns, message) in enumerate(zip(stamps_ns.tolist(), messages, strict=True)):
