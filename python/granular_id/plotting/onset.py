@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import textwrap
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -36,6 +35,7 @@ __all__ = ["plot_onsets"]
 # Right column: seconds shown before and after the onset.
 _BEFORE_S, _AFTER_S = 0.15, 0.2
 _REST_COLOUR = "#DDE6EE"
+_MISSING_COLOUR = "#B03A00"
 
 
 class _Mark(NamedTuple):
@@ -115,6 +115,7 @@ def plot_onsets(
     for row, recording, onset in zip(panels, shown, judged, strict=True):
         how = rows.get(recording.name, {}).get("how", "kept")
         _draw_row(row, recording, onset, _MARKS.get(how, _MARKS["kept"]), settings["rest_s"])
+    panels[0, 0].set_xlim(0.0, max(r.duration_s for r in shown) or 1.0)
     for panel, origin in zip(panels[-1], ("first sample", "onset"), strict=True):
         panel.set_xlabel(f"time from the {origin}, s", fontsize=9, color=INK)
     figure.supylabel(
@@ -173,23 +174,20 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
             panel.plot(times[index] - origin_s, 1.0, mark.marker, color=mark.colour, ms=5, **foot)
         quiet(panel)
         panel.locator_params(axis="y", nbins=3)
-    panels[0].set_xlim(left=0.0)
     panels[1].set_xlim(-_BEFORE_S, _AFTER_S)
+    title, colour = short(recording.name, 60), INK
+    if index is None:
+        why = onset.why if onset is not None and onset.why else "none, as stated"
+        title, colour = f"{title}, no onset:\n{why}", _MISSING_COLOUR
     # A name with $ in it is a name, no mathematics.
-    panels[0].set_title(short(recording.name, 60), fontsize=8, color=INK, loc="left", pad=2, parse_math=False)
+    panels[0].set_title(title, fontsize=8, color=colour, loc="left", pad=2, parse_math=False)
     if onset is not None and onset.detected_index is not None:
         seen = onset.detected_index
         strongest = force[seen, np.abs(force[seen]).argmax()]
         style = {"mec": INK, "mfc": "white", "ms": 4, "zorder": 4}
         if near[seen]:
             panels[1].plot(times[seen] - zero_s, strongest, "o", **style)
-    if index is None:
-        why = onset.why if onset is not None and onset.why else "none here, as stated"
-        text = textwrap.fill(f"No onset: {why}", 42)
-        box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.5}
-        where = {"transform": panels[1].transAxes, "ha": "right", "va": "center", "zorder": 6}
-        panels[1].text(1.0, 0.5, text, fontsize=7.5, color="#B03A00", bbox=box, parse_math=False, **where)
-    else:
+    if index is not None:
         panels[1].set_title(f"{times[index]:.3f} s", fontsize=8, color=mark.colour, loc="right", pad=2)
 
 

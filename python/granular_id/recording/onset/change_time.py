@@ -17,7 +17,7 @@ _POWERS = (0, 1, 2)
 # Longest stretch that is fitted sample by sample; longer ones are averaged down to it.
 _MOST_POINTS = 400
 # How many rests to look back from where a change was found, and how many typical differences of windows are no move.
-_LOOK_BACK = 5
+_LOOK_BACK = 10
 _AT_LEVEL = 6.0
 # Half windows fitted after that. Synthetic pushes: with 2 the curve's bend is taken for its beginning (10 ms late),
 # with 6 it mostly is (12 ms late), with 3 the middle of all errors is 3 ms.
@@ -84,7 +84,7 @@ def _shapes(length: int, window: int) -> tuple[FloatArray, _Indices]:
     candidates = [
         (k, np.where(time >= k, 1.0, 0.0) if power == 0 else np.maximum(time - k, 0.0) ** power)
         for power in _POWERS
-        for k in range(1, max(length - window, 2))
+        for k in range(1, length - max(window // 4, 1))
     ]
     shapes = np.array([course - course.mean() for _, course in candidates])
     norms = np.linalg.norm(shapes, axis=1, keepdims=True)

@@ -10,7 +10,10 @@ from granular_id.recording._values import FloatArray
 from granular_id.recording.onset.noise import RestNoise, rest_noise, windows_of
 from granular_id.recording.onset.threshold import critical_factors
 
-__all__ = ["Detection", "detect"]
+__all__ = ["SPAN", "Detection", "detect"]
+
+SPAN = 3
+"""Windows that a change must last to count: two are compared, and one between them keeps glitches out."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,13 @@ class Detection:
 def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
     """Find the first sample at which any axis changes by more than noise, in recordings of shape (n, T, C).
 
-    At sample t there are two windows before it and two from it on. Its change is the gap between the two before
-    and the two after: all four must agree, so a glitch shorter than a window cannot pass. The gap never exceeds
-    the difference of the two windows that meet at t, the moving sum statistic whose distribution at rest is
-    known (Basseville & Nikiforov, "Detection of Abrupt Changes", 1993, section 2.1; P. Bauer and P. Hackl, "The
-    use of MOSUMS for quality control", Technometrics 20, 1978), so its threshold holds. As the comparison is
-    with what came just before, slow drift does not add up. One count is taken off: two readings of one level
-    may differ by that much.
+    At sample t there are two windows before it and two from it on, one window's length apart. Its change is the
+    gap between the two before and the two after: all four must agree, so a glitch shorter than a window, which
+    touches one of them at most, cannot pass. The gap never exceeds the difference of the two windows that meet
+    at t, the moving sum statistic whose distribution at rest is known (Basseville & Nikiforov, "Detection of
+    Abrupt Changes", 1993, section 2.1; P. Bauer and P. Hackl, "The use of MOSUMS for quality control",
+    Technometrics 20, 1978), so its threshold holds. As the comparison is with what came just before, slow drift
+    does not add up. One count is taken off: two readings of one level may differ by that much.
 
     The motion of a tool loads several axes. Where two change together, the colour of the noise is taken from all
     axes; a change of one axis only must stand out from what this axis alone has shown, lest the odd axis with
@@ -61,12 +64,12 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     samples : ndarray, shape (n, T, C)
         Near zero (less the first sample, for instance).
     rest, window : int
-        Samples known to be at rest, and samples of a window; T >= rest + 2 window.
+        Samples known to be at rest, and samples of a window; T >= rest + SPAN window.
     rate : float
         Probability of a false alarm in a recording without motion.
     """
     _, n_samples, n_axes = samples.shape
-    n_tests = n_samples - rest - 2 * window + 1
+    n_tests = n_samples - rest - SPAN * window + 1
     noise = rest_noise(samples, rest, window)
     per_axis = rate / n_axes
     critical = critical_factors(noise.dof, n_tests, per_axis)[:, np.newaxis] * np.sqrt(noise.shift_variance)
@@ -78,8 +81,9 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
         critical, np.maximum(alone, critical), out=np.zeros_like(critical), where=np.isfinite(critical)
     )
     means = windows_of(samples, window)
-    low, high = (bound(means[:, window:], means[:, :-window]) for bound in (np.minimum, np.maximum))
-    first = rest - 2 * window  # where the two windows before the first tested sample begin
+    apart = (SPAN - 1) * window
+    low, high = (bound(means[:, apart:], means[:, :-apart]) for bound in (np.minimum, np.maximum))
+    first = rest - SPAN * window  # where the stretch before the first tested sample begins
     before, after = slice(first, first + n_tests), slice(rest, rest + n_tests)
     gap = np.maximum(low[:, after] - high[:, before], low[:, before] - high[:, after])
     gap -= noise.count[:, np.newaxis]

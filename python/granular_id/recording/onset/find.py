@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from granular_id.recording._values import FloatArray, as_floats, checked_number, checked_rate
 from granular_id.recording.axes import checked_axes, unit_of
 from granular_id.recording.onset.change_time import change_times
-from granular_id.recording.onset.detection import Detection, detect
+from granular_id.recording.onset.detection import SPAN, Detection, detect
 from granular_id.recording.onset.noise import WINDOWS_IN_REST
 from granular_id.recording.onset.result import Onset
 
@@ -136,11 +136,12 @@ def find_onsets_in_block(
 
 def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple[str, ...]) -> list[Onset]:
     window = max(1, rest // WINDOWS_IN_REST)
-    if block.shape[1] < rest + 2 * window:
+    if block.shape[1] < rest + SPAN * window:
         return [_too_short(wrench, rest, window) for wrench in block]
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
-    scale = np.ldexp(1.0, np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1] + 1)
-    block /= scale[:, np.newaxis]
+    exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
+    scale = np.ldexp(1.0, exponent)
+    block *= np.ldexp(1.0, -exponent)[:, np.newaxis]
     origin = block[:, :1].copy()
     block -= origin
     found = detect(block, rest, window, rate)
@@ -157,6 +158,8 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         zip(passed.tolist(), change_times(moving, weights, first, rest, window).tolist(), strict=True)
     )
     level = (found.noise.level + origin[:, 0]) * scale
+    with np.errstate(over="ignore"):  # what no float can hold is infinite
+        critical = found.critical * scale
     onsets = []
     for i in range(len(block)):
         statistic = found.joint[i].copy()
@@ -165,7 +168,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         if index is None:
             why = _why_not(found, i, scale[i], rest / rate_hz, axes)
         else:
-            seen = int(found.first[i]) + 2 * window - 1
+            seen = int(found.first[i]) + SPAN * window - 1
             strongest = statistic[found.first[i] : found.first[i] + rest]
             own = found.statistic[i, found.first[i] : seen + 1].max(axis=0)
             carriers = tuple(axes[c] for c in np.argsort(-own) if own[c] > 1)
@@ -181,7 +184,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
                 strength=float(strongest.max()),
                 rest_level=level[i],
                 rest_sd=found.noise.sd[i] * scale[i],
-                critical=found.critical[i] * scale[i],
+                critical=critical[i],
                 rest_samples=rest,
                 window_samples=window,
                 why=why,
@@ -192,7 +195,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
 
 def _too_short(wrench: FloatArray, rest: int, window: int) -> Onset:
     n_samples, n_axes = wrench.shape
-    needed = rest + 2 * window
+    needed = rest + SPAN * window
     return Onset(
         index=None,
         time_s=None,
@@ -207,7 +210,7 @@ def _too_short(wrench: FloatArray, rest: int, window: int) -> Onset:
         critical=np.full(n_axes, np.inf),
         rest_samples=rest,
         window_samples=window,
-        why=f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {2 * window} to compare)",
+        why=f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {SPAN * window} to compare)",
     )
 
 

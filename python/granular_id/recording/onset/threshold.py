@@ -12,7 +12,7 @@ from granular_id.recording._values import FloatArray
 __all__ = ["critical_factors"]
 
 # Degrees of freedom of the table; below the first nothing is known about the noise, above the last all is.
-_LEAST, _MOST, _POINTS = 0.5, 1e4, 60
+_LEAST, _MOST, _POINTS = 0.5, 1e4, 160
 # Numbers of tests are rounded up to the next of 5 % steps: recordings of similar length share one table.
 _GRID = 1.05
 # Variances are integrated over their probability, from this upwards: less than any rate that can be asked for.

@@ -1,0 +1,265 @@
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import binom
+
+from granular_id.recording import AXES
+from granular_id.recording.onset import find_onset
+from granular_id.recording.onset.find import find_onsets_in_block
+from granular_id.synthetic import synthesize
+from onset_cases import NOISE, RATE_HZ, START, noise, push
+
+
+@pytest.mark.parametrize(
+    ("course", "early_ms", "late_ms"), [("jump", -4, 0), ("ramp", -4, 6), ("bend", -6, 14)]
+)
+def test_where_the_change_begins(course, early_ms, late_ms):
+    errors = []
+    for seed in range(12):
+        start = START + 7 * seed
+        onset = find_onset(push(seed, start, course=course), RATE_HZ)
+        errors.append(1000 * (onset.index - start) / RATE_HZ)
+        assert onset.detected_index >= onset.index
+        assert onset.time_s == onset.index / RATE_HZ
+        assert set(onset.axes) <= {"fx", "fz", "ty"}
+        assert onset.strength > onset.threshold == 1
+    assert early_ms <= min(errors)
+    assert max(errors) <= late_ms
+
+
+def test_synthetic_pushes_of_all_materials():
+    data = synthesize(n_per_class=3, seed=11)
+    onsets = [find_onset(r.wrench, r.rate_hz) for r in data]
+    errors_ms = [1000 * (o.time_s - r.meta["lead_s"]) for o, r in zip(onsets, data, strict=True)]
+    assert max(map(abs, errors_ms)) < 16
+    assert 0 < np.median(errors_ms) < 6
+
+
+@pytest.mark.parametrize("later", [1, 10, 123, 700])
+def test_a_later_start_is_found_as_much_later(later):
+    early = push(3)
+    rest = noise(99, later)
+    late = np.concatenate([early[:60], rest, early[60:]])
+    assert abs(find_onset(late, RATE_HZ).index - find_onset(early, RATE_HZ).index - later) <= 2
+
+
+@pytest.mark.parametrize("scale", [2.0**-40, 1e-3, 0.2248, 1000.0, 1e300])
+def test_units_make_no_difference(scale):
+    plain, scaled = (find_onset(push(1) * s, RATE_HZ) for s in (1.0, scale))
+    assert (plain.index, plain.detected_index, plain.axes) == (
+        scaled.index,
+        scaled.detected_index,
+        scaled.axes,
+    )
+    np.testing.assert_allclose(scaled.statistic, plain.statistic, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(scaled.critical, scale * plain.critical, rtol=1e-6)
+
+
+def test_every_axis_may_have_its_own_unit_and_zero():
+    wrench = push(2)
+    scale, offset = np.array([1, 1e3, 1e-3, 7, 0.1, 1e5]), np.array([5, -700, 0.01, 0, -20, 3e4])
+    plain, other = find_onset(wrench, RATE_HZ), find_onset(wrench * scale + offset, RATE_HZ)
+    assert (plain.index, plain.axes) == (other.index, other.axes)
+    np.testing.assert_allclose(other.rest_level, plain.rest_level * scale + offset)
+    np.testing.assert_allclose(other.rest_sd, plain.rest_sd * scale, rtol=1e-6)
+
+
+def test_the_order_of_axes_makes_no_difference():
+    wrench, order = push(4), [5, 2, 0, 4, 1, 3]
+    plain = find_onset(wrench, RATE_HZ)
+    other = find_onset(wrench[:, order], RATE_HZ, axes=[AXES[i] for i in order])
+    assert (plain.index, plain.axes) == (other.index, other.axes)
+    np.testing.assert_allclose(other.critical, plain.critical[order])
+
+
+def test_turning_the_signal_over_makes_no_difference():
+    assert find_onset(push(5), RATE_HZ).index == find_onset(-push(5), RATE_HZ).index
+
+
+def test_recordings_together_as_alone():
+    wrenches = [push(seed, 60 + 20 * seed) for seed in range(5)] + [noise(9)]
+    together = find_onsets_in_block(wrenches, RATE_HZ, 50, 1e-3, AXES)
+    for wrench, onset in zip(wrenches, together, strict=True):
+        alone = find_onset(wrench, RATE_HZ)
+        assert (alone.index, alone.detected_index, alone.why) == (
+            onset.index,
+            onset.detected_index,
+            onset.why,
+        )
+        np.testing.assert_array_equal(alone.statistic, onset.statistic)
+
+
+def test_the_input_is_not_touched():
+    wrench = push(6)
+    before = wrench.copy()
+    wrench.flags.writeable = False
+    find_onset(wrench, RATE_HZ)
+    np.testing.assert_array_equal(wrench, before)
+
+
+def _autocorrelated(rng, shape):
+    return lfilter([np.sqrt(0.19)], [1, -0.9], rng.standard_normal((shape[0], shape[1] + 200, 6)), axis=1)[
+        :, 200:
+    ]
+
+
+NOISES = {
+    "white": lambda rng, shape: rng.standard_normal(shape),
+    "autocorrelated": _autocorrelated,
+    "one source": lambda rng, shape: rng.standard_normal((*shape[:2], 1)) @ np.ones((1, 6)),
+    "counts": lambda rng, shape: np.rint(
+        0.3 * rng.standard_normal(shape) + rng.uniform(-1, 1, (shape[0], 1, 6))
+    ),
+    "drift": lambda rng, shape: rng.standard_normal(shape) + np.linspace(0, 20, shape[1])[:, None],
+}
+
+
+@pytest.mark.parametrize("kind", NOISES)
+@pytest.mark.parametrize("rate_hz", [100, 500])
+def test_no_motion_gives_no_onset_but_for_the_stated_rate(kind, rate_hz):
+    n = 600 if rate_hz == 100 else 200
+    block = NOISES[kind](np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
+    for rate in (0.05, 0.001):
+        onsets = find_onsets_in_block(block, rate_hz, round(0.1 * rate_hz), rate, AXES)
+        assert sum(onset.index is not None for onset in onsets) <= binom.ppf(0.999, n, rate)
+
+
+def test_a_higher_rate_is_met_by_more_false_onsets():
+    block = _autocorrelated(np.random.default_rng(2), (600, 320, 6))
+    found = [
+        sum(o.index is not None for o in find_onsets_in_block(block, 100, 10, rate, AXES))
+        for rate in (0.5, 1e-4)
+    ]
+    assert found[0] > found[1] == 0
+    assert found[0] <= binom.ppf(0.999, 600, 0.5)
+
+
+@pytest.mark.parametrize("place", [20, 60, 300, 1590])
+def test_a_glitch_is_no_motion(place):
+    wrench = noise(7)
+    wrench[place] += 50
+    assert find_onset(wrench, RATE_HZ).index is None
+
+
+def test_a_glitch_at_rest_does_not_hide_the_motion_or_replace_it():
+    wrench = push(8, 400)
+    wrench[200:209, 1] += 50
+    assert abs(find_onset(wrench, RATE_HZ).index - 400) <= 5
+
+
+def test_one_count_of_a_still_axis_is_no_motion():
+    wrench = np.zeros((1600, 6))
+    wrench[400:, 2] = 0.0044
+    wrench[900:, 3] = -0.001
+    assert find_onset(wrench, RATE_HZ).index is None
+    wrench[:, 0] = noise(1)[:, 0]
+    assert find_onset(wrench, RATE_HZ).index is None
+
+
+def test_still_axes_that_move_by_many_counts_are_found():
+    wrench = np.rint((20 * push(10) - 19 * noise(10)) / 0.5) * 0.5  # coarser than any noise
+    assert (wrench[:80] == 0).all()
+    onset = find_onset(wrench, RATE_HZ)
+    assert onset.index is not None
+    assert -2 <= 1000 * (onset.index - START) / RATE_HZ <= 40
+
+
+def test_slow_drift_before_the_motion():
+    time_s = np.arange(3000)[:, None] / RATE_HZ
+    wrench = push(11, 2000, n_samples=3000) + time_s * 5 * NOISE
+    assert abs(find_onset(wrench, RATE_HZ).index - 2000) <= 5
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 62.5, 1000.0, 10000.0])
+def test_any_rate(rate_hz):
+    start = round(1.5 * rate_hz)
+    wrench = push(12, start, n_samples=round(3 * rate_hz), rate_hz=rate_hz, course="jump")
+    onset = find_onset(wrench, rate_hz, rest_s=1.0)
+    assert abs(onset.index - start) <= max(1, 0.006 * rate_hz)
+
+
+@pytest.mark.parametrize("n_axes", [1, 2, 12])
+def test_any_number_of_axes(n_axes):
+    wrench = np.tile(push(13, course="jump")[:, :1], n_axes) + np.random.default_rng(0).normal(
+        0, 0.02, (1600, n_axes)
+    )
+    onset = find_onset(wrench, RATE_HZ)
+    assert abs(onset.index - START) <= 2
+    assert set(onset.axes) == {f"axis {i}" for i in range(n_axes)}
+
+
+def test_numbers_at_the_ends_of_what_floats_hold():
+    for scale in (1e307, 1e-307):
+        wrench = push(14) * scale / 5
+        assert abs(find_onset(wrench, RATE_HZ).index - START) <= 3
+    wrench = np.full((1600, 6), 1.7e308)
+    wrench[::2] *= -1
+    assert find_onset(wrench, RATE_HZ).index is None
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 10, 79])
+def test_too_short(n_samples):
+    onset = find_onset(noise(0, n_samples), RATE_HZ)
+    assert onset.index is None
+    assert onset.why == f"too short: {n_samples} samples, 80 wanted (50 at rest and 30 to compare)"
+    assert onset.statistic.shape == (n_samples,)
+    assert find_onset(noise(0, 80), RATE_HZ).why == "no change stands out from the noise of the first 0.1 s"
+
+
+def test_nothing_ever_changes():
+    assert find_onset(np.full((1600, 6), 3.3), RATE_HZ).why == "no axis ever changes"
+
+
+def test_a_recording_that_starts_in_motion():
+    wrench = push(15, 200, n_samples=2000)[190 + 20 :]
+    wrench += np.cumsum(np.random.default_rng(0).normal(0, 0.05, wrench.shape), axis=0)
+    onset = find_onset(wrench, RATE_HZ)
+    assert onset.index is None
+    assert onset.why.startswith("starts in motion, or drifts: ")
+
+
+def test_real_recordings_that_start_in_motion(data_dir):
+    from granular_id.io import load
+
+    data = load(data_dir / "sliding_wrench").resample(100, max_gap_s=None).find_onsets()
+    rows = data.history[-1].rows
+    assert sum(row["how"] == "found" for row in rows) < 0.05 * len(rows)
+    assert sum(row.get("why", "").startswith("starts in motion") for row in rows) > 0.95 * len(rows)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        (
+            {"wrench": np.zeros(5)},
+            ValueError,
+            r"wrench has shape \(5,\); wanted a real array of shape \(T, C\)",
+        ),
+        ({"wrench": np.zeros((0, 6))}, ValueError, r"wrench has shape \(0, 6\)"),
+        ({"wrench": [["a"] * 6]}, TypeError, "wrench has dtype"),
+        ({"wrench": np.where(np.arange(6) == 2, np.nan, noise())}, ValueError, r"wrench\[0, 2\] is nan"),
+        ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got str"),
+        ({"rest_s": 0}, ValueError, "rest_s must be positive, got 0"),
+        ({"rest_s": -1}, ValueError, "rest_s must be positive, got -1"),
+        ({"rest_s": np.nan}, ValueError, "rest_s must be finite"),
+        ({"rest_s": None}, TypeError, "rest_s must be a number, got NoneType"),
+        (
+            {"rest_s": 0.008},
+            ValueError,
+            "rest_s=0.008 holds 4 samples at 500 Hz; .* rest_s=0.01 or more is wanted",
+        ),
+        ({"false_alarm_rate": 0}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 0"),
+        ({"false_alarm_rate": 1}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 1"),
+        ({"false_alarm_rate": True}, TypeError, "false_alarm_rate must be a number, got bool"),
+        ({"axes": ["fx"]}, ValueError, "axes has 1 names, but wrench has 6 columns"),
+    ],
+)
+def test_bad_input_is_named(change, error, message):
+    given = {"wrench": noise(), "rate_hz": RATE_HZ, **change}
+    with pytest.raises(error, match=message):
+        find_onset(given.pop("wrench"), given.pop("rate_hz"), **given)
+
+
+def test_rest_longer_than_anything():
+    assert find_onset(noise(), RATE_HZ, rest_s=1e300).why.startswith("too short: 1600 samples, ")
