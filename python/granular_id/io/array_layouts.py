@@ -108,7 +108,7 @@ def _set_rates(
             continue
         if own is None and stated is None:
             problem = (
-                "has neither a rate nor stamps; pass rate_hz=, or save rate_hz or time beside the samples"
+                "has neither a rate nor stamps; pass rate_hz=, or save fs (Hz) or t (s) beside the samples"
             )
             raise origin.fault(found.place, problem)
         if own is not None and stated is not None and own != stated:

@@ -50,7 +50,7 @@ class Origin:
         """Return the error about what cannot be told, with all that is in the file and how to say what is meant."""
         means = (
             "Say what is meant by saving what belongs together and nothing else: X of shape (recordings, samples, 6), "
-            "labels (a text per recording) and rate_hz"
+            "labels (a text per recording) and fs (Hz)"
         )
         return RecordingFileError(self.path, f"{problem}. It holds {contents(self.tree)}. {means}")
 
