@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path, dataset):
 
 def test_plain_h5py_reads_what_is_saved(tmp_path):
     with h5py.File(save(small(), tmp_path / "set.hdf5")) as file:
-        assert dict(file.attrs) == {"format": "granular_id recordings", "version": 1}
+        assert dict(file.attrs) == {"format": b"granular_id recordings", "version": 1}
         assert file["wrench"][()].tobytes() == np.concatenate([X[0], X[1][:3]]).tobytes()
         assert file["wrench"].attrs["axes"].tolist() == [axis.encode() for axis in AXES]
         assert file["wrench"].attrs["units"].tolist() == [b"N"] * 3 + [b"N m"] * 3
@@ -50,7 +51,7 @@ def test_plain_h5py_reads_what_is_saved(tmp_path):
         assert group["session"].asstr()[()].tolist() == ["mon", ""]
         assert group["name"].asstr()[()].tolist() == ["one", "two"]
         assert np.array_equal(group["rate_hz"][()], [500, np.nan], equal_nan=True)
-        assert group["rate_hz"].attrs["units"] == "Hz"
+        assert group["rate_hz"].attrs["units"] == b"Hz"
         assert np.array_equal(group["start_time"][()], [1.7e9, np.nan], equal_nan=True)
         assert group["trigger_index"][()].tolist() == [-1, 1]
         assert [json.loads(line) for line in group["meta"].asstr()[()].split("\n")] == [{"d": [17]}, {}]
@@ -143,7 +144,7 @@ def test_groups_whose_attributes_say_what_they_are(tmp_path):
             for k in range(2):
                 group = file.create_group(f"{material}/{k}")
                 group["wrench"] = X[2 * i + k]
-                group.attrs.update({"rate_hz": 250.0, "session": f"s{k}", "operator": "nobody"})
+                group.attrs.update({"rate_hz": 250.0, "session": np.bytes_(f"s{k}"), "label": "?"})
 
     data = load(other_file(tmp_path / "x.h5", write))
     assert [(r.name, r.label, r.session) for r in data] == [
@@ -153,6 +154,7 @@ def test_groups_whose_attributes_say_what_they_are(tmp_path):
         ("rice/1", "rice", "s1"),
     ]
     assert data[2].wrench.tobytes() == X[0].tobytes()
+    assert any("the attribute label has no fixed width" in note for note in data.history[-1].notes)
     assert data.rate_hz == 250
 
 
@@ -183,9 +185,18 @@ def _loop(file):
     inner["c"] = file["a"]
 
 
+def _texts_of_gigabytes(file):
+    """Change the length that stands for a text in the file: the library would take the memory at once."""
+    file["X"], file["y"] = X, ["rice"] * 4
+    offset = file["y"].id.get_offset()
+    file.flush()
+    with Path(file.filename).open("r+b") as raw:
+        raw.seek(offset)
+        raw.write((0xF0000000).to_bytes(4, "little"))
+
+
 def _long_texts(file):
     file["X"] = X
-    file["y"] = ["x" * 1_000_000] * 4
     file["names"] = np.array(["a"] * 200_001, h5py.string_dtype())
 
 
@@ -203,6 +214,7 @@ def _long_texts(file):
             lambda f: f.create_dataset("X", (10**4, 1600, 6), "f8", compression="gzip", fillvalue=1),
             "chunks|expand",
         ),
+        (_texts_of_gigabytes, "y: would expand from|damaged"),
         (_long_texts, "200001"),
         (lambda f: f.update({"X": "only a text"}), "."),
         (lambda f: None, "."),

@@ -37,13 +37,20 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     n_bytes = check_file(source.path, source.root, options.max_binary_bytes)
     expansion = Expansion(source.path, n_bytes)
     with GuardedFile(expansion, "to read .h5 files") as file:
-        if file.attribute(file.root, "format", "header") == FORMAT:
+        if _is_own(file):
             return _read_own(file, source)
         tree = Hdf5Tree(file)
         content = recordings_of(tree.whole(), source, options, "data set")
     if tree.left_out:
         content.notes.append(f"left out, as no numbers or texts: {', '.join(tree.left_out)[:300]}")
     return content
+
+
+def _is_own(file: GuardedFile) -> bool:
+    try:
+        return bool(file.attribute(file.root, "format", "header") == FORMAT)
+    except RecordingFileError:  # an attribute of that name that is somebody else's
+        return False
 
 
 def _read_own(file: GuardedFile, source: FileSource) -> FileContent:

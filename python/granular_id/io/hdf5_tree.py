@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,7 +25,8 @@ _MEMBER_BYTES = 1024
 
 _MOST_ATTRIBUTES = 200
 _MOST_TEXTS = 100_000
-_TEXTS_AT_ONCE = 256
+_MOST_CHUNKS = 1000
+_REFERENCE = np.dtype([("length", "<u4"), ("address", "<u8"), ("index", "<u4")])
 _ROOT = "root"
 
 
@@ -132,30 +134,48 @@ class _Leaf:
         return self._values
 
     def _texts(self) -> NDArray[Any]:
-        """Read texts of changing length, a few at a time: how long they are is known only then."""
-        n = math.prod(self.shape)
-        if n > _MOST_TEXTS or len(self.shape) > 1:
-            raise self.file.expansion.fault(
-                self.place, f"holds {self.shape} texts; wanted a list of {_MOST_TEXTS}"
+        """Read texts of changing length, after a look at how long they are said to be."""
+        expansion = self.file.expansion
+        if math.prod(self.shape) > _MOST_TEXTS or len(self.shape) > 1:
+            raise expansion.fault(
+                self.place, f"holds {self.shape} texts; wanted a list of at most {_MOST_TEXTS}"
             )
-        with translated(self.file.expansion, self.place):
-            created = self.item.id.get_create_plist()
-            if created.get_nfilters() or created.get_external_count() or self.item.is_virtual:
-                raise self.file.expansion.fault(
-                    self.place, "holds texts that are packed or lie in other files"
-                )
-            if not self.shape:
-                return np.array(self._decoded([self.item[()]])[0])
-            found: list[str] = []
-            step = max(1, min(_TEXTS_AT_ONCE, (1 << 26) // max(1, self.file.expansion.n_bytes)))
-            for start in range(0, n, step):
-                found += self._decoded(self.item[start : start + step])
-            return np.array(found, dtype=np.str_)
-
-    def _decoded(self, texts: Any) -> list[str]:
-        found = []
-        for text in texts:
+        with translated(expansion, self.place):
+            lengths = np.concatenate(
+                [np.zeros(1, np.int64), *(_lengths(part) for part in self._references())]
+            )
             # as an array of one width, all become as wide as the longest
-            self.file.expansion.spend(4 * len(text) + 64, self.place)
-            found.append(text.decode("utf-8") if isinstance(text, bytes) else str(text))
-        return found
+            expansion.spend((4 * int(lengths.max()) + 64) * max(1, math.prod(self.shape)), self.place)
+            found = self.item[()]
+            texts = [found] if not self.shape else found.tolist()
+            plain = [text.decode("utf-8") if isinstance(text, bytes) else str(text) for text in texts]
+            return np.array(plain, dtype=np.str_).reshape(self.shape)
+
+    def _references(self) -> Iterator[bytes]:
+        """Return the bytes that stand for the texts in the file: a length and a place for each."""
+        fault = self.file.expansion.fault
+        h5 = need("h5py", extra="hdf5", why="to read .h5 files")
+        created = self.item.id.get_create_plist()
+        if (
+            created.get_nfilters()
+            or created.get_external_count()
+            or self.item.file.id.get_create_plist().get_sizes()[0] != 8
+        ):
+            raise fault(self.place, "holds texts that are packed or lie in other files")
+        if created.get_layout() == h5.h5d.CONTIGUOUS:
+            places = [(self.item.id.get_offset(), _REFERENCE.itemsize * math.prod(self.shape))]
+        elif created.get_layout() == h5.h5d.CHUNKED and self.item.id.get_num_chunks() <= _MOST_CHUNKS:
+            chunks = [self.item.id.get_chunk_info(i) for i in range(self.item.id.get_num_chunks())]
+            places = [(chunk.byte_offset, chunk.size) for chunk in chunks]
+        else:
+            raise fault(self.place, "holds texts in a way that is not read; wanted a plain data set")
+        with self.file.expansion.path.open("rb") as file:
+            for offset, size in places:
+                if offset is not None:  # nothing was ever written: all texts are empty
+                    file.seek(offset)
+                    yield file.read(min(size, self.file.expansion.n_bytes))
+
+
+def _lengths(references: bytes) -> NDArray[np.int64]:
+    whole = len(references) // _REFERENCE.itemsize
+    return np.frombuffer(references, _REFERENCE, whole)["length"].astype(np.int64)
