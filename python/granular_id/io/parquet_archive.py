@@ -16,7 +16,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import check_expansion, check_file, read_bounded
 from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
 from granular_id.io.folder_save import HISTORY_NAME
-from granular_id.io.options import MAX_BINARY_BYTES
+from granular_id.io.options import MAX_BINARY_BYTES, MAX_TEXT_BYTES
 from granular_id.io.parquet_file import CheckedParquet, open_parquet
 from granular_id.io.parquet_index import Partition, floats, integers, partitions, read_index, texts
 from granular_id.io.parquet_layout import FLAGS, INDEX_COLUMNS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
@@ -141,7 +141,9 @@ class ParquetArchive:
         path = self.folder / HISTORY_NAME
         if not path.is_file():
             return "[]"
-        data = read_bounded(path, self.folder, self._max_file_bytes)
+        # text becomes objects of many times its size: as much as a CSV file, or a line for each recording
+        most = max(MAX_TEXT_BYTES, RECORDING_BYTES * self.index.num_rows)
+        data = read_bounded(path, self.folder, min(most, self._max_file_bytes))
         try:
             return data.decode("utf-8")
         except UnicodeDecodeError as error:
