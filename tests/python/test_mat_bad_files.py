@@ -211,3 +211,9 @@ def test_objects_of_matlab_themselves_are_skipped(tmp_path: Path) -> None:
 def test_larger_than_the_cap(tmp_path: Path) -> None:
     with pytest.raises(RecordingFileError, match="more than max_file_bytes=100"):
         load(GOLDEN / "x_y_v7.mat", max_file_bytes=100)
+
+
+def test_cells_without_columns_are_no_rows_of_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "x.mat"
+    path.write_bytes(mat(array(X), array(head(CELL, (1 << 24, 0), "c"))))
+    assert variables(path)["c"] == []

@@ -251,7 +251,7 @@ class Search:
         array = np.asarray(raw)
         if array.dtype.kind not in "iuf":
             raise self.origin.fault(name, f"has dtype {array.dtype}; wanted real numbers")
-        with np.errstate(over="ignore"):  # what overflows becomes infinite, and is refused as such
+        with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused as such
             return array.astype(np.float64, copy=False)  # as it lies in memory, to be copied once
 
     def _note(self, text: str) -> None:

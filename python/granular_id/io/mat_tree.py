@@ -122,10 +122,23 @@ def nested(items: list[Any], dims: Sequence[int]) -> list[Any]:
     [1, 2]
     """
     long = [n for n in dims if n != 1]
-    if len(long) <= 1:
+    if not items or len(long) <= 1:  # none at all may be 2^24 rows of nothing
         return items
     rows = long[0]
     return [nested(items[i::rows], long[1:]) for i in range(rows)]
+
+
+def holds(dtype: np.dtype[Any], stored: np.dtype[Any]) -> bool:
+    """Tell whether numbers of a class can be stored so: MATLAB stores them in fewer bytes, never in more."""
+    if dtype.kind == "f" and stored.kind in "iu":
+        return True
+    return dtype.kind == "b" or np.can_cast(stored, dtype, "safe")
+
+
+def in_class(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Convert stored numbers to the class that they are of."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        return values.astype(dtype, copy=False)
 
 
 def text_of(codes: NDArray[Any], dims: Sequence[int]) -> str | list[str]:

@@ -24,6 +24,8 @@ from granular_id.io.mat_tree import (
     MatReading,
     decoded,
     empty_matrix,
+    holds,
+    in_class,
     name_of,
     nested,
     text_of,
@@ -179,13 +181,12 @@ class MatrixReader:
             shape = " x ".join(map(str, dims))
             problem = f"{shape} numbers take {count * stored.itemsize} bytes, but {size} are there"
             raise self._fault(place, problem, at)
-        # MATLAB stores whole numbers in fewer bytes than their class has, never in more
-        if dtype.kind in "iu" and not np.can_cast(stored, dtype, "safe"):
+        if not holds(dtype, stored):
             raise self._fault(place, f"{dtype} numbers cannot be stored as {stored}", at)
         # samples become float64 in the end
         self._reading.spend(max(0, 8 * count - size), place)
         flat = np.frombuffer(self._data, stored, count, start)
-        return flat.astype(dtype, copy=False).reshape(dims, order="F")
+        return in_class(flat, dtype).reshape(dims, order="F")
 
     def _text(self, at: int, end: int, dims: tuple[int, ...], count: int, place: str) -> str | list[str]:
         if not count:

@@ -21,6 +21,8 @@ from granular_id.io.mat_tree import (
     MAX_NAME,
     SPARSE,
     MatReading,
+    holds,
+    in_class,
     nested,
     text_of,
 )
@@ -96,14 +98,16 @@ class _Walk:
             return self._reading.leave_out(place, *COMPLEX)
         self._reading.checked_dims(dims, place)
         is_text = class_name == "char"
-        wanted = dtype.kind == "u" and dtype.itemsize <= 4 if is_text else dtype.kind in "iufb"
-        if not wanted or not (is_text or class_name in _NUMBERS):
+        if is_text:
+            wanted = dtype.kind == "u" and dtype.itemsize <= 4
+        else:
+            wanted = class_name in _NUMBERS and dtype.kind in "iuf" and holds(_NUMBERS[class_name], dtype)
+        if not wanted:
             raise self._reading.fault(place, f"is called {class_name}, but holds {dtype}")
         if is_text:
             self._reading.count(dims[0], place)
             return text_of(self._file.values(item, place).ravel(), dims)
-        values = self._file.values(item, place).astype(_NUMBERS[class_name], copy=False)
-        return values.reshape(dims[::-1]).T
+        return in_class(self._file.values(item, place), _NUMBERS[class_name]).reshape(dims[::-1]).T
 
     def _empty(self, item: Any, class_name: str, place: str) -> Any:
         """Return an empty array: its values are its size."""
