@@ -16,8 +16,18 @@ if TYPE_CHECKING:
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
     from granular_id.explanation import Explanation, explain
-    from granular_id.io import RecordingFileError, load, save_csv
-    from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
+    from granular_id.io import RecordingFileError, load, save
+    from granular_id.recording import (
+        CheckReport,
+        Dataset,
+        Finding,
+        Onset,
+        Recording,
+        SampleFlag,
+        StepReport,
+        Summary,
+        find_onset,
+    )
     from granular_id.rica import RICA
     from granular_id.selection import Selection, select
     from granular_id.spaces import (
@@ -42,11 +52,14 @@ __all__ = [
     "RICA",
     "UNITS",
     "BlockUnion",
+    "CheckReport",
     "Dataset",
     "ECOCClassifier",
     "EvaluationResult",
     "Explanation",
     "FeatureSpec",
+    "Finding",
+    "Onset",
     "PrincipalComponents",
     "RangeNormalizer",
     "RawHFMH",
@@ -57,6 +70,7 @@ __all__ = [
     "SampleFlag",
     "Selection",
     "StepReport",
+    "Summary",
     "Tare",
     "TimePermutation",
     "__version__",
@@ -65,8 +79,9 @@ __all__ = [
     "extract_features",
     "feature_names",
     "feature_spaces",
+    "find_onset",
     "load",
-    "save_csv",
+    "save",
     "select",
     "signal",
     "synthesize",
@@ -74,12 +89,15 @@ __all__ = [
 
 _LAZY = {
     "BlockUnion": "spaces",
+    "CheckReport": "recording",
     "DFT": "spaces",
     "Dataset": "recording",
     "ECOCClassifier": "ecoc",
     "EvaluationResult": "evaluation",
     "Explanation": "explanation",
+    "Finding": "recording",
     "HFMH": "spaces",
+    "Onset": "recording",
     "PrincipalComponents": "spaces",
     "RICA": "rica",
     "RangeNormalizer": "spaces",
@@ -91,13 +109,15 @@ _LAZY = {
     "SampleFlag": "recording",
     "Selection": "selection",
     "StepReport": "recording",
+    "Summary": "recording",
     "Tare": "spaces",
     "TimePermutation": "spaces",
     "evaluate": "evaluation",
     "explain": "explanation",
     "feature_spaces": "spaces",
+    "find_onset": "recording",
     "load": "io",
-    "save_csv": "io",
+    "save": "io",
     "select": "selection",
     "synthesize": "synthetic",
 }

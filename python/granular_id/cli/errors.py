@@ -28,6 +28,7 @@ OPTIONS = {
     "max_gap_s": "--max-gap-s",
     "on_gap": "--on-gap",
     "on_short": "--on-short",
+    "on_missing": "--on-short",
     "on_error": "--on-error",
     "on_time_error": "--on-time-error",
     "n_samples": "--n-samples",

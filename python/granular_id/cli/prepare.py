@@ -85,7 +85,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
         data = _told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
     if wanted.begin_at == "onset":
         _refuse_unequal_rates(data)
-        data = _told(data.find_onsets(), say)
+        data = _told(data.find_onsets(replace=True), say)
     if wanted.duration_s is not None or wanted.n_samples is not None:
         _refuse_unequal_rates(data)
         aligned = data.align(
@@ -94,6 +94,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
             trigger=None if wanted.begin_at == "first" else "recorded",
             lead_s=wanted.lead_s,
             on_short=wanted.on_short,
+            on_missing=wanted.on_short,
         )
         data = _told(aligned, say)
     return data

@@ -9,6 +9,7 @@ from granular_id.plotting.explanation import plot_explanation
 from granular_id.plotting.gap import plot_gap
 from granular_id.plotting.hfmh import plot_hfmh
 from granular_id.plotting.mean_forces import plot_mean_forces
+from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.recall import plot_recall
 from granular_id.plotting.recordings import plot_recordings
 from granular_id.plotting.residual import plot_residual
@@ -21,6 +22,7 @@ __all__ = [
     "plot_gap",
     "plot_hfmh",
     "plot_mean_forces",
+    "plot_onsets",
     "plot_recall",
     "plot_recordings",
     "plot_residual",

@@ -9,6 +9,7 @@ from granular_id.recording.checking import SENSOR_RANGES, CheckReport, Finding, 
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
+from granular_id.recording.onset import Onset, find_onset
 from granular_id.recording.report import StepReport
 from granular_id.recording.summary import Summary
 
@@ -18,9 +19,11 @@ __all__ = [
     "CheckReport",
     "Dataset",
     "Finding",
+    "Onset",
     "Recording",
     "SampleFlag",
     "StepReport",
     "Summary",
     "Verdict",
+    "find_onset",
 ]

@@ -70,7 +70,7 @@ def plot(
     if what is What.mean:
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
     elif what is What.onset:
-        data = data.find_onsets()
+        data = data.find_onsets(replace=True)
         Console(highlight=False).print(str(data.history[-1]), soft_wrap=True, markup=False)
         plotting.plot_onsets(data, output, n=n or 10)
     else:

@@ -1,0 +1,143 @@
+"""How fast each format is read, beside the plain call of the library that reads its bytes.
+
+    python benches/formats.py [n_recordings]
+
+Synthetic pushes of 1600 x 6, quantised as a sensor does; both sides in the same process, taking turns, after one
+untimed call each. The plain call gives bare arrays or tables; ``load`` gives checked recordings with labels, sessions,
+triggers and history. "folder" formats hold a file per recording.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import scipy.io
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+import granular_id as gid
+from granular_id.io import save
+
+REPEATS = 7
+Call = Callable[[], Any]
+
+
+def npz(path: Path) -> None:
+    with np.load(path) as file:
+        for name in file.files:
+            file[name]
+
+
+def hdf5(path: Path) -> None:
+    found: list[h5py.Dataset] = []
+    with h5py.File(path) as file:
+        file.visititems(lambda _, item: found.append(item) if isinstance(item, h5py.Dataset) else None)
+        for dataset in found:
+            dataset[()]
+
+
+def parquet(folder: Path) -> None:
+    pq.read_table(folder / "recordings.parquet").to_pydict()
+    for part in sorted((folder / "samples").glob("*.parquet")):
+        for column in pq.read_table(part).columns:
+            column.to_numpy()
+
+
+def loadtxt(folder: Path) -> None:
+    for path in sorted(folder.glob("*/*.csv")):
+        np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def read_csv(folder: Path) -> None:
+    for path in sorted(folder.glob("*/*.csv")):
+        pd.read_csv(path).to_numpy()
+
+
+def rosbags(folder: Path) -> None:
+    for path in sorted(folder.glob("*/*.mcap")):
+        with AnyReader([path]) as reader:
+            for connection, _, raw in reader.messages():
+                reader.deserialize(raw, connection.msgtype)
+
+
+def mcap(folder: Path) -> None:
+    for path in sorted(folder.glob("*/*.mcap")):
+        with path.open("rb") as file:
+            for _ in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+                pass
+
+
+def seconds(calls: list[Call]) -> list[float]:
+    """Return the median time of each call; they take turns, so that a busy machine slows all alike."""
+    for call in calls:
+        call()
+    times: list[list[float]] = [[] for _ in calls]
+    for _ in range(REPEATS):
+        for call, own in zip(calls, times, strict=True):
+            start = time.perf_counter()
+            call()
+            own.append(time.perf_counter() - start)
+    return [statistics.median(own) for own in times]
+
+
+def size_mb(path: Path) -> float:
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    return sum(file.stat().st_size for file in files) / 1e6
+
+
+def main() -> None:
+    n = int(sys.argv[1]) if len(sys.argv) > 1 else 682
+    data = gid.synthesize(n_per_class=-(-n // 11))[:n]
+    few = data[: max(1, n // 10)]
+    print(f"{n} recordings of 1600 x 6 ({len(few)} where a file holds one), {REPEATS} repeats, medians")
+    print(
+        f"{'format':22} {'MB':>7} {'save s':>7} {'load s':>8} {'rec/s':>8}   beside: seconds (load / plain)"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        rows: list[tuple[str, Path, gid.Dataset, str | None, dict[str, Callable[[Path], None]]]] = [
+            ("npz", root / "x.npz", data, None, {"numpy.load": npz}),
+            ("npy", root / "x.npy", data, None, {"numpy.load": np.load}),
+            ("hdf5", root / "x.h5", data, None, {"h5py": hdf5}),
+            ("parquet", root / "parquet", data, "parquet", {"pyarrow": parquet}),
+            ("mat v7", root / "v7.mat", data, None, {"scipy.io.loadmat": scipy.io.loadmat}),
+            ("mat v6", root / "v6.mat", data, None, {"scipy.io.loadmat": scipy.io.loadmat}),
+            ("csv folder", root / "csv", few, "csv", {"numpy.loadtxt": loadtxt, "pandas.read_csv": read_csv}),
+            ("mcap folder", root / "mcap", few, "mcap", {"rosbags": rosbags, "mcap": mcap}),
+        ]
+        for name, path, chosen, form, peers in rows:
+            start = time.perf_counter()
+            if path.suffix == ".npy":
+                np.save(path, chosen.X)
+            elif path.suffix == ".mat":
+                fields = {"X": chosen.X, "y": chosen.y.tolist(), "rate_hz": 500.0}
+                scipy.io.savemat(path, fields, do_compression=name == "mat v7")
+            else:
+                save(chosen, path, form)
+            saved = time.perf_counter() - start
+            rate = {"rate_hz": 500.0} if path.suffix == ".npy" else {}
+            calls: list[Call] = [lambda path=path, rate=rate: gid.load(path, **rate)]
+            calls += [lambda peer=peer, path=path: peer(path) for peer in peers.values()]
+            ours, *theirs = seconds(calls)
+            beside = ", ".join(
+                f"{peer} {other:.4f} ({ours / other:.2f}x)" for peer, other in zip(peers, theirs, strict=True)
+            )
+            print(
+                f"{name:22} {size_mb(path):7.1f} {saved:7.2f} {ours:8.4f} {len(chosen) / ours:8.0f}   {beside}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
