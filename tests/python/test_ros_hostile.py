@@ -9,24 +9,35 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from bag_folder_attacks import FOLDER_ATTACKS, folder_of, metadata
 from granular_id.io import RecordingFileError, load, mcap_file
-from ros_attacks import (
-    BAG_ATTACKS,
-    DB3_ATTACKS,
-    FOLDER_ATTACKS,
-    MCAP_ATTACKS,
-    channel,
-    chunk,
-    database,
-    folder_of,
-    good,
-    insert,
-    mcap,
-    metadata,
-    schema,
-    whole_chunk,
+from mcap_attacks import MCAP_ATTACKS, channel, chunk, mcap, schema, whole_chunk
+from ros_attacks import BAG_ATTACKS, DB3_ATTACKS, database, insert
+from ros_cases import (
+    KINDS,
+    ROS1,
+    ROS2,
+    even_stamps,
+    one_topic,
+    payloads,
+    read,
+    samples,
+    write_bag1,
+    write_bag2,
+    write_kind,
+    write_mcap,
 )
-from ros_cases import KINDS, ROS2, even_stamps, payloads, read, samples, write_kind
+
+
+def good(folder, kind):
+    """Return a bag without a fault, as one file."""
+    if kind == "mcap":
+        return write_mcap(folder / "x.mcap", one_topic(ROS2, samples(), even_stamps()))
+    if kind == "bag":
+        return write_bag1(folder / "x.bag", one_topic(ROS1, samples(), even_stamps()))
+    path = write_bag2(folder / "x", one_topic(ROS2, samples(), even_stamps()))
+    return (path / "x.db3").rename(folder / "x.db3")
+
 
 ATTACKS = {
     f"{kind}: {name}": attack
