@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from granular_id._files import whole_file
 from granular_id.recording._values import checked_text, freeze, thaw
@@ -94,9 +94,7 @@ class StepReport:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
-        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
-        with whole_file(path) as draft:
-            draft.write_text(text + "\n", encoding="utf-8")
+        save_report(self, path)
 
     def __str__(self) -> str:
         given = {key: value for key, value in self.parameters.items() if value is not None}
@@ -108,6 +106,20 @@ class StepReport:
         if len(self.rows) > _PRINTED_ROWS:
             lines.append(f"  ... and {len(self.rows) - _PRINTED_ROWS} more recordings")
         return "\n".join(lines)
+
+
+class Saveable(Protocol):
+    """What has a text for people and one for programs."""
+
+    def to_json(self) -> str:
+        """Return all of it as JSON."""
+
+
+def save_report(report: Saveable, path: str | os.PathLike[str]) -> None:
+    """Write all of a report as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+    text = report.to_json() if Path(path).suffix.lower() == ".json" else str(report)
+    with whole_file(path) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")
 
 
 def text_totals(totals: Mapping[str, Any]) -> list[str]:

@@ -97,7 +97,7 @@ class _Leak:
     apart: list[str]  # labels that are given away; none: all are, more or less
 
     def weight(self) -> tuple[bool, float]:
-        return bool(self.apart), self.lift
+        return bool(self.apart), float(self.named.agreement.max()) if self.apart else self.lift
 
 
 def _report(code: str, leaks: Sequence[_Leak], recordings: Sequence[Recording]) -> Finding:

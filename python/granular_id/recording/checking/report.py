@@ -8,12 +8,11 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, overload
 
-from granular_id._files import whole_file
 from granular_id.recording.checking.finding import SEVERITIES, Finding, count, first_names
 from granular_id.recording.one import Recording
+from granular_id.recording.report import save_report
 
 State = Literal["ok", "warning", "error"]
 
@@ -161,9 +160,7 @@ class CheckReport(Sequence[Finding]):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
-        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
-        with whole_file(path) as draft:
-            draft.write_text(text + "\n", encoding="utf-8")
+        save_report(self, path)
 
 
 def _worst(findings: Sequence[Finding]) -> State:

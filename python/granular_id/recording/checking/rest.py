@@ -10,10 +10,7 @@ import numpy as np
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
-
-REST_S = 0.1
-"""Rest is looked for in the first tenth of a second, or up to the trigger where that comes earlier: the paper's
-recordings begin a fraction of a second before the motion."""
+from granular_id.recording.onset.find import REST_S
 
 FEWEST_SAMPLES = 5
 """Fewer samples within it give no level."""
@@ -41,6 +38,7 @@ class Rest:
 def rest_of(recording: Recording) -> Rest | None:
     """Measure the rest before the motion; None where the recording begins in motion or too late.
 
+    Rest is looked for in the first `REST_S` seconds, or up to the trigger where that comes earlier.
     The spreads of axes of one unit are compared together: weak axes are all noise.
     """
     until = REST_S
