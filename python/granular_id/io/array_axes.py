@@ -57,7 +57,7 @@ def recordings_samples_axes(
     """
     n_axes = len(known.axes)
     sensor = [i for i, length in enumerate(shape) if length == n_axes]
-    orders = [order for order in permutations(range(3)) if order[2] in sensor]
+    orders = [order for order in permutations(range(3), 3) if order[2] in sensor]
     for place, lengths in ((0, known.n_recordings), (1, known.n_samples)):
         fitting = [order for order in orders if shape[order[place]] in lengths]
         orders = fitting or orders
@@ -73,8 +73,8 @@ def recordings_samples_axes(
 
 
 def _by_convention(
-    shape: tuple[int, ...], orders: list[tuple[int, ...]], sensor: int
-) -> list[tuple[int, ...]]:
+    shape: tuple[int, ...], orders: list[tuple[int, int, int]], sensor: int
+) -> list[tuple[int, int, int]]:
     if sensor == 2:  # (recordings, samples, axes) is what everybody writes who puts the axes last
         return [order for order in orders if order == (0, 1, 2)]
     return [order for order in orders if shape[order[1]] >= _CLEARLY_LONGER * shape[order[0]]]
@@ -124,7 +124,7 @@ def cut_padding(block: FloatArray, axes: Collection[str], name: str, origin: Ori
     finite = np.isfinite(block)
     if finite.all():
         return list(block)
-    lengths = _padded_lengths(np.isnan(block).all(axis=2))
+    lengths = _padded_lengths(np.asarray(np.isnan(block).all(axis=2)))
     for i, length in enumerate(lengths.tolist()):
         refuse_gaps(block[i, :length], axes, name, origin, i)
     return [recording[:length] for recording, length in zip(block, lengths.tolist(), strict=True)]

@@ -176,7 +176,7 @@ class Search:
 
     def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Groups:
         if isinstance(node, Mapping):
-            inherited = {role: found for role, found in entries.items() if role == "class_names"}
+            inherited: Entries = {role: found for role, found in entries.items() if role == "class_names"}
             return self.level(node, name, known, inherited, depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)

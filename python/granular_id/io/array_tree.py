@@ -81,7 +81,7 @@ def n_values(node: Any) -> int | None:
         return len(node)
     if not is_leaf(node) or sum(n != 1 for n in node.shape) > 1:
         return None
-    return math.prod(node.shape)
+    return int(math.prod(node.shape))
 
 
 def numbers(node: Any) -> NDArray[Any] | None:

@@ -169,10 +169,10 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: b
 
 
 def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Recording]:
-    wrench = as_floats(flat.wrench, "wrench", "a real array of shape (N, C)")
+    wrench = as_floats(flat.wrench, "column wrench", "a real array of shape (N, C)")
     if wrench.ndim != 2 or not wrench.size:
         raise ValueError(
-            f"wrench has shape {wrench.shape}; wanted (N, C): the samples of all recordings, C axes"
+            f"column wrench has shape {wrench.shape}; wanted (N, C): the samples of all recordings, C axes"
         )
     axes = checked_axes(tuple(flat.axes), wrench.shape)
     lengths = checked_lengths(flat.n_samples, len(wrench))

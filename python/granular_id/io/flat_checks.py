@@ -61,7 +61,7 @@ def _refuse(
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
         index = ", ".join(map(str, first))
-        raise ValueError(f"{name}[{index}] ({place(first[0])}) is {values[first]}; wanted {wanted}")
+        raise ValueError(f"column {name}[{index}] ({place(first[0])}) is {values[first]}; wanted {wanted}")
 
 
 def checked_lengths(value: object, n_rows: int) -> NDArray[np.int64]:
@@ -69,14 +69,14 @@ def checked_lengths(value: object, n_rows: int) -> NDArray[np.int64]:
     lengths = _integers(value, "n_samples", None)
     if not lengths.size or len(lengths) > n_rows:
         raise ValueError(
-            f"n_samples has {lengths.size} values for {n_rows} samples; wanted one per recording"
+            f"column n_samples has {lengths.size} values for {n_rows} samples; wanted one per recording"
         )
     wrong = np.flatnonzero((lengths < 1) | (lengths > n_rows))
     if len(wrong):
-        raise ValueError(f"n_samples[{wrong[0]}] is {lengths[wrong[0]]}; wanted 1 to {n_rows}")
+        raise ValueError(f"column n_samples[{wrong[0]}] is {lengths[wrong[0]]}; wanted 1 to {n_rows}")
     total = sum(lengths.tolist())  # whole numbers of Python cannot overflow
     if total != n_rows:
-        raise ValueError(f"n_samples adds up to {total}, but wrench has {n_rows} samples")
+        raise ValueError(f"column n_samples adds up to {total}, but wrench has {n_rows} samples")
     return lengths
 
 
@@ -211,28 +211,28 @@ def _listed(values: object, name: str, n: int) -> Sequence[Any]:
 
 
 def _floats(value: object, name: str, n: int) -> FloatArray:
-    return _one_per(n, as_floats(value, name, f"a real array of shape ({n},)"), name)
+    return _one_per(n, as_floats(value, f"column {name}", f"a real array of shape ({n},)"), name)
 
 
 def _integers(value: object, name: str, n: int | None) -> NDArray[np.int64]:
     array = _whole(value, name)
     if array.ndim != 1:
-        raise ValueError(f"{name} has shape {array.shape}; wanted one number per recording")
+        raise ValueError(f"column {name} has shape {array.shape}; wanted one number per recording")
     if array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-        raise ValueError(f"{name} holds {array.max()}; wanted numbers of 64 bits with a sign")
+        raise ValueError(f"column {name} holds {array.max()}; wanted numbers of 64 bits with a sign")
     return (array if n is None else _one_per(n, array, name)).astype(np.int64)
 
 
 def _whole(value: object, name: str) -> NDArray[Any]:
     array = np.asarray(value)
     if array.dtype.kind not in "iu":
-        raise TypeError(f"{name} has dtype {array.dtype}; wanted whole numbers")
+        raise TypeError(f"column {name} has dtype {array.dtype}; wanted whole numbers")
     return array
 
 
 def _one_per(n: int, array: NDArray[Any], name: str) -> NDArray[Any]:
     if array.shape != (n,):
-        raise ValueError(f"{name} has shape {array.shape}; wanted ({n},)")
+        raise ValueError(f"column {name} has shape {array.shape}; wanted ({n},)")
     return array
 
 

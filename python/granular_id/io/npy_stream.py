@@ -102,7 +102,7 @@ def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str |
         The stream ends before they do.
     """
     values = np.empty(math.prod(header.shape), header.dtype)
-    buffer = memoryview(values.view(np.uint8)) if values.size else memoryview(bytearray())
+    buffer = values.view(np.uint8).data if values.size else memoryview(b"")
     done = 0
     while done < header.n_bytes:
         count = stream.readinto(buffer[done : done + _CHUNK_BYTES])  # type: ignore[attr-defined]
@@ -110,9 +110,9 @@ def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str |
             problem = f"is cut off: {done} of {header.n_bytes} bytes are there"
             raise RecordingFileError(path, problem, place=place)
         done += count
-    if header.fortran_order:
-        return values.reshape(header.shape[::-1]).transpose()
-    return values.reshape(header.shape)
+    shape = header.shape[::-1] if header.fortran_order else header.shape
+    array: NDArray[Any] = values.reshape(shape)
+    return array.transpose() if header.fortran_order else array
 
 
 def _short(shape: tuple[int, ...]) -> str:
