@@ -252,6 +252,16 @@ def test_text_and_other_files_in_place_of_hdf5(tmp_path):
             load(tmp_path / "x.h5")
 
 
+def test_an_attribute_with_a_name_that_is_no_text_means_nothing(tmp_path):
+    def write(file):
+        file["X"] = X
+        file.attrs["label"] = np.bytes_("rice")
+
+    path = other_file(tmp_path / "x.h5", write)
+    path.write_bytes(path.read_bytes().replace(b"label", b"lab\xffl"))
+    assert load(path, rate_hz=500)[0].label is None
+
+
 def test_complex_numbers_and_records_are_left_out_and_said(tmp_path):
     def write(file):
         file["X"], file["spectrum"] = X, np.ones((4, 30, 6), complex)

@@ -106,7 +106,9 @@ class Hdf5Tree:
             names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
         found: dict[str, Any] = {}
         for name in names:
-            if role_of(name) is None:
+            if (
+                not isinstance(name, str) or role_of(name) is None
+            ):  # h5py gives names that are no UTF-8 as bytes
                 continue
             try:
                 found[name] = self._file.attribute(item, name, place)
