@@ -17,7 +17,7 @@ _POWERS = (0, 1, 2)
 # Longest stretch that is fitted sample by sample; longer ones are averaged down to it.
 _MOST_POINTS = 400
 # How many rests to look back from where a change was found, and how many typical differences of windows are no move.
-_LOOK_BACK = 10
+_LOOK_BACK = 5
 _AT_LEVEL = 6.0
 # Half windows fitted after that. Synthetic pushes: with 2 the curve's bend is taken for its beginning (10 ms late),
 # with 6 it mostly is (12 ms late), with 3 the middle of all errors is 3 ms.

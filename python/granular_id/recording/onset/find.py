@@ -63,7 +63,7 @@ def find_onset(
     -------
     Onset
         ``index`` is None, and ``why`` says so in words, where the recording is too short, nothing changes or
-        it starts in motion.
+        it starts in motion already.
 
     Raises
     ------
@@ -78,10 +78,11 @@ def find_onset(
     >>> force = np.random.default_rng(0).normal(0, 0.02, (1600, 6))       # N, at rest
     >>> find_onset(force, rate_hz=500).why
     'no change stands out from the noise of the first 0.1 s'
-    >>> force[80:, 0] += 2 * (1 - np.exp(-np.arange(1520) / 15))          # motion from 0.16 s on
+    >>> load = 2 * (1 - np.exp(-np.arange(1520) / 15))                    # motion from 0.16 s on
+    >>> force[80:, [0, 4]] += np.outer(load, [1, 0.1])                    # N, N m
     >>> onset = find_onset(force, rate_hz=500)
     >>> onset.index, onset.axes
-    (80, ('fx',))
+    (79, ('fx', 'ty'))
     """
     samples = as_floats(wrench, "wrench", _WANTED)
     if samples.ndim != 2 or 0 in samples.shape:
@@ -223,7 +224,7 @@ def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: t
     if strayed[axis] > _STRAYED:
         distance = f"{found.wander[i, axis] * scale[axis]:.2g} {unit_of(axes[axis])}"
         return (
-            f"starts in motion, or drifts: {axes[axis]} strays by {distance}, but never faster than in the first "
-            f"{rest_s:g} s"
+            f"no abrupt change, though {axes[axis]} strays by {distance}: it starts in motion, drifts, or needs a "
+            "longer rest"
         )
     return f"no change stands out from the noise of the first {rest_s:g} s"
