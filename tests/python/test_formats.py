@@ -72,6 +72,14 @@ def test_from_format_to_format(tmp_path, first, second, pushes):
     assert [step.step for step in twice.history] == [*(step.step for step in pushes.history), "load", "load"]
 
 
+@pytest.mark.parametrize("name", ["hdf5", "npz", "parquet"])
+def test_a_stated_rate_that_is_not_the_files_is_refused(tmp_path, name, pushes):
+    path = save(pushes, place(tmp_path, name), name)
+    assert load(path, rate_hz=500) == pushes
+    with pytest.raises(RecordingFileError, match=r"500 Hz|does not fit the stamps"):
+        load(path, rate_hz=250)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_progress_and_what_is_returned(tmp_path, name, pushes):
     calls = []

@@ -36,7 +36,7 @@ def checked_dataset(dataset: object) -> Dataset:
 
 def history_json(dataset: Dataset) -> str:
     """Return the steps that made a data set as one JSON text."""
-    return json.dumps([step.to_dict() for step in dataset.history], ensure_ascii=False)
+    return json.dumps([step.to_dict() for step in dataset.history])
 
 
 @contextmanager
@@ -129,7 +129,7 @@ def _index_row(file: str, recording: Recording) -> list[str]:
         IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
         "" if recording.trigger_index is None else str(recording.trigger_index),
         recording.name,
-        json.dumps(thaw(recording.meta), ensure_ascii=False) if recording.meta else "",
+        json.dumps(thaw(recording.meta)) if recording.meta else "",
     ]
 
 

@@ -41,7 +41,8 @@ def load(
         ROS 1 and ROS 2 bags, MCAP, and the rows of GM10-ts.
     rate_hz : float, optional
         Rate of files that have no clock, Hz. Where there are stamps they must fit it (each within
-        half a step of its place), or the file is refused. A ``rate_hz`` in index.csv comes first.
+        half a step of its place), and so must a rate that the file states itself, or it is refused. A
+        ``rate_hz`` in index.csv comes first.
     on_error : {"raise", "skip"}
         What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``.
     on_time_error : {"raise", "repair"}
@@ -134,7 +135,7 @@ def _read_one(source: FileSource, options: LoadOptions) -> FileContent:
     known = format_of(source.path)
     if known is None:  # it has changed since it was found
         raise RecordingFileError(source.path, "is of no known format any more")
-    return completed(known.read(source, options), source)
+    return completed(known.read(source, options), source, options.rate_hz)
 
 
 def _skippable(problem: RecordingFileError) -> RecordingFileError:

@@ -76,15 +76,29 @@ class FileContent:
     history: Sequence[StepReport] = ()
 
 
-def completed(content: FileContent, source: FileSource) -> FileContent:
+def completed(content: FileContent, source: FileSource, rate_hz: float | None = None) -> FileContent:
     """Put onto the recordings of a file what is known about it from outside.
+
+    Parameters
+    ----------
+    content : FileContent
+    source : FileSource
+    rate_hz : float, optional
+        A rate stated for all files; that of the source comes first.
 
     Raises
     ------
     RecordingFileError
         A label or session from a folder's name that cannot be one, or a start time or trigger stated for a file of
-        many recordings.
+        many recordings, or a rate other than the file's own.
     """
+    stated = rate_hz if source.rate_hz is None else source.rate_hz
+    other = next(
+        (r for r in content.recordings if r.rate_hz is not None and stated not in (None, r.rate_hz)), None
+    )
+    if other is not None:
+        problem = f"recording {other.name!r} was sampled at {other.rate_hz:g} Hz, but a rate of {stated:g} Hz is stated"
+        raise RecordingFileError(source.path, f"{problem}; leave it out, then call .resample(rate_hz)")
     if len(content.recordings) > 1 and (source.start_time is not None or source.trigger_index is not None):
         problem = (
             f"start_time and trigger_index are stated for a file of {len(content.recordings)} recordings"
