@@ -40,7 +40,7 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     }
     assert dashes["push $_5"] == {"--"}
     assert dashes["push $_0"] == {"-."}
-    assert dashes[titles[-2]] == {"-"}
+    assert dashes[titles[1]] == {"-"}
     assert dashes["push $_6, no onset:\nnone, as stated"] == set()
 
 
