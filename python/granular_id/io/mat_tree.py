@@ -17,6 +17,9 @@ MAX_DEPTH = 32
 MAX_PARTS = 50_000
 """Cells, fields and variables in one file: 1,000 recordings with 50 fields each, read within a second."""
 
+VARIABLE_PARTS = 5
+"""A variable takes the time of five cells."""
+
 MAX_DIMENSIONS = 32
 """As numpy 1.26 has it."""
 

@@ -15,6 +15,7 @@ from granular_id.io.mat_tree import (
     LEFT_OUT,
     MAX_NAME,
     SPARSE,
+    VARIABLE_PARTS,
     MatReading,
     name_of,
     text_of,
@@ -31,7 +32,7 @@ def read_v4(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
     at = 0
     while at < reading.n_bytes:
         place = f"variable {len(variables) + 1}, byte {at}"
-        reading.count(1, place)
+        reading.count(VARIABLE_PARTS, place)
         file.seek(at)
         header = file.read(_HEADER_BYTES)
         if len(header) < _HEADER_BYTES:
@@ -62,7 +63,7 @@ def read_v4(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
             reading.spend(max(0, 8 * count - size), place)
             flat = np.frombuffer(file.read(size), stored).astype(stored.newbyteorder("="), copy=False)
             if kind == _TEXT:
-                reading.count(rows, place)
+                reading.count(max(rows - 1, 0), place)
                 value = text_of(_codes(flat, reading, place), (rows, columns))
             else:
                 value = flat.reshape((rows, columns), order="F")

@@ -9,11 +9,12 @@ import struct
 import zlib
 from typing import Any, BinaryIO, Literal
 
-from granular_id.io.mat_tree import LEFT_OUT, MatReading
+from granular_id.io.mat_tree import LEFT_OUT, VARIABLE_PARTS, MatReading
 from granular_id.io.mat_v5_matrix import COMPRESSED, MATRIX, MatrixReader
 
 HEADER_BYTES = 128
 _PIECE_BYTES = 1 << 18
+_STEP_BYTES = 1 << 20  # unpacked at a time, so that nothing large is there twice
 _MOST_PER_BYTE = 1032
 """No deflate stream gives more bytes for one of its own."""
 
@@ -43,7 +44,7 @@ def read_v5(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
     at = HEADER_BYTES
     while at < reading.n_bytes:
         place = f"variable {len(variables) + 1}, byte {at}"
-        reading.count(1, place)
+        reading.count(VARIABLE_PARTS, place)
         file.seek(at)
         tag = file.read(8)
         if len(tag) < 8:
@@ -115,7 +116,7 @@ class _Inflater:
         taken = bytearray(size)
         filled = 0
         while filled < size:
-            new, came = self._step(size - filled)
+            new, came = self._step(min(size - filled, _STEP_BYTES))
             if not new and not came:
                 problem = f"the compressed array ends after {filled} of {size} bytes"
                 raise self._reading.fault(self._place, problem)

@@ -191,7 +191,7 @@ class MatrixReader:
     def _text(self, at: int, end: int, dims: tuple[int, ...], count: int, place: str) -> str | list[str]:
         if not count:
             return ""
-        self._reading.count(dims[0], place)
+        self._reading.count(dims[0] - 1, place)
         kind, start, size, _ = self._tag(at, end, place)
         stored = self._stored_text.get(kind)
         if stored is None:

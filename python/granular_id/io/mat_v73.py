@@ -20,6 +20,7 @@ from granular_id.io.mat_tree import (
     MAX_DIMENSIONS,
     MAX_NAME,
     SPARSE,
+    VARIABLE_PARTS,
     MatReading,
     holds,
     in_class,
@@ -35,6 +36,12 @@ _NUMBERS: dict[str, np.dtype[Any]] = {
 }
 _DECODED = "MATLAB_object_decode"  # beside int_decode: the values stand for an object kept elsewhere
 
+_OBJECT_BYTES = 64
+"""What anything that a reference leads to takes in the file, at least."""
+
+_SHARED = 1000
+"""References that may lead to what others lead to: MATLAB keeps one empty array for all."""
+
 
 def read_v73(reading: MatReading) -> dict[str, Any]:
     """Read all variables of a version 7.3 file, as `read_v5` does."""
@@ -45,6 +52,7 @@ def read_v73(reading: MatReading) -> dict[str, Any]:
             if name.startswith("#"):  # where MATLAB keeps the contents of cells and objects
                 continue
             place = f"variable {name[:MAX_NAME]}"
+            reading.count(VARIABLE_PARTS - 1, place)
             value = walk.value(file.member(file.root, name, place), place, 0)
             if value is not LEFT_OUT:
                 variables[name] = value
@@ -57,6 +65,7 @@ class _Walk:
     def __init__(self, file: GuardedFile, reading: MatReading) -> None:
         self._file = file
         self._reading = reading
+        self._n_references = 0
         self._known: dict[Any, Any] = {}  # by address: what two references share is read once
 
     def value(self, item: Any, place: str, depth: int) -> Any:
@@ -105,7 +114,7 @@ class _Walk:
         if not wanted:
             raise self._reading.fault(place, f"is called {class_name}, but holds {dtype}")
         if is_text:
-            self._reading.count(dims[0], place)
+            self._reading.count(max(dims[0] - 1, 0), place)
             return text_of(self._file.values(item, place).ravel(), dims)
         return in_class(self._file.values(item, place), _NUMBERS[class_name]).reshape(dims[::-1]).T
 
@@ -174,7 +183,12 @@ class _Walk:
             dtype, dims = item.id.dtype, _dims(item)
         if not self._file.is_reference(dtype):
             raise self._reading.fault(place, f"is called a cell, but holds {dtype}")
-        self._reading.count(self._reading.checked_dims(dims, place), place)
+        n_references = self._reading.checked_dims(dims, place)
+        self._reading.count(n_references, place)
+        self._n_references += n_references
+        if self._n_references > _SHARED + self._reading.n_bytes // _OBJECT_BYTES:
+            problem = f"{self._n_references} values in a file of {self._reading.n_bytes} bytes"
+            raise self._reading.fault(place, f"{problem}: most are the same few, which recordings are not")
         return list(self._file.values(item, place).ravel())
 
     def _target(self, reference: Any, place: str, depth: int) -> Any:
