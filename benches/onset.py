@@ -7,9 +7,10 @@ The second puts synthetic pushes of the paper's materials behind leads of 0.1 to
 
 ``python benches/onset.py [recordings per noise] [seed]`` prints rates with 95 % intervals (Wilson) and delays in ms.
 
-With 2,000 recordings and seed 0: of 80,000 recordings without motion 0.0009 [0.0007, 0.0011] get an onset at a nominal
-rate of 0.05, and 1 at 0.001; the worst noise at 0.05 is filtered and the same on all axes at 100 Hz, 0.009. Onsets at 500 Hz
-and rest_s = 0.1 are 1 to 7 ms late (5 to 95 %), 14 ms at worst, whatever the lead; 1000 recordings take 0.74 CPU seconds.
+With 2,000 recordings and seed 0: of 80,000 recordings without motion 0.0009 [0.0007, 0.0011] get an onset at a
+nominal rate of 0.05, and 1 at 0.001; the worst noise at 0.05 is filtered and the same on all axes at 100 Hz, 0.009.
+Onsets at 500 Hz and rest_s = 0.1 are 1 to 7 ms late (5 to 95 %), 14 ms at worst, whatever the lead; 1000 recordings
+take 0.74 CPU seconds.
 """
 
 from __future__ import annotations
