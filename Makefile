@@ -12,7 +12,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign fuzz bench-formats wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
@@ -22,7 +22,10 @@ help:
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
-	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind (minutes)"
+	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
+	@echo "                100,000 damaged CSV files, 20,000 damaged Parquet archives (minutes)"
+	@echo "make fuzz       the CSV parser of the core against a slow twin, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
+	@echo "make bench-formats    read speed of every format beside the plain call of its library"
 	@echo "make wheel      build a wheel into ./dist"
 
 toolchain:
@@ -54,6 +57,7 @@ test: lint rust-test python-test
 
 lint: $(TOOLS)
 	cargo fmt --check
+	cargo fmt --check --manifest-path tests/fuzz/Cargo.toml
 	cargo clippy --quiet --all-targets -- -D warnings
 	cargo clippy --quiet --all-targets --features python -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
@@ -82,6 +86,9 @@ bench-peers: $(BENCH_TOOLS)
 bench-ecoc: $(PACKAGE)
 	$(BIN)/python benches/ecoc.py
 
+bench-formats: $(TOOLS)
+	$(BIN)/python benches/formats.py
+
 bench-table: $(PACKAGE)
 	$(BIN)/python benches/table.py
 
@@ -98,6 +105,16 @@ campaign: $(TOOLS)
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/test_features.py -k campaign -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/test_fork.py
+	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_csv_fuzz.py -k campaign -s
+	GRANULAR_ID_CASES=20000 $(BIN)/python -m pytest tests/python/test_parquet_bad_files.py -k campaign -s
+
+FUZZ_RUNS ?= 200000
+
+# cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
+fuzz: $(TOOLS)
+	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }
+	$(BIN)/python tests/fuzz/seeds.py
+	RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz number_table -- -runs=$(FUZZ_RUNS) -max_len=512 -dict=tests/fuzz/number_table.dict
 
 wheel: | toolchain $(BIN)/python
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .

@@ -25,6 +25,7 @@ OPTIONS = {
     "topic": "--topic",
     "lead_s": "--lead-s",
     "sensor_range": "--sensor-range",
+    "false_alarm_rate": "--false-alarm-rate",
     "max_gap_s": "--max-gap-s",
     "on_gap": "--on-gap",
     "on_short": "--on-short",

@@ -26,6 +26,8 @@ Examples:
 `granular-id data check recordings`
 
 `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
+
+`granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
 """
 
 OUTPUT, SENSOR = "Output", "Sensor"
@@ -39,8 +41,12 @@ def check(
     *,
     sensor_range: Annotated[
         str | None,
-        option("--sensor-range", SENSOR, "Largest values of the axes, or a sensor's name."),
+        option("--sensor-range", SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."),
     ] = None,
+    false_alarm_rate: Annotated[
+        float,
+        option("--false-alarm-rate", SENSOR, "Chance that a sound data set shows an outlier or a leak."),
+    ] = 0.01,
     strict: Annotated[bool, option("--strict", OUTPUT, "Exit with 3 for warnings too.")] = False,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write findings and verdicts.")] = None,
 ) -> None:
@@ -48,9 +54,10 @@ def check(
     check_targets(json)
     limits = _range_of(sensor_range)
     data = reading.load(quiet=False)
-    report = data.check(sensor_range=limits)
+    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate)
     console = Console(highlight=False)
-    console.print(f"\n{report}", soft_wrap=True, markup=False)
+    console.print()
+    console.print(report.text(width=min(console.width, 100)), soft_wrap=True, markup=False)
     if json is not None:
         report.save(json)
         say_written(console, [json], None)
@@ -58,15 +65,18 @@ def check(
         raise typer.Exit(FOUND_ERRORS)
 
 
-def _range_of(text: str | None) -> str | list[float] | None:
-    if text is None or not any(character == "," for character in text):
-        return text
+def _range_of(text: str | None) -> str | float | list[float] | None:
+    """Read ``--sensor-range``: a name, one number, or a number per axis."""
+    if text is None:
+        return None
     try:
-        return [float(part) for part in text.split(",")]
+        numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        raise ValueError(
-            f"--sensor-range must be a number per axis, such as 145,145,290,5,5,5, or a name, got {text!r}"
-        ) from None
+        if "," in text:
+            wanted = "a number, one per axis such as 145,145,290,5,5,5, or the name of a sensor"
+            raise ValueError(f"--sensor-range must be {wanted}, got {text!r}") from None
+        return text
+    return numbers if len(numbers) > 1 else numbers[0]
 
 
 check.__doc__ = TEXT
