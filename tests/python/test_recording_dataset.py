@@ -248,7 +248,7 @@ def test_align_refuses(mixed, how, message):
 
 
 def test_align_refuses_missing_triggers_and_rates():
-    with pytest.raises(ValueError, match="1 recordings have no trigger_index, the first is 'r0'"):
+    with pytest.raises(ValueError, match="1 recordings have no trigger_index: 'r0'; call"):
         Dataset([recording()]).align(3, trigger="recorded")
     with pytest.raises(ValueError, match=r"\.resample\(rate_hz\)"):
         Dataset([recording(3, rate_hz=None, time_s=[0, 1, 3])]).align(2)

@@ -81,7 +81,7 @@ def align_recordings(
         "trigger": trigger if trigger is None or isinstance(trigger, str) else "given",
         "lead_s": lead_s,
         "on_short": on_short,
-        "on_missing": on_missing,
+        "on_missing": on_missing if isinstance(trigger, str) else None,
     }
     return cropped, StepReport("align", parameters, totals, rows)
 
