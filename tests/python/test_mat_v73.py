@@ -292,3 +292,20 @@ def test_a_missing_h5py_says_what_to_install(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(ImportError, match=r"h5py is needed to read \.mat files of version 7\.3: pip install"):
         load(GOLDEN / "ragged_cell_v73.mat")
+
+
+def test_a_damaged_file_is_closed_so_that_a_good_one_at_its_place_is_read(tmp_path: Path) -> None:
+    good = (GOLDEN / "ragged_cell_v73.mat").read_bytes()
+    path = tmp_path / "x.mat"
+    refused = 0
+    for at in range(512, 720):  # the header of the file and of its root group
+        damaged = bytearray(good)
+        damaged[at] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            load(path)
+        except RecordingFileError:
+            refused += 1
+        path.write_bytes(good)  # the same file to the operating system
+        assert len(load(path)) == 3
+    assert refused > 50

@@ -73,7 +73,11 @@ class GuardedFile:
         with translated(expansion, "header"):
             # a lock would make files on read-only and network drives unreadable; nothing is written
             self._file = self._h5.File(expansion.path, "r", locking=False)
-            self.root = self._file["/"]
+            try:
+                self.root = self._file["/"]
+            except BaseException:
+                self._file.close()  # left open, the library would take any later file at this place for the same
+                raise
 
     def __enter__(self) -> GuardedFile:
         return self
