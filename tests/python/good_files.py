@@ -1,0 +1,159 @@
+"""A good file of every format that is read, made by the library that the format's users have."""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import h5py
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import scipy.io
+
+from granular_id.io import save
+from granular_id.recording import AXES, Dataset, Recording
+from ros_cases import even_stamps, write_kind
+
+N_SAMPLES = 40
+RATE_HZ = 500.0
+WRENCH = np.round(np.random.default_rng(3).normal(size=(N_SAMPLES, 6)), 3)
+TIMES = np.arange(N_SAMPLES) / RATE_HZ
+TREE = {"wrench": WRENCH, "time": TIMES}
+TABLE = {"time": TIMES, **dict(zip(AXES, WRENCH.T, strict=True))}
+
+BAGS = {
+    "ros1": "bag1 None",
+    "ros2": "bag2 sqlite None v9",
+    "ros2 mcap": "bag2 mcap STORAGE v9",
+    "mcap of others": "mcap LZ4",
+}
+PATHS = {
+    "csv": "good.csv",
+    "gm10": "good.csv",
+    "npy": "good.npy",
+    "npz": "good.npz",
+    "npz of others": "good.npz",
+    "mat v4": "good.mat",
+    "mat v5": "good.mat",
+    "mat v7": "good.mat",
+    "mat v7.3": "good.mat",
+    "hdf5": "good.h5",
+    "hdf5 of others": "good.hdf5",
+    "parquet": "good.parquet",
+    "archive": "good",
+    "mcap": "good.mcap",
+    "mcap of others": "x.mcap",
+    "ros1": "x.bag",
+    "db3": "x.db3",
+    "ros2": "x",
+    "ros2 mcap": "x",
+}
+"""What `write_good` makes of each kind; those without an ending are folders."""
+
+
+def dataset() -> Dataset:
+    """A data set with everything that a format may hold."""
+    common = {"label": "rice", "session": "s1", "start_time": 1.7e9, "meta": {"tool": "cylinder"}}
+    uneven = np.concatenate([[0.0], np.cumsum(1 + np.arange(N_SAMPLES - 1) % 3) * 0.01])
+    return Dataset(
+        [
+            Recording(WRENCH, rate_hz=RATE_HZ, trigger_index=5, name="a", **common),
+            Recording(WRENCH * 2, time_s=uneven, name="b", flags=np.ones(N_SAMPLES, np.uint8), **common),
+        ]
+    )
+
+
+def write_good(kind: str, folder: Path) -> Path:
+    """Write a good file of one of the kinds in `PATHS` into a folder; it is made once and copied."""
+    for name, data in _good(kind).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return folder / PATHS[kind]
+
+
+@cache
+def _good(kind: str) -> dict[str, bytes]:
+    with TemporaryDirectory() as folder:
+        _make(kind, Path(folder))
+        paths = [path for path in Path(folder).rglob("*") if path.is_file()]
+        return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def _make(kind: str, folder: Path) -> Path:
+    path = folder / PATHS[kind]
+    if kind in BAGS:
+        return write_kind(BAGS[kind], folder, WRENCH, even_stamps(N_SAMPLES))
+    if kind == "db3":
+        bag = write_kind(BAGS["ros2"], folder, WRENCH, even_stamps(N_SAMPLES))
+        (bag / "x.db3").rename(path)
+        (bag / "metadata.yaml").unlink()
+        bag.rmdir()
+        return path
+    if kind in ("npz", "hdf5", "archive"):
+        return save(dataset(), path, format="parquet" if kind == "archive" else None)
+    if kind == "mcap":
+        return save(Dataset([dataset()[0]]), path)
+    _OTHERS[kind](path)
+    return path
+
+
+def write_table(path: Path, columns: dict[str, object] = TABLE) -> None:
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(columns)
+        rows.writerows(np.column_stack(list(columns.values())).tolist())
+
+
+def write_gm10(path: Path) -> None:
+    rows = [[i, *TIMES, *WRENCH[:, i]] for i in range(3)]
+    path.write_text("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
+
+
+def write_parquet(path: Path, columns: dict[str, object] = TABLE, **options: object) -> None:
+    pyarrow.parquet.write_table(pyarrow.table(columns), path, **options)
+
+
+def write_npz(path: Path, tree: dict[str, object] = TREE) -> None:
+    np.savez(path, **tree)
+
+
+def write_hdf5(path: Path, tree: dict[str, object] = TREE) -> None:
+    with h5py.File(path, "w") as file:
+        for name, value in tree.items():
+            file[name] = value
+
+
+def write_mat(path: Path, tree: dict[str, object] = TREE, *, packed: bool = True, version: str = "5") -> None:
+    scipy.io.savemat(path, tree, do_compression=packed and version == "5", format=version)
+
+
+def write_mat73(path: Path, tree: dict[str, object] = TREE) -> None:
+    """Write what MATLAB does: its header, then HDF5 with transposed arrays that name their class."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in tree.items():
+            array = np.atleast_2d(np.asarray(value))
+            file[name] = array.T
+            kind = b"double" if array.dtype == float else str(array.dtype).encode()
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+    with path.open("r+b") as file:
+        head = (
+            b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan 01 00:00:00 2024 HDF5 schema 1.00 ."
+        )
+        file.write(head.ljust(124) + b"\0\2IM")
+
+
+_OTHERS = {
+    "csv": write_table,
+    "gm10": write_gm10,
+    "npy": lambda path: np.save(path, WRENCH),
+    "npz of others": write_npz,
+    "hdf5 of others": write_hdf5,
+    "parquet": write_parquet,
+    "mat v4": lambda path: write_mat(path, version="4"),
+    "mat v5": lambda path: write_mat(path, packed=False),
+    "mat v7": write_mat,
+    "mat v7.3": write_mat73,
+}
