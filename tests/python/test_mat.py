@@ -190,7 +190,7 @@ _values = st.recursive(
 )
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(_names, _values, min_size=1, max_size=4), st.booleans())
 def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path: Path, tree: dict, compress: bool) -> None:
     path = tmp_path / "x.mat"
