@@ -176,3 +176,21 @@ def test_evaluate_takes_a_single_file(pushes):
         "evaluate", pushes, "--train", 2, "--test", 1, "--partitions", 2, "--spaces", "raw", "--quiet"
     )
     assert "raw" in out
+
+
+def test_onsets_can_be_overruled(pushes, tmp_path):
+    out = ended_well(
+        "data", "convert", pushes, tmp_path / "x.npz", "--begin-at", "onset", "--n-samples", 500,
+        "--onset-at", "rice_00=0.5", "--onset-at", "rice_01=none", "--on-short", "skip",
+    )  # fmt: skip
+    assert "rice_01" in out
+    data = load(tmp_path / "x.npz")
+    assert "rice_01" not in data.names
+    source = load(pushes)
+    assert np.array_equal(
+        data[data.names.index("rice_00")].wrench, source[source.names.index("rice_00")].wrench[250:750]
+    )
+    plot = ("data", "plot", pushes, "-o", tmp_path / "x.png", "--what", "onset", "--onset-at")
+    assert "--onset-at must be NAME=SECONDS or NAME=none, got 'rice'" in refused(*plot, "rice")
+    assert "names 'a' twice" in refused(*plot, "a=1", "--onset-at", "a=2")
+    assert "--onset-at: no recording is called 'rice_0'; did you mean" in run(*plot, "rice_0=1").stderr

@@ -24,6 +24,8 @@ OPTIONS = {
     "format": "--to",
     "topic": "--topic",
     "lead_s": "--lead-s",
+    "rest_s": "--rest-s",
+    "overrule": "--onset-at",
     "sensor_range": "--sensor-range",
     "false_alarm_rate": "--false-alarm-rate",
     "max_gap_s": "--max-gap-s",
@@ -114,7 +116,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         if "_" in name:
             one_line = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, one_line)
         else:  # also an everyday word: an argument only where a message begins with it
-            one_line = re.sub(rf"^{name}(?= must )", option, one_line)
+            one_line = re.sub(rf"^{name}(?= must |: )", option, one_line)
     return one_line
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from granular_id.cli.sentences import excluded_text, skipped_text
@@ -12,7 +12,7 @@ from granular_id.cli.sentences import excluded_text, skipped_text
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport
 
-__all__ = ["Preparation", "prepare", "refuse_unequal"]
+__all__ = ["Preparation", "prepare", "refuse_unequal", "with_onsets"]
 
 Choice = Literal["raise", "skip"]
 
@@ -31,6 +31,10 @@ class Preparation:
         Where cropping begins: the first sample, the stored trigger, the onset of motion found in the forces.
     lead_s : float
         Seconds kept ahead of trigger or onset.
+    rest_s : float
+        Rest at the start from which an onset is judged, s.
+    onset_at : mapping
+        Onsets stated by the user, s from the first sample, by name of the recording; None: it has none.
     duration_s, n_samples : float or None, int, "shortest" or None
         Common length to crop to; at most one of the two.
     exclude : sequence of str
@@ -45,6 +49,8 @@ class Preparation:
     n_samples: int | Literal["shortest"] | None
     begin_at: Literal["first", "trigger", "onset"] = "first"
     lead_s: float = 0.0
+    rest_s: float = 0.1
+    onset_at: Mapping[str, float | None] = field(default_factory=dict)
     exclude: Sequence[str] = ()
     on_gap: Choice = "raise"
     on_short: Choice = "raise"
@@ -84,8 +90,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
         limit = None if math.isinf(wanted.max_gap_s) else wanted.max_gap_s
         data = _told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
     if wanted.begin_at == "onset":
-        _refuse_unequal_rates(data)
-        data = _told(data.find_onsets(replace=True), say)
+        data = _told(with_onsets(data, wanted), say)
     if wanted.duration_s is not None or wanted.n_samples is not None:
         _refuse_unequal_rates(data)
         aligned = data.align(
@@ -98,6 +103,12 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
         )
         data = _told(aligned, say)
     return data
+
+
+def with_onsets(data: Dataset, wanted: Preparation) -> Dataset:
+    """Find the onsets of recordings that share a rate, as asked; triggers that were stored give way."""
+    _refuse_unequal_rates(data)
+    return data.find_onsets(rest_s=wanted.rest_s, overrule=wanted.onset_at or None, replace=True)
 
 
 def refuse_unequal(data: Dataset) -> None:

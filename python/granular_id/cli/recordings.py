@@ -10,7 +10,7 @@ from rich.console import Console
 from granular_id.cli.groups import option
 from granular_id.cli.prepare import Preparation, prepare, refuse_unequal
 from granular_id.cli.reading import PANEL, Handling, Reading
-from granular_id.cli.settings import length_of, names_in, positive
+from granular_id.cli.settings import length_of, names_in, onsets_in, positive
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -52,6 +52,13 @@ class Steps:
         lead_s: Annotated[
             float, option("--lead-s", PANEL, "Seconds to keep ahead of trigger or onset.")
         ] = 0.0,
+        rest_s: Annotated[
+            float, option("--rest-s", PANEL, "Rest at the start from which the onset is judged.")
+        ] = 0.1,
+        onset_at: Annotated[
+            list[str] | None,
+            option("--onset-at", PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."),
+        ] = None,
         duration_s: Annotated[
             float | None, option("--duration-s", PANEL, "Keep this many seconds from there on.")
         ] = None,
@@ -82,11 +89,14 @@ class Steps:
         for name, value in (("--rate-hz", rate_hz), ("--duration-s", duration_s)):
             positive(name, value)
         positive("--max-gap-s", max_gap_s, infinite=True)
+        positive("--rest-s", rest_s)
         self.preparation = Preparation(
             rate_hz=rate_hz,
             max_gap_s=max_gap_s,
             begin_at=begin_at.value,
             lead_s=lead_s,
+            rest_s=rest_s,
+            onset_at=onsets_in(onset_at or []),
             duration_s=duration_s,
             n_samples=length_of(n_samples),
             exclude=names_in(exclude),

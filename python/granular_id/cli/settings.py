@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "length_of",
     "method_fits",
     "names_in",
+    "onsets_in",
     "positive",
 ]
 
@@ -46,6 +48,23 @@ def length_of(text: str | None) -> int | Literal["shortest"] | None:
         raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
     at_least("--n-samples", length, 1)
     return length
+
+
+def onsets_in(texts: Sequence[str]) -> dict[str, float | None]:
+    """Read ``--onset-at``: NAME=SECONDS, or NAME=none for a recording without an onset."""
+    onsets: dict[str, float | None] = {}
+    for text in texts:
+        name, _, value = text.rpartition("=")
+        try:
+            seconds = None if value == "none" else float(value)
+        except ValueError:
+            name = ""
+        if not name:
+            raise ValueError(f"--onset-at must be NAME=SECONDS or NAME=none, got {text!r}")
+        if name in onsets:
+            raise ValueError(f"--onset-at names {name!r} twice")
+        onsets[name] = seconds
+    return onsets
 
 
 def bin_range_of(text: str) -> Literal["auto"] | tuple[float, float]:

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
+from granular_id.cli.prepare import with_onsets
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps
 from granular_id.cli.session import check_targets, say_written
@@ -70,9 +71,9 @@ def plot(
     if what is What.mean:
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
     elif what is What.onset:
-        data = data.find_onsets(replace=True)
+        data = with_onsets(data, steps.preparation)
         Console(highlight=False).print(str(data.history[-1]), soft_wrap=True, markup=False)
-        plotting.plot_onsets(data, output, n=n or 10)
+        plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.preparation.rest_s)
     else:
         plotting.plot_recordings(data, output, axes=chosen or None, n=n or 5)
     say_written(Console(highlight=False), [output], None)
