@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from granular_id.io import RecordingFileError, load
 from granular_id.io.mat import read_variables
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
@@ -71,3 +74,16 @@ def nest(depth: int) -> bytes:
     for _ in range(depth):
         inner = head(CELL, (1, 1)) + element(MATRIX, inner)
     return element(MATRIX, inner)
+
+
+def assert_refused(path: Path, message: str, most_bytes: int) -> None:
+    """Loading ends in one error that names the file, without more memory than that."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingFileError, match=message) as caught:
+            load(path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert str(caught.value).startswith(str(path))
+    assert peak < most_bytes
