@@ -14,9 +14,11 @@ import pyarrow
 import pyarrow.parquet
 
 import good_files as good
-from bad_contents import HISTORIES
+import mcap_attacks as mcap
+from bad_contents import HISTORIES, MANY
 from bad_files import GIB, ODD_PLACES, BadCase, outside, write_good, written
 from good_files import TABLE, WRENCH
+from granular_id.recording import AXES
 from mat_cases import COMPRESSED, DOUBLE, DOUBLES, FUNCTION, MATRIX, OPAQUE, element, head, mat
 
 MIB = 1 << 20
@@ -157,8 +159,10 @@ HDF5S: dict[str, Callable[[h5py.File], object]] = {
     "a name that is no text": lambda file: file.create_dataset(b"\xff\xfe", data=WRENCH[:2]),
 }
 
+OWN_META = f'{{"a":[{MANY}]}}\n{{}}'
 OWN_HDF5 = {
     **{f"history {what}": {"history": text} for what, text in HISTORIES.items()},
+    "meta of millions of objects": {"recordings/meta": OWN_META},
     "meta nested 100,000 deep": {"recordings/meta": "[" * 100_000},
     "meta of one line": {"recordings/meta": "{}"},
     "lengths that do not add up": {"recordings/n_samples": np.array([40, 41])},
@@ -184,6 +188,23 @@ def _own_hdf5(changes: dict[str, object], folder: Path) -> Path:
             )
             file[name].attrs.update(attributes)
     return path
+
+
+def _packed_npz(name: str, text: str, folder: Path) -> Path:
+    """Write a good archive with another text, packed: megabytes of it become kilobytes."""
+    path = write_good("npz", folder)
+    with np.load(path) as archive:
+        arrays = {**archive, name: np.frombuffer(text.encode(), np.uint8)}
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+def _described_mcap(text: str, folder: Path) -> Path:
+    """Write three messages and a description of them with this history."""
+    entries = {"version": "1", "n_samples": "3", "rate_hz": "500", "axes": " ".join(AXES), "history": text}
+    listed = b"".join(mcap.text(key) + mcap.text(value) for key, value in entries.items())
+    body = mcap.text("granular_id") + struct.pack("<I", len(listed)) + listed
+    return mcap.mcap(folder, mcap.chunk(mcap.whole_chunk()), mcap.record(mcap.METADATA, body))
 
 
 # -- Parquet
@@ -268,5 +289,9 @@ def container_cases() -> Iterator[tuple[str, BadCase]]:
         yield f"hdf5: {what}", BadCase("hdf5 of others", partial(_hdf5, fill))
     for what, changes in OWN_HDF5.items():
         yield f"own hdf5: {what}", BadCase("hdf5", partial(_own_hdf5, changes))
+    for what, text in HISTORIES.items():
+        yield f"own npz: history {what}", BadCase("npz", partial(_packed_npz, "history", text))
+        yield f"own mcap: history {what}", BadCase("mcap", partial(_described_mcap, text))
+    yield "own npz: meta of millions of objects", BadCase("npz", partial(_packed_npz, "meta", OWN_META))
     for what, make in PARQUETS.items():
         yield f"parquet: {what}", BadCase("parquet", partial(_parquet, make))

@@ -187,6 +187,8 @@ def _text(text: str, folder: Path) -> Path:
 
 
 DEEP = "[" * 100_000
+STEP = {"step": "load", "parameters": {}, "totals": {}, "rows": [], "notes": []}
+MANY = "{}," * 2_600_000 + "{}"
 HISTORIES = {
     "is empty": "",
     "is cut off": '[{"step": "load"',
@@ -196,10 +198,12 @@ HISTORIES = {
     "lists what is no step": '[{"a": 1}]',
     "is nested 100,000 deep": DEEP,
     "is nested 100,000 deep in objects": '{"a":' * 100_000,
-    "has NaN": json.dumps(
-        [{"step": "load", "parameters": {"a": float("nan")}, "totals": {}, "rows": [], "notes": []}]
-    ),
+    "has NaN": json.dumps([{**STEP, "parameters": {"a": float("nan")}}]),
     "has a number of 100,000 digits": "[" + "1" * 100_000 + "]",
+    "has millions of empty rows": json.dumps([{**STEP, "rows": []}]).replace("[]", f"[{MANY}]", 1),
+    "has millions of numbers": json.dumps([{**STEP, "rows": [{"a": [1]}]}]).replace(
+        "[1]", "[" + "1," * 3_900_000 + "1]"
+    ),
     "is not UTF-8": '["\xff\xfe"]',
     "is binary": "\0" * 99,
 }

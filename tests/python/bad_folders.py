@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 
-from bad_contents import HISTORIES
+from bad_contents import HISTORIES, MANY
 from bad_files import MAGIC, ODD_PLACES, BadCase, outside
 from good_files import PATHS, write_good
 from test_csv_bad_index import BAD_INDEX
@@ -50,6 +50,7 @@ INDEX_LINES = {
     "itself, by a link": b"file,label\nloop/good.csv,rice\n",
     "meta nested 100,000 deep": b'file,meta\ngood.csv,"' + b"[" * 100_000 + b'"\n',
     "meta with a number of 100,000 digits": b'file,meta\ngood.csv,"[' + b"1" * 100_000 + b']"\n',
+    "meta of millions of objects": b'file,meta\ngood.csv,"{""a"":[' + MANY.encode() + b']}"\n',
     "a cell of megabytes": b"file,label\ngood.csv," + b"a" * (4 << 20) + b"\n",
     "a million lines": b"file,label\n" + b"good.csv,rice\n" * 1_000_000,
     "a million columns": b"file" + b",a" * 1_000_000 + b"\n",
@@ -111,9 +112,11 @@ def folder_cases() -> Iterator[tuple[str, BadCase]]:
 STILL_A_FILE = ("link to the passwords", "link out to a good file", "link up and out")
 """Odd places that look like a file until it is asked where they lead."""
 
+MARK = {"format": "recordings", "version": 1}
 MARKS = {
     "is empty": "",
     "is nested 100,000 deep": "[" * 100_000,
+    "holds millions of objects": json.dumps({**MARK, "axes": []}).replace("[]", f"[{MANY}]"),
     "is of the future": json.dumps({"format": "recordings", "version": 9}),
     "names no axes": json.dumps({"format": "recordings", "version": 1, "axes": [], "columns": []}),
     "names axes twice": json.dumps(

@@ -162,7 +162,7 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: b
     """
     try:
         recordings = _recordings(_stated(flat, source), source.name, finite)
-        history = checked_history(flat.history_json)
+        history = checked_history(flat.history_json, len(recordings))
     except (TypeError, ValueError) as error:
         raise RecordingFileError(path, str(error)) from error
     return FileContent(recordings=recordings, rows=[], notes=[], history=history)

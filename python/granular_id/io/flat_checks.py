@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.json_text import check_parts
 from granular_id.recording import StepReport
 from granular_id.recording._values import FloatArray, as_floats, checked_text, freeze
 from granular_id.recording.flags import KNOWN_FLAGS
@@ -155,14 +156,17 @@ def checked_metas(values: object, n: int) -> list[Any]:
     """Return n frozen trees, one per JSON object; an empty one for None."""
     known: dict[object, Any] = {None: freeze({}, "meta")}
     texts = _listed(values, "meta", n)
+    check_parts((text for text in set(texts) if text is not None), "meta", n)
     for i, text in enumerate(texts):
         if text not in known:
             known[text] = _frozen_json(text, f"meta[{i}]", dict)
     return [known[text] for text in texts]
 
 
-def checked_history(text: object) -> tuple[StepReport, ...]:
+def checked_history(text: object, n_recordings: int) -> tuple[StepReport, ...]:
     """Return the steps that a JSON list describes."""
+    if isinstance(text, str):
+        check_parts([text], "history", n_recordings)
     return tuple(_step(step, f"history[{i}]") for i, step in enumerate(_frozen_json(text, "history", list)))
 
 

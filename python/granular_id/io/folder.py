@@ -24,6 +24,7 @@ from granular_id.io.files import list_folder, read_bounded, refuse_outside
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.formats import format_of
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, read_index
+from granular_id.io.json_text import check_parts
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.recording import StepReport
@@ -95,14 +96,16 @@ def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> Foun
     if unlisted:
         found.notes.append(f"{unlisted} recordings beside index.csv are not listed in it and were not read")
     if (root / HISTORY_NAME).is_file():
-        found.history = _read_history(root / HISTORY_NAME, root, options)
+        found.history = _read_history(root / HISTORY_NAME, root, options, len(found.sources))
     return found
 
 
-def _read_history(path: Path, root: Path, options: LoadOptions) -> tuple[StepReport, ...]:
+def _read_history(path: Path, root: Path, options: LoadOptions, n_recordings: int) -> tuple[StepReport, ...]:
     data = read_bounded(path, root, options.max_text_bytes)
     try:
-        return tuple(StepReport.from_dict(step) for step in list(json.loads(data)))
+        text = data.decode("utf-8")
+        check_parts([text], "history", n_recordings)
+        return tuple(StepReport.from_dict(step) for step in list(json.loads(text)))
     except (ValueError, TypeError, RecursionError) as error:
         raise RecordingFileError(path, f"is no history of a data set: {error}") from error
 

@@ -20,6 +20,7 @@ from typing import Any
 from granular_id.io.csv_numbers import plain_number, split_header
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import read_text_bounded
+from granular_id.io.json_text import check_parts
 from granular_id.io.source import FileSource
 
 INDEX_NAME = "index.csv"
@@ -196,6 +197,7 @@ def _meta(root: Path, text: str, line: int) -> dict[str, Any]:
     if not text:
         return {}
     try:
+        check_parts([text], "meta")
         value = json.loads(text)
     except (ValueError, RecursionError) as error:
         problem = f"not a JSON object: {error}"

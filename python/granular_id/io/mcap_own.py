@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.json_text import check_parts
 from granular_id.io.mcap_file import OWN_NAME, OwnRecords
 from granular_id.io.options import MAX_TEXT_BYTES, LoadOptions
 from granular_id.io.ros_wrench import Wrenches
@@ -165,6 +166,7 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
         raise ValueError(
             f"{too_long[:40]!r} has {len(texts[too_long])} characters; at most {MAX_TEXT_BYTES} are read"
         )
+    check_parts([texts.get("meta", ""), texts.get("history", "")], "meta and history", 1)
     if texts.get("version") != _VERSION:
         raise ValueError(f"version is {texts.get('version', 'missing')[:40]!r}; wanted {_VERSION!r}")
     rate_hz = _number(texts, "rate_hz")

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.json_text import check_parts
 from granular_id.recording.axes import unit_of
 
 INDEX_FILE = "recordings.parquet"
@@ -84,6 +85,7 @@ def read_mark(labels: dict[str, str], what: str, path: Path) -> Mark:
             path, f"is not part of an archive: its footer has no entry {MARK!r}", place="footer"
         )
     try:
+        check_parts([labels[MARK]], "it")
         said = json.loads(labels[MARK])
     except (ValueError, RecursionError) as error:
         raise RecordingFileError(path, f"the entry {MARK!r} is not JSON: {error}", place="footer") from error
