@@ -34,7 +34,7 @@ def check_parts(texts: Iterable[str], name: str, n_recordings: int = 0) -> None:
     >>> check_parts(["[" + "{}," * 300_000 + "{}]"], "meta")
     Traceback (most recent call last):
     ...
-    ValueError: meta holds 300002 lists and objects with 300001 items; wanted at most 200000 lists and objects
+    ValueError: meta holds 300002 lists and objects with 300000 items; wanted at most 200000 lists and objects
     """
     parts = items = 0
     for text in texts:
