@@ -14,6 +14,7 @@ pytest.importorskip("mcap")
 pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
+from bad_bags import bag_cases
 from bad_borrowed import borrowed_cases
 from bad_containers import container_cases
 from bad_contents import content_cases
@@ -26,6 +27,7 @@ GROUPS = {
     "what any file may be": common_cases,
     "contents": content_cases,
     "containers": container_cases,
+    "large bags": bag_cases,
     "folders and names": folder_cases,
     "the tests of single formats": borrowed_cases,
 }

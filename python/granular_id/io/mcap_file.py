@@ -120,6 +120,8 @@ class _Walk:
         return False
 
     def _record(self, opcode: int, length: int, place: str) -> None:
+        if opcode in (_CHUNK, _MESSAGE):
+            self._unpacker.check_part(length, place)
         if opcode == _CHUNK:
             chunk = self._parsed("Chunk", self._file.read(length), place)
             data = self._unpacker.unpack(chunk.data, chunk.compression, chunk.uncompressed_size, place)

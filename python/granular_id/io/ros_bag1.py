@@ -88,6 +88,7 @@ class _Walk:
         while first < index_at:
             header, data_bytes, start = self._record(first)
             if header.get(b"op") == bytes([_CHUNK]):
+                self._unpacker.check_part(data_bytes, f"byte {first}")
                 self._read_chunk(header, self._file.read(data_bytes), first)
             elif header.get(b"op") != bytes([_INDEX]):
                 self._fail("has a record that is neither chunk nor index", first)

@@ -12,6 +12,9 @@ from granular_id.io.files import FREE_BYTES, MAX_EXPANSION, check_expansion
 
 __all__ = ["Unpacker", "unpack_zstd"]
 
+LARGEST_PART = 64 * 1024 * 1024
+"""Bytes of one chunk, packed or not, whatever the size of the bag; recorders make chunks of 1 to 4 MB."""
+
 _RECORD_BYTES = 256
 """A record counts as this many bytes at least: millions of empty ones take as long to walk as full ones. Four bytes on
 disk allow a record, less than the stamps of a message compress to."""
@@ -51,6 +54,12 @@ class Unpacker:
             problem = f"holds millions of records of next to no bytes; wanted {_RECORD_BYTES} bytes a record"
             raise RecordingFileError(self._path, problem, place=place)
 
+    def check_part(self, n_bytes: int, place: str) -> None:
+        """Refuse a chunk, or a message outside of chunks, that is too large to be held; before it is read."""
+        if n_bytes > LARGEST_PART:
+            problem = f"has a chunk or message of {n_bytes} bytes; at most {LARGEST_PART} are read at once"
+            raise RecordingFileError(self._path, problem, place=place)
+
     def unpack(self, data: bytes, compression: str, n_bytes: int, place: str) -> bytes:
         """Expand a part that states its compression and how many bytes it makes.
 
@@ -65,6 +74,7 @@ class Unpacker:
             problem = f"is compressed by {compression[:40]!r}; wanted {wanted} or no compression"
             raise RecordingFileError(self._path, problem, place=place)
         self.spend(n_bytes, place)
+        self.check_part(n_bytes, place)
         try:
             raw = decoder(data, n_bytes)
         except ImportError:
