@@ -21,6 +21,7 @@ from bad_contents import content_cases
 from bad_files import common_cases, make_corpus
 from bad_files_work import MOST_MEGABYTES, answers_to
 from bad_folders import folder_cases
+from bad_parquet import parquet_cases
 from good_files import PATHS, write_good
 
 GROUPS = {
@@ -28,6 +29,7 @@ GROUPS = {
     "contents": content_cases,
     "containers": container_cases,
     "large bags": bag_cases,
+    "Parquet": parquet_cases,
     "folders and names": folder_cases,
     "the tests of single formats": borrowed_cases,
 }

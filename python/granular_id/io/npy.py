@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from numpy.typing import NDArray
+
 from granular_id.io.array_layouts import recordings_of
 from granular_id.io.files import open_bounded
-from granular_id.io.npy_stream import read_header, read_values
+from granular_id.io.npy_stream import ArrayHeader, read_header, read_values
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 
@@ -28,7 +33,21 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     """
     path = source.path
     with open_bounded(path, source.root, options.max_binary_bytes) as (file, n_bytes):
-        array = read_values(file, read_header(file, n_bytes, path), path)
-    fields = array.dtype.names
-    tree = {"values": array} if fields is None else {field: array[field] for field in fields}
-    return recordings_of(tree, source, options, "array" if fields is None else "field")
+        leaf = _Unread(file, read_header(file, n_bytes, path), path)
+        if leaf.dtype.names is None:
+            return recordings_of({"values": leaf}, source, options, "array")
+        array = leaf.read()
+    return recordings_of({field: array[field] for field in leaf.dtype.names}, source, options, "field")
+
+
+class _Unread:
+    """The array behind a header, read when it is wanted: one of no use, of any size, is refused without."""
+
+    def __init__(self, file: BinaryIO, header: ArrayHeader, path: Path) -> None:
+        self._file, self._header, self._path = file, header, path
+        self._start = file.tell()
+        self.shape, self.dtype = header.shape, header.dtype
+
+    def read(self) -> NDArray[Any]:
+        self._file.seek(self._start)
+        return read_values(self._file, self._header, self._path)
