@@ -137,8 +137,8 @@ def test_an_unreadable_file(tmp_path):
         pytest.skip("root may read everything")
     from granular_id.io import RecordingFileError, load
 
-    for kind in ("csv", "npz", "hdf5", "mat v7", "parquet", "mcap", "ros1", "db3"):
-        path = write_good(kind, tmp_path)
+    for kind in ("csv", "npz", "hdf5", "mat v7", "mat v7.3", "parquet", "mcap", "ros1", "db3"):
+        path = write_good(kind, tmp_path / kind)
         path.chmod(0)
         with pytest.raises(RecordingFileError, match="cannot be read: Permission denied"):
             load(path)

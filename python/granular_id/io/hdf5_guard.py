@@ -8,6 +8,7 @@ storage, filter and size is looked at first, and chunks packed by gzip are unpac
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -40,6 +41,9 @@ def translated(expansion: Expansion, place: str) -> Iterator[None]:
     except RecordingFileError:
         raise
     except (OSError, RuntimeError, ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
+        if isinstance(error, OSError) and error.errno is not None:  # of the system, not of the file
+            problem = f"cannot be read: {os.strerror(error.errno)}"
+            raise RecordingFileError(expansion.path, problem) from error
         text = str(error.args[0] if error.args else error) or type(error).__name__
         raise expansion.fault(place, f"is damaged, or no HDF5 that can be read ({text[:200]})") from error
 

@@ -48,9 +48,12 @@ def walk_db3(file: Path, path: Path, topics: Topics, unpacker: Unpacker) -> None
     RecordingFileError
         Not an SQLite file, not closed, tables missing or no plain tables, damaged.
     """
-    with file.open("rb") as opened:
-        head = opened.read(_HEAD.size)
-        n_bytes = opened.seek(0, os.SEEK_END)
+    try:
+        with file.open("rb") as opened:
+            head = opened.read(_HEAD.size)
+            n_bytes = opened.seek(0, os.SEEK_END)
+    except OSError as error:
+        raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
     if not head.startswith(_MAGIC):
         raise RecordingFileError(path, "is not an SQLite file, as the .db3 of a ROS 2 bag is")
     if len(head) < _HEAD.size or math.prod(_HEAD.unpack(head)[1:]) > n_bytes:
