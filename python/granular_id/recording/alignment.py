@@ -62,9 +62,12 @@ def align_recordings(
                 {"name": recording.name, "samples_before": before, "dropped_start": start, "dropped_end": end}
             )
     if not kept:
+        wanted = f"{n} samples from its start or trigger on"
+        if all(start < 0 for start in starts):
+            wanted = f"the lead before its trigger (lead_s={lead_s:g})"
         raise ValueError(
-            f"none of the {len(recordings)} recordings has {n} samples from its start or trigger on; the "
-            f"longest has {max(r.n_samples for r in recordings)} in all"
+            f"none of the {len(recordings)} recordings has {wanted}; the longest has "
+            f"{max(r.n_samples for r in recordings)} samples in all"
         )
     rows.sort(key=lambda row: "skipped" not in row)
     cropped = _crop(kept, n)
@@ -137,7 +140,11 @@ def _length(
     elif isinstance(n_samples, str):
         if n_samples != "shortest":
             raise ValueError(f"n_samples={n_samples!r}; wanted a number or 'shortest'")
-        n = min(r.n_samples - start for r, start in zip(recordings, starts, strict=True))
+        # those without the lead are refused or left out, and do not shorten the others
+        n = min(
+            (r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0),
+            default=1,
+        )
         what = "n_samples='shortest'"
     else:
         n = checked_index(n_samples, "n_samples")

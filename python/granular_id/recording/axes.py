@@ -31,7 +31,7 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     TypeError, ValueError
         Not a sequence of different printable names, not as many as columns, or none given and C is not 6.
     """
-    if names is None or names == ():
+    if names is None or (isinstance(names, tuple) and not names):
         if shape[1] != len(AXES):
             raise ValueError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, overload
@@ -140,6 +140,8 @@ class Dataset(DatasetSteps):
     @classmethod
     def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
         """Put data sets one after the other, keeping all their histories."""
+        if not isinstance(datasets, Iterable):
+            raise TypeError(f"datasets must be a sequence of Dataset, got {type(datasets).__name__}")
         parts = list(datasets)
         wrong = next((i for i, d in enumerate(parts) if not isinstance(d, Dataset)), None)
         if wrong is not None:
@@ -201,6 +203,8 @@ class Dataset(DatasetSteps):
     def __getitem__(self, index: Any) -> Recording | Dataset:
         if isinstance(index, (int, np.integer)) and not isinstance(index, bool):
             return self.recordings[int(index)]
+        if index is None:
+            raise TypeError("indices must be int, a slice, a list of int or a mask, got None")
         return self.select(indices=np.arange(len(self))[index] if isinstance(index, slice) else index)
 
     def __eq__(self, other: object) -> bool:

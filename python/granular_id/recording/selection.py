@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +26,7 @@ def select_recordings(
     kept = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
     parameters: dict[str, object] = {"indices": None if indices is None else "given"}
     for name, wanted in (("label", labels), ("session", sessions), ("name", names)):
-        values = {wanted} if isinstance(wanted, str) else None if wanted is None else set(wanted)
+        values = None if wanted is None else set(_texts(wanted, f"{name}s"))
         parameters[f"{name}s"] = None if values is None else sorted(values, key=str)
         if values is None:
             continue
@@ -47,10 +47,25 @@ def select_recordings(
         )
     chosen = [recordings[i] for i in kept]
     if axes is not None:
-        parameters["axes"] = list(axes)
-        chosen = [_with_axes(recording, axes) for recording in chosen]
+        if isinstance(axes, (str, Set)) or not len(columns := _texts(axes, "axes")):
+            raise ValueError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
+        parameters["axes"] = columns
+        chosen = [_with_axes(recording, columns) for recording in chosen]
     totals = {"recordings_before": len(recordings), "recordings_after": len(kept)}
     return chosen, StepReport("select", parameters, totals)
+
+
+def _texts(value: object, name: str) -> list[str]:
+    """Return one text or several as a list; None stands for recordings without a label or session."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, bytes) or not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be a str or a sequence of str, got {type(value).__name__}")
+    texts = list(value)
+    wrong = next((i for i, text in enumerate(texts) if not isinstance(text, (str, type(None)))), None)
+    if wrong is not None:
+        raise TypeError(f"{name}[{wrong}] must be a str, got {type(texts[wrong]).__name__}")
+    return texts
 
 
 def _some(values: Collection[str | None], most: int = 20) -> str:
@@ -59,8 +74,6 @@ def _some(values: Collection[str | None], most: int = 20) -> str:
 
 
 def _with_axes(recording: Recording, axes: Sequence[str]) -> Recording:
-    if isinstance(axes, str) or not axes:
-        raise ValueError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
     missing = [axis for axis in axes if axis not in recording.axes]
     if missing:
         have = " ".join(recording.axes)
