@@ -213,6 +213,16 @@ def test_sessions_with_another_zero(sound):
     assert set(finding.indices) in (set(second), set(WHOLE) - set(second))
 
 
+def test_recordings_with_a_zero_of_their_own_are_no_shift_of_their_session():
+    said = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        tared = sound_set(seed % 4).select(where=lambda r: r.label in ("rice", "macaroni"))
+        data = damaged(tared, range(24), lambda w, _: w - w[:20].mean(axis=0) + rng.normal(size=6))  # noqa: B023
+        said += data.check()
+    assert not [finding for finding in said if finding.code in ("rest-shift", "rest-drift")]
+
+
 @pytest.mark.parametrize(
     ("flag", "every", "severity"),
     [

@@ -31,6 +31,11 @@ def test_a_clock_that_names_the_label(sound):
     )
 
 
+def test_no_rate_is_too_low_for_a_certain_leak(sound):
+    data = damaged(sound, WHOLE, session=None, **one_after_the_other(sound))
+    assert "leak-clock" in codes(data.check(false_alarm_rate=1e-6))
+
+
 def test_a_clock_of_several_stretches(sound):
     starts = {
         r.name: 1e9 + 60 * (i % 6) + 1e4 * SLOT[r.label] + 1e5 * (i // 6 % 2) for i, r in enumerate(sound)

@@ -107,3 +107,33 @@ def test_the_robot_failures_are_coarse_and_short(data_dir):
     report = load_failures(data_dir / "robot_failures", "lp1").check()
     assert codes(report) <= {"no-session", "stuck-axis", "outlier", "near-duplicates"}
     assert by_code(report)["stuck-axis"].values["axes"] == ("tz",)
+
+
+def test_readings_that_no_sensor_gives_are_refused_before_they_overflow(report):
+    wrench = np.random.default_rng(0).normal(size=(12, 50, 6))
+    wrench[5] *= 1e300
+    data = Dataset(
+        Recording(wrench[i], rate_hz=100, label="ab"[i % 2], session=str(i), name=str(i)) for i in range(12)
+    )
+    with np.errstate(all="raise"):
+        found = data.check()
+    assert [finding.code for finding in found] == ["beyond-range"]
+    assert found[0].indices == (5,)
+    assert found[0].message.startswith("1 recording with readings above 1e+100")
+
+
+def test_whole_numbers_too_large_for_a_float_are_texts_like_any_other():
+    stamps = np.arange(50) / 100 + np.random.default_rng(0).uniform(0, 1e-3, 50)
+    meta = {"serial": 10**400, "rate_hz": 10**400}
+    data = Dataset(
+        Recording(
+            np.random.default_rng(i).normal(size=(50, 6)),
+            time_s=stamps - stamps[0],
+            label="ab"[i % 2],
+            session=str(i),
+            meta=meta if i % 2 else {},
+            name=str(i),
+        )
+        for i in range(12)
+    )
+    assert "leak-meta" in data.check().counts

@@ -12,7 +12,7 @@ import numpy as np
 from granular_id.recording._values import FloatArray
 from granular_id.recording.checking.nearest import Neighbours, by_kind, by_number, by_place
 from granular_id.recording.checking.rest import Rest
-from granular_id.recording.checking.timing import Pace
+from granular_id.recording.checking.timing import Pace, is_number
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
 
@@ -82,7 +82,7 @@ def attributes_of(
         ("leak-trigger", "the time of the trigger", np.array([_trigger_s(r) for r in recordings]), "s"),
     ]
     for key, entries in scalar_meta(recordings).items():
-        if all(v is None or (isinstance(v, (int, float)) and not isinstance(v, bool)) for v in entries):
+        if all(v is None or is_number(v) for v in entries):
             column = np.array([np.nan if v is None else float(v) for v in entries])
             numbers.append(("leak-meta", f"meta {key!r}", column, ""))
         else:

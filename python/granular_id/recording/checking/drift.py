@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr
+from numpy.typing import NDArray
+from scipy.special import fdtrc, stdtr
 
 from granular_id.recording._values import FloatArray
+from granular_id.recording.axes import unit_of
 from granular_id.recording.checking.finding import Finding, count, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.rest import Rest, unit_columns
@@ -56,7 +58,8 @@ def check_drift(
     for row, i in enumerate(resting):
         sessions.setdefault(recordings[i].session, []).append(row)
     judged = {name: rows for name, rows in sessions.items() if len(rows) >= FEWEST}
-    alpha = false_alarm_rate / max(1, len(judged) * len(axes))
+    n_tests = (len(judged) + 1) * len(axes)  # a slope in each session, and one comparison of all
+    alpha = false_alarm_rate / n_tests
     slow = [
         _Change(size, abs(size) / scale[c], abs(size) / max(noise[c], 1e-300), axes[c], _name(session), rows)
         for session, rows in judged.items()
@@ -64,8 +67,10 @@ def check_drift(
     ]
     if slow:
         yield from _report(recordings, resting, "rest-drift", "drifts by", max(slow, key=lambda d: d.share))
-    if len(judged) > 1:
-        medians = {name: np.median(levels[rows], axis=0) for name, rows in judged.items()}
+    named = {name: rows for name, rows in judged.items() if name is not None}
+    differing = _differing(levels, list(named.values()), alpha)
+    if len(differing):
+        medians = {name: np.median(levels[rows], axis=0) for name, rows in named.items()}
         middle = np.median(list(medians.values()), axis=0)
         off = [
             _Change(
@@ -74,10 +79,10 @@ def check_drift(
                 float(abs(level[c] - middle[c]) / max(noise[c], 1e-300)),
                 axes[c],
                 _name(name),
-                judged[name],
+                named[name],
             )
             for name, level in medians.items()
-            for c in range(len(axes))
+            for c in differing
         ]
         yield from _report(recordings, resting, "rest-shift", "is off by", max(off, key=lambda d: d.share))
 
@@ -106,12 +111,26 @@ def _trends(starts: FloatArray, levels: FloatArray, alpha: float) -> Iterator[tu
             yield column, float(slope)
 
 
+def _differing(levels: FloatArray, groups: Sequence[Sequence[int]], alpha: float) -> NDArray[np.intp]:
+    """Return the columns whose means differ between groups of rows, by analysis of variance at level `alpha`."""
+    if len(groups) < 2:
+        return np.empty(0, np.intp)
+    sizes = np.array([len(rows) for rows in groups])
+    means = np.array([levels[rows].mean(axis=0) for rows in groups])
+    between = sizes @ (means - sizes @ means / sizes.sum()) ** 2
+    within = sum(((levels[rows] - mean) ** 2).sum(axis=0) for rows, mean in zip(groups, means, strict=True))
+    free, left = len(groups) - 1, int(sizes.sum()) - len(groups)
+    ratio = np.full(len(between), np.inf)
+    np.divide(between / free, within / left, out=ratio, where=within > 0)
+    return np.flatnonzero((fdtrc(free, left, ratio) < alpha) & (between > 0))
+
+
 def _report(
     recordings: Sequence[Recording], resting: Sequence[int], code: str, words: str, change: _Change
 ) -> Iterator[Finding]:
     if change.share < SMALL:
         return
-    unit = "N m" if change.axis in ("tx", "ty", "tz") else "N"
+    unit = unit_of(change.axis, recordings[0].meta)
     large = change.share >= LARGE
     message = (
         f"the rest level of {change.axis} {words} {abs(change.size):.2g} {unit} {change.where} "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from granular_id.recording.checking.attributes import Attribute, attributes_of
 from granular_id.recording.checking.finding import Finding, first_names, found, verb
 from granular_id.recording.checking.labels import by_label
-from granular_id.recording.checking.nearest import Naming, naming
+from granular_id.recording.checking.nearest import LEAST_P, Naming, naming
 from granular_id.recording.checking.rest import Rest
 from granular_id.recording.checking.timing import Pace
 from granular_id.recording.one import Recording
@@ -49,7 +49,7 @@ def check_leaks(
 
     An attribute leaks when the recording nearest in it has the same label far more often than by chance
     (`STRONG`), with a permutation p-value, corrected for the number of attributes, of at most
-    `false_alarm_rate`; or when it sets a single label apart (`GIVEN_AWAY`).
+    `false_alarm_rate` (or the least there is); or when it sets a single label apart (`GIVEN_AWAY`).
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def check_leaks(
     leaks: dict[str, dict[str, _Leak]] = {}
     for attribute, named in zip(attributes, naming([a.neighbours for a in attributes], numbers), strict=True):
         lift = (named.share - named.chance) / max(1 - named.chance, 1e-12)
-        strong = lift >= STRONG and named.p <= false_alarm_rate
+        strong = lift >= STRONG and named.p <= max(false_alarm_rate, LEAST_P)
         apart = []
         if not attribute.neighbours.reverse:
             apart = [str(labels[k]) for k in _apart(named, sizes, 1.0 if strong else alpha)]

@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 from granular_id.recording._values import FloatArray
 
 N_SHUFFLES = 199
-"""With it the smallest p-value is 0.005."""
+
+LEAST_P = 1 / (N_SHUFFLES + 1)
+"""Smallest p-value that so many shuffles can give: 0.005."""
 
 
 @dataclass(frozen=True)

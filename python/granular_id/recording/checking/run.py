@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from granular_id.recording._values import checked_number
 from granular_id.recording.checking.clipping import check_clipping
 from granular_id.recording.checking.drift import check_drift
 from granular_id.recording.checking.duplicates import check_duplicates
-from granular_id.recording.checking.finding import Finding
+from granular_id.recording.checking.finding import Finding, count, found
 from granular_id.recording.checking.labels import check_axes, check_labels
 from granular_id.recording.checking.leaks import check_leaks
 from granular_id.recording.checking.marks import check_flags
@@ -22,6 +24,9 @@ from granular_id.recording.checking.spikes import check_spikes
 from granular_id.recording.checking.stuck import check_stuck
 from granular_id.recording.checking.timing import check_timing, pace
 from granular_id.recording.one import Recording
+
+ABSURD = 1e100
+"""No sensor reads this, in any unit; the squares of such readings would overflow in the checks that follow."""
 
 
 def check_recordings(
@@ -43,6 +48,13 @@ def _findings(
 ) -> Iterator[Finding]:
     yield from check_labels(recordings)
     yield from check_axes(recordings)
+    absurd = [i for i, r in enumerate(recordings) if np.abs(r.wrench).max() > ABSURD]
+    if absurd:
+        message = (
+            f"{count(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
+        )
+        yield found("error", "beyond-range", message, recordings, absurd)
+        return
     yield from check_duplicates(recordings)
     sessions = list(check_sessions(recordings))
     yield from sessions

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -64,6 +66,13 @@ def pace(recording: Recording) -> Pace:
     return Pace(median, float(steps.mean()), (high - low) / median, float(steps.max()), limit)
 
 
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether an entry of ``meta`` is a number that a float can hold."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
+
+
 def check_timing(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[Finding]:
     """Judge rates, jitter, gaps and lengths."""
     yield from _rates(recordings, paces)
@@ -90,9 +99,7 @@ def _rates(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[F
     broken = {
         i: rate
         for i, rate in stated.items()
-        if isinstance(rate, (int, float))
-        and abs(paces[i].mean_s * rate - 1) > RATE_TOLERANCE
-        and paces[i].mean_s
+        if is_number(rate) and paces[i].mean_s and abs(paces[i].mean_s * rate - 1) > RATE_TOLERANCE
     }
     if broken:
         worst = max(broken, key=lambda i: abs(paces[i].mean_s * broken[i] - 1))
