@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular_id.io.array_layouts import recordings_of
+from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.recording import Dataset

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular_id.io import RecordingFileError, load
-from granular_id.io.mat import read_variables
+from granular_id.io.matlab.mat import read_variables
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 

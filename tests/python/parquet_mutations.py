@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from granular_id.io import RecordingFileError, load
-from granular_id.io.parquet_save import save_parquet
+from granular_id.io.parquet.save import save_parquet
 from granular_id.recording import Dataset, Recording, StepReport
 
 INTERESTING = (b"\x00", b"\xff", b"\x7f", b"\x80", b"\xff\xff\xff\xff\x07", b"\x80\x80\x80\x80\x10", b"PAR1")

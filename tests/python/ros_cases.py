@@ -11,7 +11,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 from granular_id.io.options import LoadOptions
-from granular_id.io.ros_bag import read_ros
+from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileSource
 
 STAMPED = "geometry_msgs/msg/WrenchStamped"

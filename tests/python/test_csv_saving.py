@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from granular_id.io import csv_save as module
 from granular_id.io import load, save_csv
+from granular_id.io.csv import save as module
 from granular_id.recording import Dataset, Recording
 
 finite = st.floats(allow_nan=False, allow_infinity=False)

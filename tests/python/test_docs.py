@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import typer.main
 
-from cli_cases import make
 from granular_id.cli.app import app
 from granular_id.io import save
+from granular_id.synthetic import synthesize
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -32,9 +32,9 @@ def blocks(page, language):
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """What the examples read: the same small recordings under the names that the pages use."""
+    """What the examples read: a small set of simulated pushes under the name that the pages use."""
     folder = tmp_path_factory.mktemp("docs")
-    save(make(), folder / "recordings", "csv")
+    save(synthesize(["rice", "fine sugar"], n_per_class=3), folder / "recordings", "csv")
     return folder
 
 

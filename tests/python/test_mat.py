@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from granular_id.io import RecordingFileError, load
-from granular_id.io.mat_tree import nested
+from granular_id.io.matlab.tree import nested
 from mat_cases import GOLDEN, left_out, push, variables
 
 NAMES = ["rice", "peas", "oat flakes"]

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dataset_strategies import assert_same_bits, recordings
-from granular_id.io import RecordingFileError, load, mcap_own, save
-from granular_id.io.mcap_own import CHANGED_NOTE
-from granular_id.io.mcap_save import save_mcap
-from granular_id.io.ros_wrench import DEFINITION, encode_wrenches
+from granular_id.io import RecordingFileError, load, save
+from granular_id.io.ros import mcap_own
+from granular_id.io.ros.mcap_own import CHANGED_NOTE
+from granular_id.io.ros.mcap_save import save_mcap
+from granular_id.io.ros.wrench import DEFINITION, encode_wrenches
 from granular_id.recording import Dataset, Recording, StepReport
 
 pytest.importorskip("mcap")

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 
 from dataset_strategies import assert_same_bits, datasets
 from granular_id.io import load, save
-from granular_id.io.npz import save_npz
+from granular_id.io.npz.npz import save_npz
 from granular_id.recording import Dataset, Recording
 
 WRENCH = np.arange(36.0).reshape(2, 3, 6) - 17.5

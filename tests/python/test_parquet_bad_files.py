@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from granular_id.io import RecordingFileError, load, save
-from granular_id.io.parquet_footer import Chunk
-from granular_id.io.parquet_pages import unpacked_bytes
-from granular_id.io.parquet_save import save_parquet
-from granular_id.io.parquet_thrift import CutOffError, read_struct
+from granular_id.io.parquet.footer import Chunk
+from granular_id.io.parquet.pages import unpacked_bytes
+from granular_id.io.parquet.save import save_parquet
+from granular_id.io.parquet.thrift import CutOffError, read_struct
 from granular_id.recording import Dataset, Recording
 
 pa = pytest.importorskip("pyarrow")

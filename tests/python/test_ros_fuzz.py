@@ -11,7 +11,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from granular_id.io import RecordingFileError, save
-from granular_id.io.ros_wrench import decode_wrenches, foreign_definition
+from granular_id.io.ros.wrench import decode_wrenches, foreign_definition
 from granular_id.recording import Dataset, Recording
 from ros_cases import STAMPED, even_stamps, read, samples, write_kind
 

@@ -10,7 +10,8 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from bag_folder_attacks import FOLDER_ATTACKS, folder_of, metadata
-from granular_id.io import RecordingFileError, load, mcap_file
+from granular_id.io import RecordingFileError, load
+from granular_id.io.ros import mcap_file
 from mcap_attacks import MCAP_ATTACKS, channel, chunk, mcap, schema, whole_chunk
 from ros_attacks import BAG_ATTACKS, DB3_ATTACKS, database, insert
 from ros_cases import (

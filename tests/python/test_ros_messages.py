@@ -14,7 +14,7 @@ from granular_id.io import RecordingFileError
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from granular_id.io.ros_wrench import decode_wrenches, encode_wrenches
+from granular_id.io.ros.wrench import decode_wrenches, encode_wrenches
 from ros_cases import (
     ROS1,
     ROS2,

@@ -7,21 +7,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from granular_id.io.csv_file import read_csv
-from granular_id.io.csv_save import save_csv
-from granular_id.io.gm10 import is_gm10, read_gm10
-from granular_id.io.hdf5 import read_hdf5
-from granular_id.io.hdf5_save import save_hdf5
-from granular_id.io.mat import read_mat
-from granular_id.io.mcap_save import save_mcap
-from granular_id.io.npy import read_npy
-from granular_id.io.npz import read_npz, save_npz
+from granular_id.io.csv.file import read_csv
+from granular_id.io.csv.gm10 import is_gm10, read_gm10
+from granular_id.io.csv.save import save_csv
+from granular_id.io.hdf5.file import read_hdf5
+from granular_id.io.hdf5.save import save_hdf5
+from granular_id.io.matlab.mat import read_mat
+from granular_id.io.npz.npy import read_npy
+from granular_id.io.npz.npz import read_npz, save_npz
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet import read_parquet
-from granular_id.io.parquet_layout import is_parquet_archive
-from granular_id.io.parquet_save import save_parquet
-from granular_id.io.ros_bag import read_ros
-from granular_id.io.ros_bag2 import is_bag_folder
+from granular_id.io.parquet.layout import is_parquet_archive
+from granular_id.io.parquet.read import read_parquet
+from granular_id.io.parquet.save import save_parquet
+from granular_id.io.ros.bag2 import is_bag_folder
+from granular_id.io.ros.mcap_save import save_mcap
+from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource
 
 __all__ = ["FORMATS", "FileFormat", "format_called", "format_of", "writer"]

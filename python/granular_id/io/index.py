@@ -1,9 +1,9 @@
 """``index.csv``: what is known about the files of a folder, one line per recording.
 
-Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since 1970, or
-ISO 8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name`` and ``meta`` (a JSON
-object) may follow in any order, empty cells meaning "not known". Any other column goes into each recording's
-``meta`` as text.
+Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since 1970,
+or ISO 8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name`` and
+``meta`` (a JSON object) may follow in any order, empty cells meaning "not known". Any other column goes into each
+recording's ``meta`` as text.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from granular_id.io.csv_numbers import plain_number, split_header
+from granular_id.io.csv.numbers import plain_number, split_header
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import read_text_bounded
 from granular_id.io.json_text import check_parts

@@ -1,0 +1,1 @@
+"""What named arrays hold: recordings, labels, sessions, rates; guessed, said, or refused."""

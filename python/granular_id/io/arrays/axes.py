@@ -1,0 +1,152 @@
+"""Which axis of an array counts recordings, which samples and which the axes of the sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.arrays.tree import Origin
+from granular_id.recording import AXES
+from granular_id.recording._values import FloatArray
+
+_CLEARLY_LONGER = 4
+"""Where only length can tell, the time axis is at least this many times as long as the one of recordings."""
+
+
+_SLAB = 32
+"""Samples copied at a time: 32 x 6 float64 are a few cache lines per recording."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the other arrays of a file say about the shape of the samples.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names of the sensor's axes.
+    n_recordings : frozenset of int
+        Lengths of what there is one of per recording: labels, sessions, names.
+    n_samples : frozenset of int
+        Lengths of time vectors.
+    """
+
+    axes: tuple[str, ...] = AXES
+    n_recordings: frozenset[int] = field(default_factory=frozenset)
+    n_samples: frozenset[int] = field(default_factory=frozenset)
+
+
+def recordings_samples_axes(
+    shape: tuple[int, ...], known: Known, name: str, origin: Origin
+) -> tuple[int, int, int]:
+    """Find the order (recordings, samples, sensor axes) of a three-dimensional shape.
+
+    Returns
+    -------
+    tuple of int
+        The place of each, for ``array.transpose(...)``.
+
+    Raises
+    ------
+    RecordingFileError
+        When more than one order is possible.
+    """
+    n_axes = len(known.axes)
+    sensor = [i for i, length in enumerate(shape) if length == n_axes]
+    orders = [order for order in permutations(range(3), 3) if order[2] in sensor]
+    for place, lengths in ((0, known.n_recordings), (1, known.n_samples)):
+        fitting = [order for order in orders if shape[order[place]] in lengths]
+        orders = fitting or orders
+    if len(orders) > 1 and len(sensor) == 1:
+        orders = _by_convention(shape, orders, sensor[0])
+    if len(orders) != 1:
+        several = len(sensor) > 1
+        which = (
+            f"which of the axes of length {n_axes} is which" if several else "which axis counts recordings"
+        )
+        raise origin.unclear(f"{origin.describe} {name} has the shape {shape}: it cannot be told {which}")
+    return orders[0]
+
+
+def _by_convention(
+    shape: tuple[int, ...], orders: list[tuple[int, int, int]], sensor: int
+) -> list[tuple[int, int, int]]:
+    if sensor == 2:  # (recordings, samples, axes) is what everybody writes who puts the axes last
+        return [order for order in orders if order == (0, 1, 2)]
+    return [order for order in orders if shape[order[1]] >= _CLEARLY_LONGER * shape[order[0]]]
+
+
+def samples_axes(shape: tuple[int, ...], known: Known, name: str, origin: Origin) -> bool:
+    """Tell whether a two-dimensional shape is (sensor axes, samples), to be transposed.
+
+    Raises
+    ------
+    RecordingFileError
+        When both orders are possible.
+    """
+    n_axes = len(known.axes)
+    if shape[0] != n_axes or shape[1] in known.n_samples:
+        return shape[0] == n_axes
+    if shape[1] == n_axes and shape[0] not in known.n_samples:
+        problem = (
+            f"{origin.describe} {name} has the shape {shape}: it cannot be told which axis counts samples"
+        )
+        raise origin.unclear(problem)
+    return shape[1] != n_axes
+
+
+def row_major(block: FloatArray) -> FloatArray:
+    """Return a block (n, T, C) in row-major order, copied only where it is not.
+
+    Column-major samples, as MATLAB keeps them, lie far apart for each recording: a few samples of all recordings at a
+    time use what the cache holds, and take half as long as the whole in one go.
+    """
+    if block.flags.c_contiguous:
+        return block
+    copied = np.empty(block.shape)
+    for start in range(0, block.shape[1], _SLAB):
+        copied[:, start : start + _SLAB] = block[:, start : start + _SLAB]
+    return copied
+
+
+def cut_padding(block: FloatArray, axes: Collection[str], name: str, origin: Origin) -> list[FloatArray]:
+    """Return the recordings of a block (n, T, C), without rows of NaN at the end that pad them to one length.
+
+    Raises
+    ------
+    RecordingFileError
+        NaN or infinity elsewhere, or a recording of nothing else; names recording, sample and axis.
+    """
+    finite = np.isfinite(block)
+    if finite.all():
+        return list(block)
+    lengths = _padded_lengths(np.asarray(np.isnan(block).all(axis=2)))
+    for i, length in enumerate(lengths.tolist()):
+        refuse_gaps(block[i, :length], axes, name, origin, i)
+    return [recording[:length] for recording, length in zip(block, lengths.tolist(), strict=True)]
+
+
+def refuse_gaps(
+    wrench: FloatArray, axes: Collection[str], name: str, origin: Origin, recording: int | None = None
+) -> None:
+    """Raise where a recording (T, C) is empty, or has values that are no finite numbers."""
+    where = "" if recording is None else f"recording {recording}, "
+    if not len(wrench):
+        raise origin.fault(name, f"{where}no samples (or only NaN); wanted at least one")
+    bad = ~np.isfinite(wrench)
+    if bad.any():
+        row, column = (int(i) for i in np.argwhere(bad)[0])
+        axis = list(axes)[column]
+        problem = f"{where}sample {row}, axis {axis} is {wrench[row, column]}; samples must be finite"
+        raise origin.fault(name, problem)
+
+
+def _padded_lengths(empty: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return, per recording, how many samples there are before those at the end that are all NaN."""
+    filled = ~empty[:, ::-1]
+    after = np.where(filled.any(axis=1), filled.argmax(axis=1), empty.shape[1])
+    return np.asarray(empty.shape[1] - after, np.int64)

@@ -1,0 +1,163 @@
+"""A tree of named arrays, wherever it came from: NPZ archives, MATLAB variables, HDF5 groups.
+
+Nodes are mappings (structs, groups), lists (cells), ``str``, and leaves: numpy arrays, or anything with ``shape``,
+``dtype`` and ``read()`` that gives one, so that only what is needed is read.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.errors import RecordingFileError
+
+MAX_DEPTH = 16
+"""Structs and groups within each other; deeper ones are damage."""
+
+_LISTED = 20
+"""How many arrays an error lists."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The file that a tree came from, for errors.
+
+    Attributes
+    ----------
+    path : Path
+    describe : str
+        What its format calls an entry: ``"array"``, ``"variable"``, ``"data set"``.
+    tree : mapping
+        All of it.
+    """
+
+    path: Path
+    describe: str
+    tree: Mapping[str, Any]
+
+    def fault(self, name: str, problem: str) -> RecordingFileError:
+        """Return the error about one entry."""
+        return RecordingFileError(self.path, problem, place=f"{self.describe} {name}")
+
+    def unclear(self, problem: str) -> RecordingFileError:
+        """Return the error about what cannot be told, with all that is in the file and how to say what is meant."""
+        means = (
+            "Say what is meant by saving what belongs together and nothing else: X of shape (recordings, samples, 6), "
+            "labels (a text per recording) and fs (Hz)"
+        )
+        return RecordingFileError(self.path, f"{problem}. It holds {contents(self.tree)}. {means}")
+
+
+def is_leaf(node: Any) -> bool:
+    """Tell whether a node is an array, read or not."""
+    return hasattr(node, "shape") and hasattr(node, "dtype")
+
+
+def is_numbers(node: Any) -> bool:
+    """Tell whether a node is an array of real numbers."""
+    return is_leaf(node) and np.dtype(node.dtype).kind in "iuf"
+
+
+def values(node: Any) -> NDArray[Any]:
+    """Return the array of a leaf, reading it if need be."""
+    return np.asarray(node.read() if hasattr(node, "read") else node)
+
+
+def n_values(node: Any) -> int | None:
+    """Return the length of what can be taken as a list of values, None for everything else.
+
+    MATLAB has matrices only: (1, n) and (n, 1) are lists of n, and (1, 1) is a single value.
+    """
+    if isinstance(node, str):
+        return 1
+    if isinstance(node, list):
+        return len(node)
+    if not is_leaf(node) or sum(n != 1 for n in node.shape) > 1:
+        return None
+    return int(math.prod(node.shape))
+
+
+def numbers(node: Any) -> NDArray[Any] | None:
+    """Return a list of real numbers as an array of shape (n,), None where a node is no such list."""
+    if isinstance(node, list):
+        items = [None if isinstance(item, list) else numbers(item) for item in node]
+        single = [item for item in items if item is not None and len(item) == 1]
+        return np.concatenate(single) if single and len(single) == len(items) else None
+    if not is_numbers(node) or n_values(node) is None:
+        return None
+    return values(node).reshape(-1)
+
+
+def texts(node: Any) -> list[str] | None:
+    """Return a list of texts, without the spaces that pad them to one width; None where a node is no such list."""
+    if isinstance(node, str):
+        return [node.rstrip(" ")]
+    if isinstance(node, list):
+        items = [None if isinstance(item, list) else texts(item) for item in node]
+        single = [item[0] for item in items if item is not None and len(item) == 1]
+        return single if single and len(single) == len(items) else None
+    if not is_leaf(node) or np.dtype(node.dtype).kind not in "US" or n_values(node) is None:
+        return None
+    plain = plain_texts(values(node).reshape(-1))
+    return None if plain is None else [text.rstrip(" ") for text in plain]
+
+
+def plain_texts(array: NDArray[Any]) -> list[str] | None:
+    """Return the texts of an array of shape (n,) and kind U or S (UTF-8); None where one of them is no text."""
+    if array.dtype.kind == "S":
+        try:
+            return [item.decode("utf-8") for item in array.tolist()]
+        except UnicodeDecodeError:
+            return None
+    codes = np.ascontiguousarray(array).view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    if codes.max(initial=0) > sys.maxunicode:  # no character: numpy would raise a SystemError over it
+        return None
+    return [str(item) for item in array.tolist()]
+
+
+def as_tree(node: Any) -> Any:
+    """Return a mapping of the fields where a node is a structured array, the node itself otherwise."""
+    if isinstance(node, tuple):
+        return list(node)
+    if is_leaf(node) and np.dtype(node.dtype).names:
+        array = values(node)
+        return {name: array[name] for name in array.dtype.names or ()}
+    return node
+
+
+def contents(tree: Mapping[str, Any]) -> str:
+    """List what a tree holds, with shapes and types.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.io.arrays.tree import contents
+    >>> contents({"X": np.zeros((62, 1600, 6)), "meta": {"tool": "cylinder"}})
+    "X (62, 1600, 6) float64, meta/tool 'cylinder'"
+    """
+    found = list(_described(tree, "", MAX_DEPTH))
+    more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+    return ", ".join(found[:_LISTED]) + more if found else "nothing"
+
+
+def _described(node: Any, name: str, depth: int) -> Iterator[str]:
+    node = as_tree(node)
+    if isinstance(node, Mapping) and depth:
+        for key, item in node.items():
+            yield from _described(item, f"{name}/{key[:60]}" if name else key[:60], depth - 1)
+    elif isinstance(node, list):
+        first = next(_described(node[0], "", depth - 1), "") if node and depth else ""
+        yield f"{name} (list of {len(node)}{', the first:' if first else ''}{first})"
+    elif is_leaf(node):
+        yield f"{name} {tuple(node.shape)} {np.dtype(node.dtype)}"
+    elif isinstance(node, str):
+        yield f"{name} {node[:40]!r}"
+    else:
+        yield f"{name} ({type(node).__name__})"

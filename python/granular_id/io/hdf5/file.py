@@ -1,0 +1,114 @@
+"""HDF5: a data set that ``save_hdf5`` wrote, or a file of arrays that somebody else wrote."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.arrays.layouts import recordings_of
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.expansion import Expansion
+from granular_id.io.files import check_file
+from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
+from granular_id.io.hdf5.guard import GuardedFile
+from granular_id.io.hdf5.save import FORMAT, NUMBERS, SAMPLES, TEXTS, VERSION
+from granular_id.io.hdf5.tree import Hdf5Tree
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileContent, FileSource
+
+__all__ = ["read_hdf5"]
+
+
+def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
+    """Read an HDF5 file: one of ``save_hdf5``, or groups and arrays whose layout is guessed and said.
+
+    Links to other files, values kept in other files, filters other than gzip and shuffle, and values of changing
+    length are refused.
+
+    Raises
+    ------
+    RecordingFileError
+        With the dataset: damaged, cut off, too large, or not what is wanted.
+    ImportError
+        h5py is missing.
+    """
+    n_bytes = check_file(source.path, source.root, options.max_binary_bytes)
+    expansion = Expansion(source.path, n_bytes)
+    with GuardedFile(expansion, "to read .h5 files") as file:
+        if _is_own(file):
+            return _read_own(file, source)
+        tree = Hdf5Tree(file)
+        content = recordings_of(tree.whole(), source, options, "data set")
+    if tree.left_out:
+        content.notes.append(f"left out, as no numbers or texts: {', '.join(tree.left_out)[:300]}")
+    return content
+
+
+def _is_own(file: GuardedFile) -> bool:
+    try:
+        return bool(file.attribute(file.root, "format", "header") == FORMAT)
+    except RecordingFileError:  # an attribute of that name that is somebody else's
+        return False
+
+
+def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
+    path = source.path
+    version = file.attribute(file.root, "version", "header")
+    if not isinstance(version, np.integer) or version != VERSION:
+        problem = f"is of version {version!s:.40}; this granular_id reads version {VERSION}"
+        raise RecordingFileError(path, problem, place="header")
+    top = set(file.names(file.root, "header"))
+    group = _member(file, file.root, "recordings", "group recordings")
+    columns = {name: _values(file, group, name, f"recordings/{name}") for name in NUMBERS}
+    file.expansion.spend(columns["n_samples"].size * RECORDING_BYTES, "recordings/n_samples")
+    texts = {name: _texts(_values(file, group, name, f"recordings/{name}"), name, path) for name in TEXTS}
+    (meta,) = _texts(_values(file, group, "meta", "recordings/meta"), "meta", path)
+    (history,) = _texts(_values(file, file.root, "history", "history"), "history", path)
+    flat = FlatRecordings(
+        axes=_axes(file, path),
+        label=[text or None for text in texts["label"]],
+        session=[text or None for text in texts["session"]],
+        name=texts["name"],
+        meta_json=[None if line == "{}" else line for line in meta.split("\n")],
+        history_json=history,
+        **columns,
+        **{name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"},
+    )
+    content = unflatten(flat, path, source)
+    unknown = sorted(top - {*SAMPLES, "recordings", "history"})
+    if unknown:
+        content.notes.append(
+            f"members that are no part of the format were not read: {', '.join(unknown)[:200]}"
+        )
+    return content
+
+
+def _axes(file: GuardedFile, path: Any) -> tuple[str, ...]:
+    axes = file.attribute(_member(file, file.root, "wrench", "wrench"), "axes", "wrench")
+    return tuple(_texts(np.asarray(axes), "attribute axes of wrench", path))
+
+
+def _member(file: GuardedFile, group: Any, name: str, place: str) -> Any:
+    if not file.is_group(group) or name not in file.names(group, place):
+        raise file.expansion.fault(place, f"is missing; wanted what '{FORMAT} {VERSION}' has")
+    return file.member(group, name, place)
+
+
+def _values(file: GuardedFile, group: Any, name: str, place: str) -> NDArray[Any]:
+    item = _member(file, group, name, place)
+    if file.is_group(item):
+        raise file.expansion.fault(place, "is a group; wanted values")
+    return file.values(item, place)
+
+
+def _texts(values: NDArray[Any], place: str, path: Any) -> list[str]:
+    if values.dtype.kind != "S" or values.ndim > 1:
+        raise RecordingFileError(
+            path, f"has shape {values.shape} and type {values.dtype}; wanted texts", place=place
+        )
+    try:
+        return [text.decode("utf-8") for text in values.ravel().tolist()]
+    except UnicodeDecodeError as error:
+        raise RecordingFileError(path, f"is not UTF-8 text: {error}", place=place) from error

@@ -1,0 +1,183 @@
+"""What an HDF5 file holds, as a tree of groups and of values that are read when they are asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.arrays.names import role_of
+from granular_id.io.arrays.tree import MAX_DEPTH
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.extras import need
+from granular_id.io.hdf5.guard import GuardedFile, translated
+
+__all__ = ["Hdf5Tree"]
+
+_MOST_MEMBERS = 50_000
+_FREE_MEMBERS = 2_000
+_MEMBER_BYTES = 1024
+"""A file of more than 2,000 members has at least this many bytes for each: a member takes a third of a millisecond."""
+
+_MOST_ATTRIBUTES = 200
+_MOST_TEXTS = 100_000
+_MOST_CHUNKS = 1000
+_REFERENCE = np.dtype([("length", "<u4"), ("address", "<u8"), ("index", "<u4")])
+_ROOT = "root"
+
+
+class Hdf5Tree:
+    """Walks through the groups of a file; attributes that say what a recording is stand beside its samples.
+
+    Attributes
+    ----------
+    left_out : list of str
+        What cannot be read as numbers or texts, and why.
+    """
+
+    def __init__(self, file: GuardedFile) -> None:
+        self._file = file
+        self._h5py = need("h5py", extra="hdf5", why="to read .h5 files")
+        room = file.expansion.n_bytes // _MEMBER_BYTES
+        self._most_members = max(_FREE_MEMBERS, min(_MOST_MEMBERS, room))
+        self._met = 0
+        self._groups: set[int] = {file.address(file.root, _ROOT)}
+        self.left_out: list[str] = []
+
+    def whole(self) -> dict[str, Any]:
+        """Return the tree of everything: a mapping per group, a leaf per data set.
+
+        Raises
+        ------
+        RecordingFileError
+            Links, groups within each other without end, or far more members than recordings need.
+        """
+        return self._group(self._file.root, "", 0)
+
+    def _group(self, group: Any, place: str, depth: int) -> dict[str, Any]:
+        if depth > MAX_DEPTH:
+            raise self._file.expansion.fault(place[:200], f"groups lie in each other deeper than {MAX_DEPTH}")
+        found = self._attributes(group, place or _ROOT)
+        for name in self._file.names(group, place or _ROOT):
+            self._met += 1
+            if self._met > self._most_members:
+                came = f"the file of {self._file.expansion.n_bytes} bytes has more than {self._most_members} members"
+                raise self._file.expansion.fault(place or _ROOT, came)
+            inner = f"{place}/{name}" if place else name
+            item = self._file.member(group, name, inner)
+            if self._file.is_group(item):
+                self._met_first(item, inner)
+            value = (
+                self._group(item, inner, depth + 1)
+                if self._file.is_group(item)
+                else self._dataset(item, inner)
+            )
+            if value is not None:
+                found[name] = value
+        return found
+
+    def _met_first(self, group: Any, place: str) -> None:
+        """Refuse a group that lies at two places of the file: it may lie within itself."""
+        address = self._file.address(group, place)
+        if address in self._groups:
+            raise self._file.expansion.fault(place, "is a group that lies at two places of the file")
+        self._groups.add(address)
+
+    def _dataset(self, item: Any, place: str) -> Any:
+        with translated(self._file.expansion, place):
+            dtype, shape = item.dtype, item.shape
+            is_text = self._h5py.check_string_dtype(dtype) is not None
+        if shape is None or (dtype.hasobject and not is_text) or dtype.kind not in "iufbSOV":
+            self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
+            return None
+        leaf = _Leaf(
+            self._file, item, place, shape, np.dtype("S1") if dtype.hasobject else dtype, dtype.hasobject
+        )
+        about = self._attributes(item, place)
+        return {"samples": leaf, **about} if about and len(shape) > 1 else leaf
+
+    def _attributes(self, item: Any, place: str) -> dict[str, Any]:
+        """Return the attributes whose names say what they mean: label, session, rate, start time ..."""
+        with translated(self._file.expansion, place):
+            names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
+        found: dict[str, Any] = {}
+        for name in names:
+            if (
+                not isinstance(name, str) or role_of(name) is None
+            ):  # h5py gives names that are no UTF-8 as bytes
+                continue
+            try:
+                found[name] = self._file.attribute(item, name, place)
+            except RecordingFileError as error:
+                self.left_out.append(f"{place}: {error.problem}")
+        return found
+
+
+@dataclass
+class _Leaf:
+    """A data set that is read when it is asked for."""
+
+    file: GuardedFile
+    item: Any
+    place: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    changing: bool
+    _values: NDArray[Any] | None = field(default=None, repr=False)
+
+    def read(self) -> NDArray[Any]:
+        if self._values is None:
+            values = self._texts() if self.changing else self.file.values(self.item, self.place)
+            self._values = values.astype(np.uint8) if values.dtype.kind == "b" else values
+        return self._values
+
+    def _texts(self) -> NDArray[Any]:
+        """Read texts of changing length, after a look at how long they are said to be."""
+        expansion = self.file.expansion
+        if math.prod(self.shape) > _MOST_TEXTS or len(self.shape) > 1:
+            raise expansion.fault(
+                self.place, f"holds {self.shape} texts; wanted a list of at most {_MOST_TEXTS}"
+            )
+        with translated(expansion, self.place):
+            lengths = np.concatenate(
+                [np.zeros(1, np.int64), *(_lengths(part) for part in self._references())]
+            )
+            # as an array of one width, all become as wide as the longest
+            expansion.spend((4 * int(lengths.max()) + 64) * max(1, math.prod(self.shape)), self.place)
+            found = self.item[()]
+            texts = [found] if not self.shape else found.tolist()
+            plain = [text.decode("utf-8") if isinstance(text, bytes) else str(text) for text in texts]
+            return np.array(plain, dtype=np.str_).reshape(self.shape)
+
+    def _references(self) -> Iterator[bytes]:
+        """Return the bytes that stand for the texts in the file: a length and a place for each."""
+        fault = self.file.expansion.fault
+        h5 = need("h5py", extra="hdf5", why="to read .h5 files")
+        created = self.item.id.get_create_plist()
+        if (
+            created.get_nfilters()
+            or created.get_external_count()
+            or self.item.file.id.get_create_plist().get_sizes()[0] != 8
+        ):
+            raise fault(self.place, "holds texts that are packed or lie in other files")
+        if created.get_layout() == h5.h5d.CONTIGUOUS:
+            places = [(self.item.id.get_offset(), _REFERENCE.itemsize * math.prod(self.shape))]
+        elif created.get_layout() == h5.h5d.CHUNKED and self.item.id.get_num_chunks() <= _MOST_CHUNKS:
+            chunks = [self.item.id.get_chunk_info(i) for i in range(self.item.id.get_num_chunks())]
+            places = [(chunk.byte_offset, chunk.size) for chunk in chunks]
+        else:
+            raise fault(self.place, "holds texts in a way that is not read; wanted a plain data set")
+        with self.file.expansion.path.open("rb") as file:
+            for offset, size in places:
+                if offset is not None:  # nothing was ever written: all texts are empty
+                    file.seek(offset)
+                    yield file.read(min(size, self.file.expansion.n_bytes))
+
+
+def _lengths(references: bytes) -> NDArray[np.int64]:
+    whole = len(references) // _REFERENCE.itemsize
+    return np.frombuffer(references, _REFERENCE, whole)["length"].astype(np.int64)

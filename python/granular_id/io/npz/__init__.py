@@ -1,0 +1,1 @@
+"""NumPy files: ``.npz`` archives, read and written, and ``.npy`` arrays, read."""

@@ -1,0 +1,1 @@
+"""Parquet: archives of recordings, read and written, and tables of others, read."""
