@@ -36,7 +36,8 @@ def align_recordings(
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
             raise ValueError(
-                f"none of the {len(without)} recordings has a trigger_index; call .find_onsets() first"
+                f"none of the {len(without)} recordings has a trigger_index; call .find_onsets(), or see in its "
+                "report why it found none"
             )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
