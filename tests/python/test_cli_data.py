@@ -194,3 +194,30 @@ def test_onsets_can_be_overruled(pushes, tmp_path):
     assert "--onset-at must be NAME=SECONDS or NAME=none, got 'rice'" in refused(*plot, "rice")
     assert "names 'a' twice" in refused(*plot, "a=1", "--onset-at", "a=2")
     assert "--onset-at: no recording is called 'rice_0'; did you mean" in run(*plot, "rice_0=1").stderr
+
+
+@pytest.mark.parametrize("words", [("data", "check"), ("data", "info"), ("evaluate",), ("select",)])
+def test_what_is_read_is_not_overwritten(words, pushes, folder):
+    before = pushes.read_bytes()
+    assert "belongs to" in refused(*words, pushes, "--json", pushes)
+    assert "belongs to" in refused(*words, folder, "--json", folder / "index.csv")
+    assert pushes.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(("onset", "--axes", "fx"), "--axes does not go with"), (("mean", "-n", 3), "-n does not go with")],
+)
+def test_options_that_a_picture_cannot_follow_are_refused(words, said, pushes, tmp_path):
+    assert said in refused("data", "plot", pushes, "-o", tmp_path / "a.png", "--what", *words)
+
+
+def test_missing_triggers_are_explained_in_options(folder, tmp_path):
+    words = ("data", "convert", folder, tmp_path / "out.npz", "--begin-at", "trigger", "--n-samples", 10)
+    line = refused(*words)
+    assert "add --begin-at onset, state it with --onset-at NAME=SECONDS" in line
+
+
+def test_an_onset_that_nothing_uses_is_refused(pushes, tmp_path):
+    words = ("data", "convert", pushes, tmp_path / "out.npz", "--onset-at", "rice_00=0.2")
+    assert "add --begin-at onset" in refused(*words)

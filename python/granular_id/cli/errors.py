@@ -107,6 +107,8 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     """
     one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
     one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
+    one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
+    one_line = one_line.replace("call .find_onsets()", "add --begin-at onset")
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation or a longer name, nor a column of a file.
         word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"

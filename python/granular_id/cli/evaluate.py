@@ -110,7 +110,7 @@ def evaluate(
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
-    outputs = Outputs(report=report, json=json, csv=csv, figures=figures)
+    outputs = Outputs(report=report, json=json, csv=csv, figures=figures, source=reading.path)
     with outputs.ready():
         data = equal_recordings(reading, steps, quiet=quiet)
 

@@ -60,7 +60,7 @@ def explain(
     positive("--C", c)
     method.fits(steps.preparation.rate_hz)
     known_spaces(space)
-    check_targets(figure, json)
+    check_targets(figure, json, source=reading.path)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 

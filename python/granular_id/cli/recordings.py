@@ -104,8 +104,13 @@ class Steps:
             on_short=on_short.value,
         )
 
-    def taken(self, data: Dataset, *, quiet: bool) -> Dataset:
-        """Take the steps asked for, saying what each did; when quiet, only what was left out."""
+    def taken(self, data: Dataset, *, quiet: bool, onsets: bool = False) -> Dataset:
+        """Take the steps asked for, saying what each did; when quiet, only what was left out.
+
+        `onsets`: they are looked for afterwards, so stating some makes sense without ``--begin-at onset``.
+        """
+        if self.preparation.onset_at and self.preparation.begin_at != "onset" and not onsets:
+            raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
         console = Console(highlight=False)
 
         def say(text: str, always: str) -> None:

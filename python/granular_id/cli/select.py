@@ -59,7 +59,7 @@ def select(
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, None) if spaces else None
-    outputs = Outputs(json=json)
+    outputs = Outputs(json=json, source=reading.path)
     with outputs.ready():
         data = equal_recordings(reading, steps, quiet=quiet)
 

@@ -24,12 +24,13 @@ __all__ = ["Outputs", "Run", "check_targets", "evaluate_and_show", "repeated_com
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write, and a folder for figures; None leaves one out."""
+    """Files to write, and a folder for figures; None leaves one out. `source` is what is read, to be kept."""
 
     report: Path | None = None
     json: Path | None = None
     csv: Path | None = None
     figures: Path | None = None
+    source: Path | None = None
 
     @contextmanager
     def ready(self) -> Iterator[None]:
@@ -47,7 +48,7 @@ class Outputs:
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
         with nullcontext() if self.figures is None else made_folder(self.figures):
-            check_targets(self.report, self.json, self.csv)
+            check_targets(self.report, self.json, self.csv, source=self.source)
             yield
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
@@ -68,8 +69,8 @@ class Outputs:
         return written
 
 
-def check_targets(*paths: Path | None) -> None:
-    """Refuse files that cannot be written, and one that would be written twice; None is no file."""
+def check_targets(*paths: Path | None, source: Path | None = None) -> None:
+    """Refuse files that cannot be written, those of `source`, and one that would be written twice; None is no file."""
     from granular_id._files import check_target  # noqa: PLC0415 (slow to import)
 
     targets = [check_target(path) for path in paths if path is not None]
@@ -77,6 +78,8 @@ def check_targets(*paths: Path | None) -> None:
     for k, place in enumerate(places):
         if place in places[:k]:
             raise ValueError(f"{targets[k]} would be written twice: give each output a file of its own")
+        if source is not None and place.exists() and source.resolve() in (place, *place.parents):
+            raise ValueError(f"{targets[k]} belongs to {source}, which is read: give the output another name")
 
 
 @dataclass(frozen=True)

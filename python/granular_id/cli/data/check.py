@@ -51,7 +51,7 @@ def check(
     json: Annotated[Path | None, option("--json", OUTPUT, "Write findings and verdicts.")] = None,
 ) -> None:
     """Print findings and verdicts; see `TEXT`."""
-    check_targets(json)
+    check_targets(json, source=reading.path)
     limits = _range_of(sensor_range)
     data = reading.load(quiet=False)
     report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate)

@@ -37,7 +37,7 @@ def info(
     json: Annotated[Path | None, option("--json", OUTPUT, "Write the summary and all steps.")] = None,
 ) -> None:
     """Print a summary; see `TEXT`."""
-    check_targets(json)
+    check_targets(json, source=reading.path)
     data = reading.load(quiet=False)
     console = Console(highlight=False)
     summary = data.summary()

@@ -60,13 +60,17 @@ def plot(
 ) -> None:
     """Draw a picture; see `TEXT`."""
     at_least("-n", n, 1)
-    check_targets(output)
+    if axes and what is What.onset:
+        raise ValueError("--axes does not go with --what onset, which draws all forces")
+    if n is not None and what is What.mean:
+        raise ValueError("-n does not go with --what mean, which is made of all recordings")
+    check_targets(output, source=reading.path)
 
     from granular_id import plotting  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.plotting.style import file_format  # noqa: PLC0415
 
     file_format(output)
-    data = steps.taken(reading.load(quiet=False), quiet=False)
+    data = steps.taken(reading.load(quiet=False), quiet=False, onsets=what is What.onset)
     chosen = names_in(axes)
     if what is What.mean:
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
