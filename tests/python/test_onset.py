@@ -263,3 +263,15 @@ def test_bad_input_is_named(change, error, message):
 
 def test_rest_longer_than_anything():
     assert find_onset(noise(), RATE_HZ, rest_s=1e300).why.startswith("too short: 1600 samples, ")
+
+
+def test_a_unit_is_stated_only_where_it_is_known():
+    drifting = np.linspace(0, 1, 1600)[:, np.newaxis] + noise(0, 1600)[:, :1]
+    assert " N:" in find_onset(drifting, RATE_HZ, axes=["fz"]).why
+    assert "though depth strays by 0.99:" in find_onset(drifting, RATE_HZ, axes=["depth"]).why
+
+
+def test_largest_floats_raise_no_warning():
+    wrench = np.clip(noise(0, 400) / NOISE, -1, 1) * 1.79e308
+    with np.errstate(over="raise", invalid="raise"):
+        assert find_onset(wrench, RATE_HZ, false_alarm_rate=0.5).threshold == 1

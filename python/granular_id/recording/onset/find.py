@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granular_id._core import AXES
 from granular_id.recording._values import FloatArray, as_floats, checked_number, checked_rate
 from granular_id.recording.axes import checked_axes, unit_of
 from granular_id.recording.onset.change_time import change_times
@@ -219,10 +220,13 @@ def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: t
     if np.isinf(found.critical[i]).all():
         return "no axis ever changes"
     usual = np.sqrt(found.noise.shift_variance[i])
+    with np.errstate(over="ignore"):
+        wander = found.wander[i] * scale
     strayed = (found.wander[i] - found.noise.count[i]) / np.where(usual > 0, usual, np.inf)
     axis = int(strayed.argmax())
     if strayed[axis] > _STRAYED:
-        distance = f"{found.wander[i, axis] * scale[axis]:.2g} {unit_of(axes[axis])}"
+        unit = f" {unit_of(axes[axis])}" if axes[axis] in AXES else ""  # others are in units of the caller's
+        distance = f"{wander[axis]:.2g}{unit}"
         return (
             f"no abrupt change, though {axes[axis]} strays by {distance}: it starts in motion, drifts, or needs a "
             "longer rest"

@@ -17,7 +17,7 @@ _LEAST, _MOST, _POINTS = 0.5, 1e4, 160
 _GRID = 1.05
 # Variances are integrated over their probability, from this upwards: less than any rate that can be asked for.
 _RAREST = 1e-16
-_NODES, _HALVINGS = 160, 60
+_NODES, _HALVINGS = 160, 32
 
 
 def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
@@ -64,14 +64,9 @@ def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
 @lru_cache(maxsize=256)
 def _table(n_tests: int, rate: float) -> tuple[FloatArray, FloatArray]:
     """Logarithms of degrees of freedom and of the factor, by bisection for all of them at once."""
-    from scipy.special import gammaincinv, ndtr  # slow to import, and only this step needs it  # noqa: PLC0415
+    from scipy.special import ndtr  # slow to import, and only this step needs it  # noqa: PLC0415
 
-    dof = np.geomspace(_LEAST, _MOST, _POINTS)
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    # equal care for every decade of probability: the small variances make the false alarms
-    probability = np.exp(0.5 * math.log(_RAREST) * (1.0 - nodes))
-    weights = weights * -0.5 * math.log(_RAREST) * probability
-    sd = np.sqrt(gammaincinv(dof[:, np.newaxis] / 2, probability) * 2 / dof[:, np.newaxis])
+    dof, sd, weights = _estimates()
     low, high = np.zeros(_POINTS), np.full(_POINTS, math.log(1e30))
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -80,3 +75,17 @@ def _table(n_tests: int, rate: float) -> tuple[FloatArray, FloatArray]:
         too_often = -np.expm1(all_inside) @ weights > rate
         low, high = np.where(too_often, middle, low), np.where(too_often, high, middle)
     return np.log(dof), high
+
+
+@lru_cache(maxsize=1)
+def _estimates() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Degrees of freedom, the standard deviations that each may estimate where 1 is true, and their weights."""
+    from scipy.special import gammaincinv  # noqa: PLC0415
+
+    dof = np.geomspace(_LEAST, _MOST, _POINTS)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    # equal care for every decade of probability: the small variances make the false alarms
+    probability = np.exp(0.5 * math.log(_RAREST) * (1.0 - nodes))
+    weights = weights * -0.5 * math.log(_RAREST) * probability
+    sd = np.sqrt(gammaincinv(dof[:, np.newaxis] / 2, probability) * 2 / dof[:, np.newaxis])
+    return dof, sd, weights
