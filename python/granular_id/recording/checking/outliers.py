@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from granular_id.recording._values import FloatArray
+from granular_id.recording.axes import unit_of
 from granular_id.recording.checking.finding import Finding, count, found, verb
 from granular_id.recording.checking.labels import by_label
 from granular_id.recording.checking.layout import by_axis
@@ -48,7 +49,7 @@ def figures(recording: Recording) -> dict[str, float]:
     power = wrench**2
     variance = wrench.var(axis=0)
     for columns in unit_columns(recording.axes):
-        name = "torque" if recording.axes[columns[0]] in ("tx", "ty", "tz") else "force"
+        name = "torque" if unit_of(recording.axes[columns[0]]) == "N m" else "force"
         described[f"mean {name}"] = float(np.sqrt(_row_sum(power, columns)).mean())
         described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
         changes = np.sort(np.sqrt(_row_sum(steps, columns)))

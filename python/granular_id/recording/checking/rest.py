@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from granular_id.recording._values import FloatArray
+from granular_id.recording.axes import unit_of
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 from granular_id.recording.onset.find import REST_S
@@ -59,6 +60,6 @@ def rest_of(recording: Recording) -> Rest | None:
 
 def unit_columns(axes: Sequence[str]) -> list[list[int]]:
     """Return the columns that share a unit: torques (tx, ty, tz) apart from the rest."""
-    torques = [i for i, axis in enumerate(axes) if axis in ("tx", "ty", "tz")]
+    torques = [i for i, axis in enumerate(axes) if unit_of(axis) == "N m"]
     forces = [i for i in range(len(axes)) if i not in torques]
     return [columns for columns in (forces, torques) if columns]
