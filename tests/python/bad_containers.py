@@ -135,7 +135,10 @@ HDF5S: dict[str, Callable[[h5py.File], object]] = {
     "gzip cut off": partial(_chunk, stream=zlib.compress(bytes(4800))[:9], shape=(100, 6), chunk=(100, 6)),
     "gzip of noise": partial(_chunk, stream=bytes(range(256)), shape=(100, 6), chunk=(100, 6)),
     "chunks of one value": lambda file: file.create_dataset("wrench", (60_000, 6), float, chunks=(1, 6)),
-    "a filter that is not known": lambda file: file.create_dataset("wrench", data=WRENCH, compression="lzf"),
+    "a filter that is not known": lambda file: file.create_dataset("wrench", data=WRENCH, scaleoffset=3),
+    "lzf cut off": lambda file: file.create_dataset(
+        "wrench", (100, 6), chunks=(100, 6), compression="lzf"
+    ).id.write_direct_chunk((0, 0), bytes([31, 1])),
     "texts for samples": lambda file: file.create_dataset("wrench", data=WRENCH.astype("S8")),
     "texts of changing length": lambda file: file.create_dataset(
         "wrench", data=WRENCH.astype("S8").astype(object)

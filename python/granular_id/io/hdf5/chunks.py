@@ -1,4 +1,4 @@
-"""Chunks of an HDF5 dataset that gzip has packed, unpacked to the size they should have and no further."""
+"""Chunks of an HDF5 dataset, unpacked to the size they should have and no further."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granular_id.io.expansion import Expansion
 
-DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3
+DEFLATE, SHUFFLE, FLETCHER32, LZF = 1, 2, 3, 32000
 
 MAX_CHUNKS = 20_000
 """Chunks of one dataset, each of which takes time however small it is."""
@@ -30,7 +30,7 @@ class PackedChunks:
     chunk : tuple of int
         Shape of a chunk.
     filters : list of int
-        Numbers of the filters, in the order of writing: gzip, and possibly shuffle and fletcher32.
+        Numbers of the filters, in the order of writing: gzip or lzf, shuffle, fletcher32, each where it was used.
     expansion : Expansion
         Size of the file, and its name for errors.
     place : str
@@ -50,11 +50,13 @@ class PackedChunks:
         self._dataset, self._expansion, self._place = dataset, expansion, place
         self._dtype, self._shape, self._chunk = dtype, shape, chunk
         self._size = math.prod(self._chunk) * self._dtype.itemsize
-        at = filters.index(DEFLATE)
-        self._gzip = 1 << at
+        at = next((i for i, number in enumerate(filters) if number in (DEFLATE, LZF)), len(filters))
+        self._packer = 1 << at
+        self._gzip = DEFLATE in filters
         self._shuffle = 1 << filters.index(SHUFFLE) if SHUFFLE in filters[:at] else 0
         # a checksum made before packing is packed with the values; one made after stands behind the stream
         self._checksum = 1 << filters.index(FLETCHER32) if FLETCHER32 in filters[:at] else 0
+        self._tail = 1 << filters.index(FLETCHER32) if FLETCHER32 in filters[at:] else 0
         self._found: list[Any] = []
         dataset.chunk_iter(self._note)
         packed_bytes = sum(info.size for info in self._found)
@@ -72,11 +74,21 @@ class PackedChunks:
             mask, packed = self._dataset.read_direct_chunk(info.chunk_offset)
             yield info.chunk_offset, mask, packed
 
+    def check(self) -> None:
+        """Refuse chunks that unpack to another size than they should have, without unpacking those of lzf."""
+        for _, mask, packed in self:
+            if self._gzip or mask & self._packer:
+                self.unpacked(packed, mask)
+                continue
+            size = self._size + (4 if self._checksum & ~mask else 0)
+            if lzf_size(packed[: -4 if self._tail & ~mask else None]) != size:
+                raise self._expansion.fault(self._place, f"a chunk of {size} bytes unpacks to another size")
+
     def unpacked(self, packed: bytes, mask: int) -> bytes:
-        """Return the bytes of one chunk."""
+        """Return the bytes of one chunk that is packed by gzip or not at all."""
         data = packed
         size = self._size + (4 if self._checksum & ~mask else 0)
-        if not mask & self._gzip:
+        if self._gzip and not mask & self._packer:
             stream = zlib.decompressobj()
             try:
                 data = stream.decompress(packed, size + 1)
@@ -84,6 +96,8 @@ class PackedChunks:
                 raise self._expansion.fault(self._place, f"a chunk is damaged ({error})") from error
             if not stream.eof and len(data) <= size:
                 raise self._expansion.fault(self._place, "a chunk is cut off")
+        elif self._tail & ~mask:
+            data = data[:-4]
         if len(data) != size:
             came = f"{len(data)} bytes" if len(data) <= size else "more"
             raise self._expansion.fault(self._place, f"a chunk of {size} bytes unpacks to {came}")
@@ -99,7 +113,8 @@ class PackedChunks:
             values = np.empty(self._shape, self._dtype)
         else:
             fill = np.zeros((), self._dtype)
-            self._dataset.get_create_plist().get_fill_value(fill)
+            if self._dtype.kind != "V":  # what stands for a text: nothing, as h5py fills it
+                self._dataset.get_create_plist().get_fill_value(fill)
             values = np.full(self._shape, fill, self._dtype)
         filled = set()
         for offset, mask, packed in self:
@@ -112,3 +127,27 @@ class PackedChunks:
         if len(filled) < len(self._found):  # values may be left as they were in memory
             raise self._expansion.fault(self._place, "has chunks over each other or outside the dataset")
         return values
+
+
+def lzf_size(packed: bytes) -> int:
+    """Return how many bytes a stream of lzf makes, -1 where it is cut off.
+
+    Examples
+    --------
+    >>> lzf_size(bytes([2, 65, 66, 67, 0x20, 2]))  # ABC, then ABC again
+    6
+    """
+    at = made = 0
+    end = len(packed)
+    while at < end:
+        code = packed[at]
+        if code < 32:  # so many bytes as they are
+            made += code + 1
+            at += code + 2
+        elif code < 224:
+            made += (code >> 5) + 2
+            at += 2
+        else:  # a long one, whose length goes on in the next byte
+            made += packed[min(at + 1, end - 1)] + 9
+            at += 3
+    return made if at == end else -1

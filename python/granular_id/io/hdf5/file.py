@@ -20,12 +20,13 @@ from granular_id.io.source import FileContent, FileSource
 
 __all__ = ["read_hdf5"]
 
+_LISTED = 3
+
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an HDF5 file: one of ``save_hdf5``, or groups and arrays whose layout is guessed and said.
 
-    Links to other files, values kept in other files, filters other than gzip and shuffle, and values of changing
-    length are refused.
+    Links, values kept in other files and filters other than gzip, lzf and shuffle are refused.
 
     Raises
     ------
@@ -42,7 +43,9 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
         tree = Hdf5Tree(file)
         content = recordings_of(tree.whole(), source, options, "data set")
     if tree.left_out:
-        content.notes.append(f"left out, as no numbers or texts: {', '.join(tree.left_out)[:300]}")
+        more = len(tree.left_out) - _LISTED
+        listed = "; ".join(tree.left_out[:_LISTED]) + (f"; and {more} more" if more > 0 else "")
+        content.notes.append(f"left out: {listed}")
     return content
 
 
@@ -104,11 +107,11 @@ def _values(file: GuardedFile, group: Any, name: str, place: str) -> NDArray[Any
 
 
 def _texts(values: NDArray[Any], place: str, path: Any) -> list[str]:
-    if values.dtype.kind != "S" or values.ndim > 1:
+    if values.dtype.kind not in "SU" or values.ndim > 1:
         raise RecordingFileError(
             path, f"has shape {values.shape} and type {values.dtype}; wanted texts", place=place
         )
     try:
-        return [text.decode("utf-8") for text in values.ravel().tolist()]
+        return [text if isinstance(text, str) else text.decode("utf-8") for text in values.ravel().tolist()]
     except UnicodeDecodeError as error:
         raise RecordingFileError(path, f"is not UTF-8 text: {error}", place=place) from error

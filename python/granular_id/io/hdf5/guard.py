@@ -2,7 +2,8 @@
 
 The HDF5 library follows links to other files, maps datasets onto other files, loads filters as plug-ins, and
 unpacks a chunk to whatever it expands to (a chunk of 1 MB to 1 GB, in eleven seconds). Here every link,
-storage, filter and size is looked at first, and chunks packed by gzip are unpacked to their own size at most.
+storage, filter and size is looked at first, chunks are unpacked to their own size at most, and texts of changing
+length are read from the bytes of the file.
 """
 
 from __future__ import annotations
@@ -19,12 +20,17 @@ from numpy.typing import NDArray
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.extras import need
-from granular_id.io.hdf5.chunks import DEFLATE, FLETCHER32, MAX_CHUNKS, SHUFFLE, PackedChunks
+from granular_id.io.hdf5.chunks import DEFLATE, FLETCHER32, LZF, MAX_CHUNKS, SHUFFLE, PackedChunks
+from granular_id.io.hdf5.heap import REFERENCE_BYTES, TextHeap
 
-_FILTERS = (DEFLATE, SHUFFLE, FLETCHER32)
+_FILTERS = (DEFLATE, SHUFFLE, FLETCHER32, LZF)
+_REFERENCE = np.dtype((np.void, REFERENCE_BYTES))
 
 MAX_MEMBERS = 50_000
 """Members of one group."""
+
+MAX_TEXTS = 100_000
+"""Texts of changing length in one dataset."""
 
 MAX_ATTRIBUTE_BYTES = 1 << 16
 """Size of one attribute; the HDF5 library's own limit for attributes within a header."""
@@ -82,6 +88,7 @@ class GuardedFile:
             except BaseException:
                 self._file.close()  # left open, the library would take any later file at this place for the same
                 raise
+        self._heap = TextHeap(expansion)
 
     def __enter__(self) -> GuardedFile:
         return self
@@ -141,52 +148,104 @@ class GuardedFile:
             return bool(self._h5.h5a.exists(item.id, name.encode()))
 
     def attribute(self, item: Any, name: str, place: str) -> Any:
-        """Return the value of a small attribute (a single text as str), None where there is none."""
+        """Return the value of a small attribute, texts as str where they are single or of changing length.
+
+        None where there is none.
+        """
         if not self.has_attribute(item, name, place):
             return None
         with translated(self.expansion, place):
             found = self._h5.h5a.open(item.id, name.encode())
             dtype, shape = found.dtype, found.shape
-            size = math.prod(shape or ()) * dtype.itemsize
-            if dtype.hasobject:  # a length of 2 GB in 16 bytes is seen only when the memory is taken
-                raise self.expansion.fault(place, f"the attribute {name} has no fixed width, and is not read")
-            if shape is None or size > MAX_ATTRIBUTE_BYTES:
+            is_text = dtype.hasobject and self._h5.check_string_dtype(dtype) is not None
+            size = math.prod(shape or ()) * (REFERENCE_BYTES if is_text else dtype.itemsize)
+            if shape is None or size > MAX_ATTRIBUTE_BYTES or (dtype.hasobject and not is_text):
                 raise self.expansion.fault(place, f"the attribute {name} is no small number or text")
+            if is_text:
+                return self._attribute_texts(item, name, shape, place)
             values = np.empty(shape, dtype)
             found.read(values)
             value = values if shape else values[()]
             return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else value
 
+    def _attribute_texts(self, item: Any, name: str, shape: tuple[int, ...], place: str) -> Any:
+        """Return texts of changing length: the library would take as much memory as they claim."""
+        try:
+            references = self._heap.attribute(self.address(item, place), name.encode())
+            values = self._texts(references, shape, place)
+        except ValueError as error:
+            problem = (
+                f"the attribute {name} cannot be read ({error}); write it as np.bytes_(...) or as a data set"
+            )
+            raise self.expansion.fault(place, problem) from error
+        return values if shape else str(values[()])
+
     def values(self, dataset: Any, place: str) -> NDArray[Any]:
-        """Return all values of a dataset of numbers, text of fixed width or references.
+        """Return all values of a dataset of numbers, texts or references.
 
         Raises
         ------
         RecordingFileError
-            Values that lie outside the file, are packed by anything but gzip and shuffle, have no fixed width, or
-            expand beyond measure.
+            Values that lie outside the file, are packed by anything but gzip, lzf and shuffle, have no fixed width
+            and are no texts, or expand beyond measure.
         """
         with translated(self.expansion, place):
             dtype, shape = dataset.id.dtype, dataset.id.shape
             if shape is None:
                 raise self.expansion.fault(place, "holds nothing")
+            if dtype.hasobject and self._h5.check_string_dtype(dtype) is not None:
+                return self._dataset_texts(dataset.id, shape, place)
             if dtype.hasobject and not self.is_reference(dtype):
-                raise self.expansion.fault(place, "holds values of changing length; wanted numbers")
+                raise self.expansion.fault(place, "holds values of changing length; wanted numbers or texts")
             filters, chunk = self._checked_storage(dataset.id, dtype, shape, place)
             # references become Python objects, samples float64 in the end
             width = 64 if dtype.hasobject else max(dtype.itemsize, 8)
             size = math.prod(shape)
             self.expansion.spend(size * width, place)
-            if DEFLATE in filters:
+            if DEFLATE in filters or LZF in filters:
                 chunks = PackedChunks(dataset.id, dtype, shape, chunk, filters, self.expansion, place)
-                if size and not dtype.hasobject:
+                if size and not dtype.hasobject and LZF not in filters:
                     return chunks.whole()
-                for _, mask, packed in chunks:  # what is no bomb may be unpacked by the library
-                    chunks.unpacked(packed, mask)
+                chunks.check()  # what is no bomb may be unpacked by the library
             values = np.empty(shape, dtype)
             if size:
                 dataset.id.read(self._h5.h5s.ALL, self._h5.h5s.ALL, values)
             return values
+
+    def _dataset_texts(self, dataset: Any, shape: tuple[int, ...], place: str) -> NDArray[np.str_]:
+        """Return texts of changing length, one for each of the references that are the values in the file."""
+        count = math.prod(shape)
+        if count > MAX_TEXTS:
+            raise self.expansion.fault(place, f"holds {count} texts; at most {MAX_TEXTS} are read")
+        filters, chunk = self._checked_storage(dataset, _REFERENCE, shape, place)
+        if dataset.get_create_plist().get_layout() == self._h5.h5d.COMPACT or LZF in filters:
+            raise self.expansion.fault(
+                place, "keeps texts packed by lzf or in its header; wanted a plain data set"
+            )
+        self.expansion.spend(count * REFERENCE_BYTES, place)
+        if not chunk:
+            offset = dataset.get_offset()  # None where nothing was ever written
+            references = b"" if offset is None else self._heap.read(offset, count * REFERENCE_BYTES)
+        elif count:
+            references = (
+                PackedChunks(dataset, _REFERENCE, shape, chunk, filters, self.expansion, place)
+                .whole()
+                .tobytes()
+            )
+        return self._texts(references, shape, place)
+
+    def _texts(self, references: bytes, shape: tuple[int, ...], place: str) -> NDArray[np.str_]:
+        """Return the texts of changing length that references stand for; ValueError where they lead nowhere."""
+        created = self._file.id.get_create_plist()
+        if created.get_sizes()[0] != 8 or created.get_userblock():
+            raise ValueError("addresses are not of eight bytes from the beginning of the file")
+        texts = [
+            text.decode("utf-8", "backslashreplace")
+            for text in self._heap.texts(references, math.prod(shape))
+        ]
+        # as an array of one width, all become as wide as the longest
+        self.expansion.spend((4 * max(map(len, texts), default=0) + 64) * len(texts), place)
+        return np.array(texts, dtype=np.str_).reshape(shape)
 
     def _checked_storage(
         self, dataset: Any, dtype: np.dtype[Any], shape: tuple[int, ...], place: str
@@ -198,15 +257,22 @@ class GuardedFile:
             raise self.expansion.fault(place, "keeps its values in other files, which are not opened")
         if layout != self._h5.h5d.CHUNKED:
             return [], ()
-        filters = [created.get_filter(i)[0] for i in range(created.get_nfilters())]
-        for number in filters:
-            if number not in _FILTERS or filters.count(number) > 1:
-                problem = f"is packed with filter {number} of HDF5; wanted gzip, shuffle, or nothing"
-                raise self.expansion.fault(place, problem)
         chunk = created.get_chunk()
+        n_chunk_bytes = math.prod(chunk) * dtype.itemsize
+        found = [created.get_filter(i) for i in range(created.get_nfilters())]
+        filters = [number for number, *_ in found]
+        for number, _, values, name in found:
+            # lzf takes as much memory as its values say
+            trap = number == LZF and (DEFLATE in filters or values[2:3] not in ((), (n_chunk_bytes,)))
+            if number not in _FILTERS or filters.count(number) > 1 or trap:
+                called = f"{name.decode('utf-8', 'replace')[:40]} (filter {number} of HDF5)"
+                problem = (
+                    f"is packed with {called}; wanted gzip, lzf or nothing: h5repack -f GZIP=4 OLD.h5 NEW.h5"
+                )
+                raise self.expansion.fault(place, problem)
         n_chunks = math.prod(-(-n // size) for n, size in zip(shape, chunk, strict=True))
         if n_chunks > MAX_CHUNKS:
             raise self.expansion.fault(place, f"lies in {n_chunks} chunks, more than {MAX_CHUNKS}")
         # chunks at the border are stored whole, and may be larger than the dataset
-        self.expansion.spend(math.prod(chunk) * dtype.itemsize, place)
+        self.expansion.spend(n_chunk_bytes, place)
         return filters, chunk

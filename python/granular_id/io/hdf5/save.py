@@ -100,7 +100,7 @@ def _arrays(flat: FlatRecordings, h5py: Any) -> dict[str, Any]:
 
 
 def _texts(texts: Sequence[str | None], h5py: Any) -> NDArray[Any]:
-    """Return texts of fixed width in UTF-8, an empty one for None: texts of changing length cannot be bounded."""
+    """Return texts of fixed width in UTF-8, an empty one for None."""
     data = [(text or "").encode("utf-8") for text in texts]
     return np.array(data, dtype=h5py.string_dtype("utf-8", max(1, *map(len, data))))
 

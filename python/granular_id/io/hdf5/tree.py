@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -24,9 +22,6 @@ _MEMBER_BYTES = 1024
 """A file of more than 2,000 members has at least this many bytes for each: a member takes a third of a millisecond."""
 
 _MOST_ATTRIBUTES = 200
-_MOST_TEXTS = 100_000
-_MOST_CHUNKS = 1000
-_REFERENCE = np.dtype([("length", "<u4"), ("address", "<u8"), ("index", "<u4")])
 _ROOT = "root"
 
 
@@ -94,9 +89,7 @@ class Hdf5Tree:
         if shape is None or (dtype.hasobject and not is_text) or dtype.kind not in "iufbSOV":
             self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
             return None
-        leaf = _Leaf(
-            self._file, item, place, shape, np.dtype("S1") if dtype.hasobject else dtype, dtype.hasobject
-        )
+        leaf = _Leaf(self._file, item, place, shape, np.dtype("U1") if dtype.hasobject else dtype)
         about = self._attributes(item, place)
         return {"samples": leaf, **about} if about and len(shape) > 1 else leaf
 
@@ -126,58 +119,10 @@ class _Leaf:
     place: str
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    changing: bool
     _values: NDArray[Any] | None = field(default=None, repr=False)
 
     def read(self) -> NDArray[Any]:
         if self._values is None:
-            values = self._texts() if self.changing else self.file.values(self.item, self.place)
+            values = self.file.values(self.item, self.place)
             self._values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return self._values
-
-    def _texts(self) -> NDArray[Any]:
-        """Read texts of changing length, after a look at how long they are said to be."""
-        expansion = self.file.expansion
-        if math.prod(self.shape) > _MOST_TEXTS or len(self.shape) > 1:
-            raise expansion.fault(
-                self.place, f"holds {self.shape} texts; wanted a list of at most {_MOST_TEXTS}"
-            )
-        with translated(expansion, self.place):
-            lengths = np.concatenate(
-                [np.zeros(1, np.int64), *(_lengths(part) for part in self._references())]
-            )
-            # as an array of one width, all become as wide as the longest
-            expansion.spend((4 * int(lengths.max()) + 64) * max(1, math.prod(self.shape)), self.place)
-            found = self.item[()]
-            texts = [found] if not self.shape else found.tolist()
-            plain = [text.decode("utf-8") if isinstance(text, bytes) else str(text) for text in texts]
-            return np.array(plain, dtype=np.str_).reshape(self.shape)
-
-    def _references(self) -> Iterator[bytes]:
-        """Return the bytes that stand for the texts in the file: a length and a place for each."""
-        fault = self.file.expansion.fault
-        h5 = need("h5py", extra="hdf5", why="to read .h5 files")
-        created = self.item.id.get_create_plist()
-        if (
-            created.get_nfilters()
-            or created.get_external_count()
-            or self.item.file.id.get_create_plist().get_sizes()[0] != 8
-        ):
-            raise fault(self.place, "holds texts that are packed or lie in other files")
-        if created.get_layout() == h5.h5d.CONTIGUOUS:
-            places = [(self.item.id.get_offset(), _REFERENCE.itemsize * math.prod(self.shape))]
-        elif created.get_layout() == h5.h5d.CHUNKED and self.item.id.get_num_chunks() <= _MOST_CHUNKS:
-            chunks = [self.item.id.get_chunk_info(i) for i in range(self.item.id.get_num_chunks())]
-            places = [(chunk.byte_offset, chunk.size) for chunk in chunks]
-        else:
-            raise fault(self.place, "holds texts in a way that is not read; wanted a plain data set")
-        with self.file.expansion.path.open("rb") as file:
-            for offset, size in places:
-                if offset is not None:  # nothing was ever written: all texts are empty
-                    file.seek(offset)
-                    yield file.read(min(size, self.file.expansion.n_bytes))
-
-
-def _lengths(references: bytes) -> NDArray[np.int64]:
-    whole = len(references) // _REFERENCE.itemsize
-    return np.frombuffer(references, _REFERENCE, whole)["length"].astype(np.int64)
