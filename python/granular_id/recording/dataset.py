@@ -169,7 +169,7 @@ class Dataset(DatasetSteps):
             Without it clipping shows only where readings stand still at their own extreme.
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, drift, clipping, standing still) speaks up
-            in a sound data set. Default: 0.01, once in a hundred sets.
+            in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.005 as 0.005.
 
         Returns
         -------
