@@ -161,7 +161,7 @@ def silent(data, axis):
 
 def test_a_constant_axis_changes_nothing_that_the_others_tell(data, spaces):
     result = evaluate(silent(data, 2), spaces, **SMALL)
-    assert any("never change (fz)" in note for note in result.notes)
+    assert any("never changes (fz)" in note for note in result.notes)
     for name in spaces:
         if name != "permuted":
             assert result.mean_accuracy(name) > 0.3
