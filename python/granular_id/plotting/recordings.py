@@ -22,6 +22,7 @@ from granular_id.plotting.style import (
     short,
 )
 from granular_id.recording import Dataset, Recording
+from granular_id.recording._values import checked_index
 from granular_id.recording.axes import unit_of
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def plot_recordings(
     path : path-like, optional
         Where to save; the ending chooses the format (png, svg, pdf). Whole or not at all.
     axes : sequence of str, optional
-        Axes to draw, all of one unit; fx and fz by default, or all where recordings have other axes.
+        Axes to draw, all of one unit; the forces by default, or all where recordings have other axes.
     n : int, default 5
         Recordings per material, spread evenly over the material's recordings.
 
@@ -74,9 +75,7 @@ def plot_recordings(
     >>> [panel.get_title() for panel in figure.axes]
     ['rice (3 of 3)', 'fine sugar (3 of 3)']
     """
-    if isinstance(n, bool) or not isinstance(n, int):
-        raise TypeError(f"n must be an int, got {type(n).__name__}")
-    if n < 1:
+    if checked_index(n, "n") < 1:
         raise ValueError(f"n must be at least 1, got {n}")
     wanted, unit = _chosen(dataset, axes)
     groups: dict[str, list[Recording]] = {}
@@ -84,7 +83,7 @@ def plot_recordings(
         groups.setdefault(recording.label or _NO_LABEL, []).append(recording)
     n_columns = min(4, len(groups))
     n_rows = math.ceil(len(groups) / n_columns)
-    figure = new_figure(1.2 + 2.5 * n_columns, 1.4 + 1.9 * n_rows)
+    figure = new_figure(max(1.2 + 2.5 * n_columns, 5.5), 1.4 + 1.9 * n_rows)  # room for label and legend
     panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
     handles: list[Any] = []
     for (label, group), panel in zip(groups.items(), panels, strict=False):
@@ -114,7 +113,7 @@ def _chosen(dataset: Dataset, axes: Sequence[str] | None) -> tuple[tuple[str, ..
     """Return the axes to draw and their unit."""
     have = dataset.axes
     if axes is None:
-        axes = ("fx", "fz") if have == AXES else have
+        axes = AXES[:3] if have == AXES else have
     wanted = (axes,) if isinstance(axes, str) else tuple(axes)
     unknown = [axis for axis in wanted if axis not in have]
     if unknown or not wanted or len(set(wanted)) < len(wanted):
