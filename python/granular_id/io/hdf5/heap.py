@@ -40,22 +40,17 @@ class TextHeap:
 
     def __init__(self, expansion: Expansion) -> None:
         self._expansion = expansion
+        self._attributes: dict[int, dict[bytes, bytes]] = {}
         self._heaps: dict[int, dict[int, bytes]] = {}
         self._heap_bytes = self._n_objects = 0
 
     def attribute(self, address: int, name: bytes) -> bytes:
         """Return the references that an attribute of the object at `address` holds."""
-        for kind, body in self._messages(address):
-            if kind != _ATTRIBUTE or len(body) < 8:
-                continue
-            version, flags, *sizes = struct.unpack_from("<BB3H", body)
-            if version not in (1, 2, 3) or (flags and version > 1):
-                continue  # of a kind that is kept elsewhere, which h5py never writes
-            step = 8 if version == 1 else 1
-            start = 9 if version == 3 else 8
-            if body[start : start + sizes[0]].split(b"\0", 1)[0] == name:
-                return body[start + sum(-(-size // step) * step for size in sizes) :]
-        raise ValueError("it lies outside the header of its object")
+        if address not in self._attributes:  # a header is walked once, however many lead to it
+            self._attributes[address] = dict(self._values(address))
+        if name not in self._attributes[address]:
+            raise ValueError("it lies outside the header of its object")
+        return self._attributes[address][name]
 
     def texts(self, references: bytes, count: int) -> Iterator[bytes]:
         """Yield `count` texts: empty ones where references are missing, as nothing was written there."""
@@ -72,6 +67,19 @@ class TextHeap:
         with self._expansion.path.open("rb") as file:
             file.seek(address)
             return file.read(n_bytes)
+
+    def _values(self, address: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield names and values of the attributes in the header of an object."""
+        for kind, body in self._messages(address):
+            if kind != _ATTRIBUTE or len(body) < 8:
+                continue
+            version, flags, *sizes = struct.unpack_from("<BB3H", body)
+            if version not in (1, 2, 3) or (flags and version > 1):
+                continue  # of a kind that is kept elsewhere, which h5py never writes
+            step = 8 if version == 1 else 1
+            start = 9 if version == 3 else 8
+            name = body[start : start + sizes[0]].split(b"\0", 1)[0]
+            yield name, body[start + sum(-(-size // step) * step for size in sizes) :]
 
     def _messages(self, address: int) -> Iterator[tuple[int, bytes]]:
         """Yield kind and content of each message in the header of an object."""

@@ -32,6 +32,9 @@ _ATTACHMENT, _METADATA, _DATA_END = 0x09, 0x0C, 0x0F
 _LARGEST_RECORD = 64 * 1024 * 1024
 """Of schemas, channels and metadata, bytes."""
 
+_ATTACHED_BYTES, _SAMPLE_BYTES = 4096, 8
+"""What an attachment of ours may have, altogether and per message: stamps are float64."""
+
 _MOST_DEFINITIONS = 20_000
 """Schemas and channels in a file; a robot has hundreds."""
 
@@ -82,6 +85,8 @@ def walk_mcap(file: BinaryIO, n_bytes: int, path: Path, topics: Topics, unpacker
             "whole.mcap` keeps what there is"
         )
         raise RecordingFileError(path, problem)
+    if walk.own.metadata.get("n_samples") == str(topics.n_kept):  # else the messages are others by now
+        walk.read_attachments()
     return walk.own
 
 
@@ -97,6 +102,7 @@ class _Walk:
         self._schemas: dict[int, tuple[str, str]] = {}
         self._channels: dict[int, Topic] = {}
         self._known: set[bytes] = set()
+        self._attached: list[tuple[int, int]] = []
         self.own = OwnRecords()
 
     def run(self) -> bool:
@@ -132,7 +138,7 @@ class _Walk:
             self._file.seek(-_RECORD.size, os.SEEK_CUR)
             self._messages(self._file.read(_RECORD.size + length), place)
         elif opcode == _ATTACHMENT:
-            self._attachment(length, place)
+            self._attachment(length)
         elif opcode in (_SCHEMA, _CHANNEL, _METADATA):
             if length > _LARGEST_RECORD:
                 self._fail(f"has {length} bytes of names and text; at most {_LARGEST_RECORD} are read", place)
@@ -200,17 +206,25 @@ class _Walk:
             definition=definition,
         )
 
-    def _attachment(self, length: int, place: str) -> None:
+    def _attachment(self, length: int) -> None:
         start = self._file.tell()
-        if self._file.read(min(length, _OWN_ATTACHMENT.stop))[_OWN_ATTACHMENT] != OWN_NAME.encode():
-            return  # somebody else's, of any size
-        self._file.seek(start)
-        body = self._file.read(length)
-        record = self._parsed("Attachment", body, place)
-        stated = int.from_bytes(body[-4:], "little")
-        if stated and zlib.crc32(body[:-4]) != stated:
-            self._fail(f"has an attachment {record.name[:40]!r} whose checksum does not fit", place)
-        self.own.attachments[record.name] = record.data
+        if self._file.read(min(length, _OWN_ATTACHMENT.stop))[_OWN_ATTACHMENT] == OWN_NAME.encode():
+            self._attached.append((start, length))  # the others are somebody else's, of any size
+
+    def read_attachments(self) -> None:
+        """Read what this library attached, now that the number of messages says how long that may be."""
+        most = _ATTACHED_BYTES + _SAMPLE_BYTES * self._topics.n_kept
+        for start, length in self._attached:
+            place = f"byte {start - _RECORD.size}"
+            if length > most:
+                self._fail(f"has an attachment of {length} bytes for {self._topics.n_kept} messages", place)
+            self._file.seek(start)
+            body = self._file.read(length)
+            record = self._parsed("Attachment", body, place)
+            stated = int.from_bytes(body[-4:], "little")
+            if stated and zlib.crc32(body[:-4]) != stated:
+                self._fail(f"has an attachment {record.name[:40]!r} whose checksum does not fit", place)
+            self.own.attachments[record.name] = record.data
 
     def _parsed(self, kind: str, body: bytes, place: str) -> Any:
         try:
