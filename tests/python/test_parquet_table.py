@@ -76,6 +76,16 @@ def test_texts_that_are_dictionary_encoded_by_the_writer(tmp_path):
     assert [(r.name, r.label) for r in data] == [("rice", "rice"), ("peas", "peas")]
 
 
+@pytest.mark.parametrize("kind", ["string", "large_string", "string_view"])
+def test_texts_of_every_type_of_arrow(tmp_path, kind):
+    make = getattr(pa, kind, None)
+    if make is None:
+        pytest.skip(f"this pyarrow has no {kind}")
+    labels = pa.array(["rice"] * 3 + ["peas"] * 3).cast(make())
+    data = load(write(tmp_path, columns(label=labels, id=labels)), rate_hz=10)
+    assert [(r.name, r.label) for r in data] == [("rice", "rice"), ("peas", "peas")]
+
+
 def test_pandas_writes_what_is_loaded(tmp_path):
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame(columns(time=np.arange(6) / 500, label="rice"))
@@ -95,6 +105,7 @@ def test_pandas_writes_what_is_loaded(tmp_path):
         ({"fx": [True] * 6}, "column fx: holds bool; wanted numbers"),
         ({"time": [0.0, 1, 2, 2, 3, 4]}, "row 3: the stamp 2.0 is repeated"),
         ({"time": [0.0, 1, 2, np.nan, 3, 4]}, "column time, row 3: is nan"),
+        ({"time": pa.array(range(6), pa.duration("s"))}, "holds duration.*; wanted seconds as numbers, or dates"),
         ({"flags": [0, 1, 2, 3, 4, 99]}, "row 5 holds 99; wanted a sum of SampleFlag bits"),
         ({"label": ["a", "a", "b", "a", "a", "a"]}, "has 2 values: 'a', 'b'; wanted one"),
         ({"label": [1] * 6}, "column label: holds int64; wanted texts"),

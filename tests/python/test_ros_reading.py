@@ -198,7 +198,7 @@ def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
         for name in ("/right/ft", "right/ft"):
             (recording,) = read(path, topic=name).recordings
             assert recording.wrench.tobytes() == samples(seed=2).tobytes()
-        with pytest.raises(RecordingFileError, match=r"no messages on topic 'up'; it has /left/ft"):
+        with pytest.raises(RecordingFileError, match=r"no messages on topic '/up'; it has /left/ft"):
             read(path, topic="/up")
 
 
@@ -211,7 +211,7 @@ def test_no_wrench_says_what_there_is(tmp_path):
         assert "WrenchStamped or Wrench; it has /v (geometry_msgs/Vector3, 3 messages, 500 Hz)" in str(
             caught.value
         )
-        with pytest.raises(RecordingFileError, match="no wrenches on topic 'v'"):
+        with pytest.raises(RecordingFileError, match="no wrenches on topic '/v'"):
             read(path, topic="/v")
     for path in (
         write_bag2(tmp_path / "e", {}),

@@ -31,7 +31,7 @@ _NAMES = {
     SESSION: ("session",),
 }
 _MEANING = {name: what for what, names in _NAMES.items() for name in names}
-_TEXTS = ("string", "large_string")
+_TEXTS = ("string", "large_string", "string_view")
 _WANTED_NAMES = "wanted whole numbers or texts that name recordings"
 
 
@@ -141,7 +141,8 @@ class _Table:
         name, column = self._filled(meaning)
         values = column.to_numpy()
         if values.dtype.kind not in "iuf":
-            self._refuse(meaning, f"holds {column.type}; wanted numbers")
+            wanted = "seconds as numbers, or dates and times" if meaning == TIME else "numbers"
+            self._refuse(meaning, f"holds {column.type}; wanted {wanted}")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             place = f"row {bad[0]}"

@@ -93,6 +93,7 @@ class Topics:
 
     def __init__(self, path: Path, wanted: str | None) -> None:
         self._path = path
+        self._asked = wanted
         self._wanted = None if wanted is None else wanted.strip("/")
         self._topics: dict[tuple[str, str, str], Topic] = {}
 
@@ -136,7 +137,7 @@ class Topics:
             what = (
                 "no messages" if not named else "no wrenches" if len(named) == 1 else "messages of two types"
             )
-            problem = f"has {what} on topic {self._wanted!r}; it has {_listed(every)}"
+            problem = f"has {what} on topic {self._asked!r}; it has {_listed(every)}"
             raise RecordingFileError(self._path, problem)
         return named[0]
 
