@@ -105,7 +105,10 @@ def test_pandas_writes_what_is_loaded(tmp_path):
         ({"fx": [True] * 6}, "column fx: holds bool; wanted numbers"),
         ({"time": [0.0, 1, 2, 2, 3, 4]}, "row 3: the stamp 2.0 is repeated"),
         ({"time": [0.0, 1, 2, np.nan, 3, 4]}, "column time, row 3: is nan"),
-        ({"time": pa.array(range(6), pa.duration("s"))}, "holds duration.*; wanted seconds as numbers, or dates"),
+        (
+            {"time": pa.array(range(6), pa.duration("s"))},
+            "holds duration.*; wanted seconds as numbers, or dates",
+        ),
         ({"flags": [0, 1, 2, 3, 4, 99]}, "row 5 holds 99; wanted a sum of SampleFlag bits"),
         ({"label": ["a", "a", "b", "a", "a", "a"]}, "has 2 values: 'a', 'b'; wanted one"),
         ({"label": [1] * 6}, "column label: holds int64; wanted texts"),
