@@ -213,6 +213,20 @@ def test_names_without_numbers_are_no_labels():
     assert [r.label for r in data] == [None, None]
 
 
+def test_a_single_recording_per_material_has_the_label_of_its_group():
+    for inner in ("rice_1", "1", "trial0"):
+        for node in (X[0], {"wrench": X[0]}):
+            data, notes = read_tree({"rice": {inner: node}, "peas": {inner: X[1]}}, rate_hz=500)
+            assert data.y.tolist() == ["rice", "peas"]
+            assert data.names == (f"rice/{inner}", f"peas/{inner}")
+            assert "rice, peas taken as labels of the recordings in them" in notes
+    for tree in (
+        {"push1": {"ati1": X[0]}, "push2": {"ati1": X[1]}},
+        {"one": {"ati": X[0]}, "two": {"ati": X[1]}},
+    ):
+        assert read_tree(tree, rate_hz=500)[0].labels == ()
+
+
 # -- one recording
 
 

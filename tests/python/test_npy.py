@@ -68,3 +68,22 @@ def test_labels_come_from_the_names_of_files(tmp_path):
 def test_a_clock_is_no_array_of_samples(tmp_path):
     with pytest.raises(RecordingFileError, match=r"no recordings are recognised.*values \(50,\) float64"):
         _load(tmp_path, np.arange(50.0), rate_hz=500)
+
+
+def test_what_an_npy_file_cannot_hold_is_not_advised(tmp_path):
+    with pytest.raises(RecordingFileError, match=r"has neither a rate nor stamps; pass rate_hz=$"):
+        _load(tmp_path, ONE)
+    with pytest.raises(RecordingFileError, match=r"this holds one array: save an \.npz file with X of shape"):
+        _load(tmp_path, ONE[:, :5], rate_hz=500)
+    with pytest.raises(RecordingFileError, match=r"save values\[\.\.\., 1:\] as X"):
+        _load(tmp_path, np.zeros((50, 7)), rate_hz=500)
+
+
+def test_objects_are_refused_with_a_way_round(tmp_path):
+    ragged = np.empty(2, object)
+    ragged[:] = [ONE, ONE[:9]]
+    with pytest.raises(RecordingFileError, match=r"could run code; save texts as .*rice_01=first"):
+        _load(tmp_path, ragged, rate_hz=500)
+    np.savez(tmp_path / "two.npz", rice_01=ONE, rice_02=ONE[:9])
+    data = load(tmp_path / "two.npz", rate_hz=500)
+    assert ([r.n_samples for r in data], data.labels) == ([50, 9], ("rice",))

@@ -40,7 +40,8 @@ def load(
         an ``index.csv``. Formats: CSV, NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), the native Parquet folder,
         ROS 1 and ROS 2 bags, MCAP, and the rows of GM10-ts.
     rate_hz : float, optional
-        Rate of files that have no clock, Hz. Where there are stamps they must fit it (each within
+        Rate at which files that have no clock were recorded, Hz (``--recorded-hz`` on the command line, where
+        ``--rate-hz`` is ``.resample(rate_hz)``). Where there are stamps they must fit it (each within
         half a step of its place), and so must a rate that the file states itself, or it is refused. A
         ``rate_hz`` in index.csv comes first.
     on_error : {"raise", "skip"}

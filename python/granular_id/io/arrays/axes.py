@@ -41,9 +41,11 @@ class Known:
 
 
 def recordings_samples_axes(
-    shape: tuple[int, ...], known: Known, name: str, origin: Origin
+    shape: tuple[int, ...], known: Known, name: str, origin: Origin, *, sensor_last: bool = False
 ) -> tuple[int, int, int]:
     """Find the order (recordings, samples, sensor axes) of a three-dimensional shape.
+
+    `sensor_last`: the last axis is known to be the sensor's.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def recordings_samples_axes(
         When more than one order is possible.
     """
     n_axes = len(known.axes)
-    sensor = [i for i, length in enumerate(shape) if length == n_axes]
+    sensor = [2] if sensor_last else [i for i, length in enumerate(shape) if length == n_axes]
     orders = [order for order in permutations(range(3), 3) if order[2] in sensor]
     for place, lengths in ((0, known.n_recordings), (1, known.n_samples)):
         fitting = [order for order in orders if shape[order[place]] in lengths]

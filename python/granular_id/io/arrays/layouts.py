@@ -6,7 +6,8 @@ What is recognised, by shapes first and by names where shapes leave a choice:
 - a list (cell array) of (samples, 6) arrays, of any lengths, with or without labels;
 - an array or a list per material, under the material's name;
 - structs or groups, each a recording of its own;
-- one recording: (samples, 6), or a vector for each axis called fx, fy ... tz.
+- one recording: (samples, 6), or a vector for each axis called fx, fy ... tz;
+- any of these as forces and torques side by side, with three axes each.
 
 Labels, names of classes, sessions, rates, stamps, start times and triggers are found by their names
 (``names``). Everything guessed is said in the notes; what could mean two things is refused, with a list of
@@ -24,21 +25,27 @@ import numpy as np
 
 from granular_id.io.arrays.axes import Known
 from granular_id.io.arrays.details import Found
+from granular_id.io.arrays.hints import nothing_found
 from granular_id.io.arrays.search import Search
-from granular_id.io.arrays.tree import Origin, as_tree, is_numbers
+from granular_id.io.arrays.tree import Origin
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat import FlatRecordings, joined, unflatten
 from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
-from granular_id.recording import AXES, Recording
+from granular_id.recording import Recording
 
 _MOST_NOTES = 20
 
 
 def recordings_of(
-    arrays: Mapping[str, Any], source: FileSource, options: LoadOptions, describe: str
+    arrays: Mapping[str, Any],
+    source: FileSource,
+    options: LoadOptions,
+    describe: str,
+    *,
+    single: bool = False,
 ) -> FileContent:
     """Find the recordings in named arrays.
 
@@ -51,6 +58,8 @@ def recordings_of(
         As for every reader; a rate stated there is used where the file has none, and must equal the file's own.
     describe : str
         What the format calls an entry, for errors: ``"array"``, ``"variable"``, ``"data set"``.
+    single : bool
+        Whether such a file can hold one array only.
 
     Returns
     -------
@@ -77,12 +86,12 @@ def recordings_of(
     >>> content.notes
     ['X (2, 1600, 6) taken as recordings, samples, axes', 'labels are the numbers in y, counted from 1 in materials']
     """
-    origin = Origin(source.path, describe, arrays)
+    origin = Origin(source.path, describe, arrays, single)
     search = Search(origin)
     groups = search.level(arrays, "", Known(), {}, 0)
     every = [found for group in groups for found in group]
     if not every:
-        raise _nothing_found(origin)
+        raise origin.unclear(f"no recordings are recognised: {nothing_found(origin.tree)}")
     if len({found.axes for found in every}) > 1:
         raise origin.unclear("recordings differ in their axes")
     notes = list(dict.fromkeys(search.notes))
@@ -107,10 +116,8 @@ def _set_rates(
         if "stamps" in found.about:
             continue
         if own is None and stated is None:
-            problem = (
-                "has neither a rate nor stamps; pass rate_hz=, or save fs (Hz) or t (s) beside the samples"
-            )
-            raise origin.fault(found.place, problem)
+            beside = "" if origin.single else ", or save fs (Hz) or t (s) beside the samples"
+            raise origin.fault(found.place, f"has neither a rate nor stamps; pass rate_hz={beside}")
         if own is not None and stated is not None and own != stated:
             raise origin.fault(found.place, f"the stated rate is {stated:g} Hz, but the file says {own:g} Hz")
         found.about["rate"] = stated if own is None else own
@@ -203,25 +210,3 @@ def _flat(every: Sequence[Found]) -> FlatRecordings:
         meta_json=[json.dumps(meta) if meta else None for meta in column("meta")],
         flags=flags,
     )
-
-
-def _nothing_found(origin: Origin) -> RecordingFileError:
-    flattened = [
-        (name, node.shape)
-        for name, raw in origin.tree.items()
-        if is_numbers(node := as_tree(raw))
-        and len(node.shape) == 2
-        and node.shape[1] % len(AXES) == 0
-        and node.shape[1]
-    ]
-    if len(flattened) == 1:
-        name, (n, length) = flattened[0]
-        n_samples = length // len(AXES)
-        problem = (
-            f"{origin.describe} {name} {n, length} may hold one flattened recording in each row; whether all "
-            "of fx or all axes of the first sample come first cannot be told. Save it as "
-            f"{name}.reshape({n}, 6, {n_samples}).transpose(0, 2, 1) in the first case, as "
-            f"{name}.reshape({n}, {n_samples}, 6) in the second"
-        )
-        return origin.unclear(problem)
-    return origin.unclear(f"no recordings are recognised: wanted an array with an axis of length {len(AXES)}")

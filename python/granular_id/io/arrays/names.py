@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
+from granular_id.io.arrays.tree import is_leaf
 from granular_id.io.columns import FLAGS, TIME, axis_of
 
 Role = Literal[
@@ -45,9 +46,8 @@ def role_of(name: str) -> Role | None:
     >>> role_of("sampling_rate"), role_of("Labels"), role_of("rice")
     ('rate', 'labels', None)
     """
-    meaning = axis_of(
-        name
-    )  # columns like "t", "time_s", "timestamp [s]" and "flags" have a table of their own
+    # columns like "t", "time_s", "timestamp [s]" and "flags" have a table of their own
+    meaning = axis_of(name)
     if meaning in (TIME, FLAGS):
         return "time" if meaning == TIME else "flags"
     return _ROLES.get(plain_name(name))
@@ -68,3 +68,19 @@ def label_of_name(name: str) -> str | None:
     """
     label, _, rest = name.rpartition("_")
     return label if label and rest.isdecimal() else None
+
+
+def without_tables(samples: dict[str, Any], n_axes: int, *, beside_parts: bool) -> dict[str, Any]:
+    """Leave out what only looks like samples beside the recordings: calibration matrices, ranges, means per sample.
+
+    Square matrices are left out wherever there is anything else; others of two dimensions where an array or list of
+    recordings has a general name (``X``, ``data``) and they have names of their own.
+    """
+    flat = {key for key, node in samples.items() if is_leaf(node) and len(node.shape) == 2}
+    square = {key for key in flat if tuple(samples[key].shape) == (n_axes, n_axes)}
+    kept = {key: node for key, node in samples.items() if key not in square}
+    if not kept and not beside_parts:
+        kept = samples
+    if any(is_general(key) and key not in flat for key in kept):
+        return {key: node for key, node in kept.items() if is_general(key) or key not in flat}
+    return kept

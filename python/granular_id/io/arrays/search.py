@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,9 @@ from granular_id.io.arrays.axes import (
     samples_axes,
 )
 from granular_id.io.arrays.details import Entries, Found, add_details
-from granular_id.io.arrays.names import Role, is_general, label_of_name, role_of
-from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, is_leaf, n_values, texts, values
-from granular_id.io.columns import axis_of
-from granular_id.recording import AXES
+from granular_id.io.arrays.names import Role, is_general, label_of_name, role_of, without_tables
+from granular_id.io.arrays.parts import THREE, Halves, axis_arrays, halves_of, in_parts
+from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, has_axis, is_leaf, n_values, texts, values
 from granular_id.recording._values import FloatArray
 
 _ONE_PER_RECORDING: tuple[Role, ...] = (
@@ -75,16 +74,22 @@ class Search:
         if "class_names" not in entries and "class_names" in outer:
             entries["class_names"] = outer["class_names"]
         known = self._known(entries, known)
-        samples = _without_tables(
-            {key: node for key, node in others.items() if self._holds(node, known, depth)}, len(known.axes)
+        vectors = axis_arrays(others, self.origin)
+        samples = without_tables(
+            {k: node for k, node in others.items() if k not in vectors and self._holds(node, known, depth)},
+            len(known.axes),
+            beside_parts=in_parts(others),
         )
-        columns = self._columns(others, name)
-        if columns is not None and not samples:
-            groups = [self._array(columns, _path(name, "fx ... tz"), known, sensor_last=True)]
-            others = {key: node for key, node in others.items() if axis_of(key) not in AXES}
+        halves = None if samples or vectors else halves_of(others, self.origin)
+        used: Collection[str] = samples
+        if vectors and not samples:
+            wrench, used = self._stacked(vectors, name), vectors
+            groups = [self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)]
+        elif halves is not None:
+            groups, used = self._joined(halves, name, known), (halves.force, halves.torque)
         else:
             groups = self._groups(samples, name, known, entries, depth)
-        rest = {_path(name, key): node for key, node in others.items() if key not in samples}
+        rest = {_path(name, key): node for key, node in others.items() if key not in used}
         add_details(groups, entries, rest, self.origin, self.notes)
         return groups
 
@@ -120,16 +125,12 @@ class Search:
         node = as_tree(node)
         if isinstance(node, Mapping):
             items = {key: as_tree(item) for key, item in node.items()}
-            if set(AXES) <= {axis_of(key) for key in items}:
-                return True
-            return any(
+            return in_parts(items) or any(
                 self._holds(item, known, depth + 1) for key, item in items.items() if role_of(key) is None
             )
         if isinstance(node, list):
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
-        if not is_leaf(node) or np.dtype(node.dtype).kind not in "iufc" or n_values(node) is not None:
-            return False
-        return len(node.shape) in (2, 3) and len(known.axes) in node.shape and 0 not in node.shape
+        return has_axis(node, len(known.axes))
 
     def _groups(
         self, samples: Mapping[str, Any], name: str, known: Known, entries: Entries, depth: int
@@ -137,9 +138,14 @@ class Search:
         if len(samples) == 1:
             key, node = next(iter(samples.items()))
             found = self._node(node, _path(name, key), known, entries, depth)
-            if name and is_leaf(node) and len(node.shape) == 2 and not is_general(key):
+            if (
+                name
+                and not isinstance(node, list)
+                and len(found) == len(found[0]) == 1
+                and not is_general(key)
+            ):
                 # rice/1, which others would be called that have rice/2 beside them
-                found[0][0].about["name"] = _path(name, key)
+                found[0][0].about.setdefault("name", _path(name, key))
             return found
         groups = []
         for key, node in samples.items():
@@ -155,7 +161,8 @@ class Search:
         if not single and "labels" in entries:
             both = f"labels in {next(iter(entries['labels']))}, and recordings under names of their own"
             raise self.origin.unclear(f"{both} ({', '.join(list(samples)[:5])})")
-        self._name(groups, name, single)
+        alone = single and "labels" not in entries and all(_numbered_in(name, *group) for group in groups)
+        self._name(groups, name, single and not alone)
         return [found for _, found in groups]
 
     def _name(self, groups: list[tuple[str, list[Found]]], level: str, single: bool) -> None:
@@ -206,41 +213,56 @@ class Search:
             return items
         return [list(column) for column in zip(*items, strict=True)]
 
-    def _columns(self, others: Mapping[str, Any], name: str) -> FloatArray | None:
-        """Stack six arrays called fx ... tz, where they are there."""
-        found: dict[str, tuple[str, Any]] = {}
-        for key, node in others.items():
-            axis = axis_of(key)
-            if axis in AXES and is_leaf(node) and axis is not None:
-                if axis in found:
-                    raise self.origin.unclear(f"{found[axis][0]!r} and {key!r} both mean {axis}")
-                found[axis] = (key, node)
-        if len(found) < len(AXES):
-            return None
-        arrays = {axis: self._floats(values(found[axis][1]), _path(name, found[axis][0])) for axis in AXES}
-        flat = [array.reshape(-1) if n_values(array) is not None else array for array in arrays.values()]
+    def _stacked(self, vectors: Mapping[str, Any], name: str) -> FloatArray:
+        arrays = [self._floats(values(node), _path(name, key)) for key, node in vectors.items()]
+        flat = [array.reshape(-1) if n_values(array) is not None else array for array in arrays]
         if len({array.shape for array in flat}) > 1:
-            shapes = ", ".join(
-                f"{found[axis][0]} {array.shape}" for axis, array in zip(AXES, flat, strict=True)
-            )
+            shapes = ", ".join(f"{key} {array.shape}" for key, array in zip(vectors, flat, strict=True))
             raise self.origin.unclear(f"the axes differ in shape: {shapes}")
         return np.stack(flat, axis=-1)
 
+    def _joined(self, halves: Halves, level: str, known: Known) -> Groups:
+        """Put torques behind forces, of one array or of each item of two lists."""
+        three = replace(known, axes=THREE)
+        listed = isinstance(halves.pair[0], list)
+        groups: Groups = []
+        for i, pair in enumerate(halves.items(self.origin)):
+            place = _path(level, halves.name) + (f"[{i}]" if listed else "")
+            sides = [
+                self._ordered(self._floats(values(node), _path(level, key)), place, three)
+                for node, key in zip(pair, (halves.force, halves.torque), strict=True)
+            ]
+            groups.append(self._found(np.concatenate(sides, axis=-1), place, known))
+        self._note(f"{halves.name} joined: forces, then torques")
+        single = listed and all(len(group) == 1 for group in groups)
+        return [[found for group in groups for found in group]] if single else groups
+
     def _array(self, raw: Any, name: str, known: Known, *, sensor_last: bool = False) -> list[Found]:
         array = self._floats(raw, name)
+        return self._found(self._ordered(array, name, known, sensor_last=sensor_last), name, known)
+
+    def _ordered(
+        self, array: FloatArray, name: str, known: Known, *, sensor_last: bool = False
+    ) -> FloatArray:
+        """Return an array as (samples, axes) or (recordings, samples, axes), and note what it was taken for."""
+        order: tuple[int, ...] = (1, 0)
         if array.ndim == 2:
-            turned = not sensor_last and samples_axes(array.shape, known, name, self.origin)
-            if turned:
-                self._note(f"{name} {array.shape} taken as axes, samples")
-            wrench = array.T if turned else array
-            refuse_gaps(wrench, known.axes, name, self.origin)
-            return [Found(wrench, known.axes, name, len(wrench))]
-        if array.ndim != 3:
+            if sensor_last or not samples_axes(array.shape, known, name, self.origin):
+                return array
+        elif array.ndim == 3:
+            order = recordings_samples_axes(array.shape, known, name, self.origin, sensor_last=sensor_last)
+        else:
             raise self.origin.unclear(f"{self.origin.describe} {name} has the shape {array.shape}")
-        order = recordings_samples_axes(array.shape, known, name, self.origin)
-        meaning = ", ".join(_MEANINGS[order.index(axis)] for axis in range(3))
+        meaning = ", ".join(_MEANINGS[-array.ndim :][order.index(axis)] for axis in range(array.ndim))
         self._note(f"{name} {array.shape} taken as {meaning}")
-        block = row_major(array.transpose(order))
+        ordered: FloatArray = array.transpose(order)
+        return ordered
+
+    def _found(self, array: FloatArray, name: str, known: Known) -> list[Found]:
+        if array.ndim == 2:
+            refuse_gaps(array, known.axes, name, self.origin)
+            return [Found(array, known.axes, name, len(array))]
+        block = row_major(array)
         recordings = cut_padding(block, known.axes, name, self.origin)
         cut = sum(len(recording) < block.shape[1] for recording in recordings)
         if cut:
@@ -259,18 +281,10 @@ class Search:
             self.notes.append(text)
 
 
-def _without_tables(samples: dict[str, Any], n_axes: int) -> dict[str, Any]:
-    """Leave out what only looks like samples beside the recordings: calibration matrices, ranges, means per sample.
-
-    Square matrices are left out wherever there is anything else; others of two dimensions where an array or list of
-    recordings has a general name (``X``, ``data``) and they have names of their own.
-    """
-    flat = {key for key, node in samples.items() if is_leaf(node) and len(node.shape) == 2}
-    square = {key for key in flat if tuple(samples[key].shape) == (n_axes, n_axes)}
-    kept = {key: node for key, node in samples.items() if key not in square} or samples
-    if any(is_general(key) and key not in flat for key in kept):
-        return {key: node for key, node in kept.items() if is_general(key) or key not in flat}
-    return kept
+def _numbered_in(level: str, key: str, found: list[Found]) -> bool:
+    """Tell whether a group without a number holds one recording with one: ``rice/rice_1``, the only one of rice."""
+    named = str(found[0].about.get("name", ""))
+    return named.startswith(f"{_path(level, key)}/") and named[-1].isdecimal() and not key[-1:].isdecimal()
 
 
 def _path(level: str, key: str) -> str:

@@ -21,8 +21,8 @@ from granular_id.io.errors import RecordingFileError
 MAX_DEPTH = 16
 """Structs and groups within each other; deeper ones are damage."""
 
-_LISTED = 20
-"""How many arrays an error lists."""
+_LISTED = 8
+"""How many arrays an error or a note lists."""
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,25 @@ class Origin:
         What its format calls an entry: ``"array"``, ``"variable"``, ``"data set"``.
     tree : mapping
         All of it.
+    single : bool
+        Whether such a file can hold one array only, so that nothing can stand beside it.
     """
 
     path: Path
     describe: str
     tree: Mapping[str, Any]
+    single: bool = False
 
     def fault(self, name: str, problem: str) -> RecordingFileError:
         """Return the error about one entry."""
         return RecordingFileError(self.path, problem, place=f"{self.describe} {name}")
 
     def unclear(self, problem: str) -> RecordingFileError:
-        """Return the error about what cannot be told, with all that is in the file and how to say what is meant."""
-        means = (
-            "Say what is meant by saving what belongs together and nothing else: X of shape (recordings, samples, 6), "
-            "labels (a text per recording) and fs (Hz)"
-        )
+        """Return the error about what cannot be told, with what is in the file and how to say what is meant."""
+        wanted = "X of shape (recordings, samples, 6), labels (a text per recording) and fs (Hz)"
+        means = f"Say what is meant by saving what belongs together and nothing else: {wanted}"
+        if self.single:
+            means = f"A file like this holds one array: save an .npz file with {wanted}"
         return RecordingFileError(self.path, f"{problem}. It holds {contents(self.tree)}. {means}")
 
 
@@ -63,6 +66,13 @@ def is_leaf(node: Any) -> bool:
 def is_numbers(node: Any) -> bool:
     """Tell whether a node is an array of real numbers."""
     return is_leaf(node) and np.dtype(node.dtype).kind in "iuf"
+
+
+def has_axis(node: Any, length: int) -> bool:
+    """Tell whether a node is an array of numbers (also complex) of two or three dimensions, one of them so long."""
+    if not is_leaf(node) or np.dtype(node.dtype).kind not in "iufc" or n_values(node) is not None:
+        return False
+    return len(node.shape) in (2, 3) and length in node.shape and 0 not in node.shape
 
 
 def values(node: Any) -> NDArray[Any]:

@@ -78,7 +78,11 @@ def read_header(stream: IO[bytes], n_bytes: int, path: Path, place: str | None =
         )
         raise RecordingFileError(path, problem, place=place) from error
     if dtype.hasobject:
-        problem = "holds Python objects (pickled), which could run code; wanted an array of numbers or text"
+        problem = (
+            "holds Python objects (pickled), which could run code; save texts as numpy.array(texts, dtype=str), "
+            "recordings of several lengths as numpy.savez(file, rice_01=first, rice_02=second), or as one array "
+            "with NaN behind the shorter ones"
+        )
         raise RecordingFileError(path, problem, place=place)
     extent = math.prod(max(1, length) for length in shape)  # numpy counts those of empty arrays too
     impossible = any(length < 0 for length in shape) or len(shape) > _MAX_AXES or not dtype.itemsize

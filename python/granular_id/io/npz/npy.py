@@ -35,7 +35,7 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     with open_bounded(path, source.root, options.max_binary_bytes) as (file, n_bytes):
         leaf = _Unread(file, read_header(file, n_bytes, path), path)
         if leaf.dtype.names is None:
-            return recordings_of({"values": leaf}, source, options, "array")
+            return recordings_of({"values": leaf}, source, options, "array", single=True)
         array = leaf.read()
     return recordings_of({field: array[field] for field in leaf.dtype.names}, source, options, "field")
 
