@@ -1,4 +1,4 @@
-"""``granular-id evaluate``: how well the materials in a folder of recordings are told apart."""
+"""``granular-id evaluate``: how well the materials in recordings are told apart."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from granular_id.cli.settings import at_least, chosen_spaces, positive
 __all__ = ["evaluate"]
 
 EXAMPLES = """
-Measure how well the materials in a folder of recordings are told apart.
+Measure how well the materials in a set of recordings are told apart.
 
-FOLDER holds one sub-folder of CSV files per material (`rice/01.csv`), files named after it (`rice_01.csv`),
-or an `index.csv`; header `time,fx,fy,fz,tx,ty,tz`, in seconds, N and N m. Nothing is resampled, cropped or
-left out unless an option asks for it; a refusal names the option.
+PATH is a file that holds the whole set (NumPy, MATLAB, HDF5, Parquet), or a folder of files of any format, CSV and
+ROS bags among them: one sub-folder per material (`rice/01.csv`), files named after it (`rice_01.csv`), or an
+`index.csv`. Forces are in N, torques in N m; `granular-id data info PATH` says what is found. Nothing is resampled,
+cropped or left out unless an option asks for it; a refusal names the option.
 
 Examples:
 
@@ -98,7 +99,7 @@ def evaluate(
     ] = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the table of accuracies only.")] = False,
 ) -> None:
-    """Print accuracies, confusions and seconds for a folder; see `EXAMPLES`."""
+    """Print accuracies, confusions and seconds; see `EXAMPLES`."""
     positive("--C", c)
     for name, count, least in (
         ("--train", train, 1),

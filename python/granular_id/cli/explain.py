@@ -1,4 +1,4 @@
-"""``granular-id explain``: what decides between two materials of a folder of recordings."""
+"""``granular-id explain``: what decides between two materials of a set of recordings."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ Say which instants, axes and bins decide between two materials.
 
 The method is trained on one half of the recordings of each material and explained on the other, so that what is
 shown decides for recordings it has not seen.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`.
 
 Examples:
 

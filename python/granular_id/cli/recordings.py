@@ -33,7 +33,12 @@ class Steps:
         self,
         *,
         rate_hz: Annotated[
-            float | None, option("--rate-hz", PANEL, "Resample to this rate (linear interpolation).")
+            float | None,
+            option(
+                "--rate-hz",
+                PANEL,
+                "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz.",
+            ),
         ] = None,
         max_gap_s: Annotated[
             float, option("--max-gap-s", PANEL, "Longest gap to fill when resampling; inf: any.")

@@ -1,4 +1,4 @@
-"""``granular-id select``: which feature space, weights and C to take for a folder of recordings."""
+"""``granular-id select``: which feature space, weights and C to take for a set of recordings."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ Choose a feature space, the weights of its blocks and C, and say how sure the ch
 Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
 Whole sessions are held out where the recordings have several of each material; else blocks in time order; else
 random folds. The output says which.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`.
 
 Examples:
 
@@ -54,7 +56,7 @@ def select(
     json: Annotated[Path | None, option("--json", OUTPUT, "Write everything the choice rests on.")] = None,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the choice only.")] = False,
 ) -> None:
-    """Print the choice for a folder; see `TEXT`."""
+    """Print the choice; see `TEXT`."""
     for name, count, least in (("--outer", outer, 2), ("--inner", inner, 2), ("--seed", seed, 0)):
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
