@@ -12,6 +12,7 @@ import mcap_attacks as mcap
 import ros_attacks as ros
 from bad_files import GIB, BadCase
 
+ATTACHED = bytes(16) + mcap.text("granular_id/flags") + mcap.text("")
 CHUNK_HEAD = struct.pack("<QQQI", 0, 0, GIB - 44, 0) + mcap.text("zstd") + struct.pack("<Q", GIB - 44)
 
 
@@ -20,13 +21,18 @@ def bag_cases() -> Iterator[tuple[str, BadCase]]:
     yield "mcap: chunk of a gigabyte", BadCase("mcap", partial(_mcap, mcap.CHUNK, CHUNK_HEAD))
     yield "mcap: message of a gigabyte", BadCase("mcap", partial(_mcap, mcap.MESSAGE, bytes(22)))
     yield "mcap: schema of a gigabyte", BadCase("mcap", partial(_mcap, mcap.SCHEMA, b""))
+    ours = mcap.chunk(mcap.whole_chunk()), mcap.metadata(n_samples="3")
+    yield (
+        "mcap: attachment of a gigabyte",
+        BadCase("mcap", partial(_mcap, mcap.ATTACHMENT, ATTACHED, records=ours)),
+    )
     for compression in (b"none", b"bz2", b"lz4"):
         what = f"ros1: chunk of a gigabyte, {compression.decode()}"
         yield what, BadCase("ros1", partial(_bag, compression))
 
 
-def _mcap(kind: int, body: bytes, folder: Path) -> Path:
-    path = mcap.mcap(folder)
+def _mcap(kind: int, body: bytes, folder: Path, records: tuple[bytes, ...] = ()) -> Path:
+    path = mcap.mcap(folder, *records)
     data = path.read_bytes()
     start = data.index(mcap.record(mcap.DATA_END, bytes(4)))
     path.write_bytes(data[:start] + struct.pack("<BQ", kind, GIB) + body)

@@ -137,7 +137,7 @@ HDF5S: dict[str, Callable[[h5py.File], object]] = {
     "chunks of one value": lambda file: file.create_dataset("wrench", (60_000, 6), float, chunks=(1, 6)),
     "a filter that is not known": lambda file: file.create_dataset("wrench", data=WRENCH, scaleoffset=3),
     "lzf cut off": lambda file: file.create_dataset(
-        "wrench", (100, 6), chunks=(100, 6), compression="lzf"
+        "wrench", (100, 6), float, chunks=(100, 6), compression="lzf"
     ).id.write_direct_chunk((0, 0), bytes([31, 1])),
     "texts for samples": lambda file: file.create_dataset("wrench", data=WRENCH.astype("S8")),
     "texts of changing length": lambda file: file.create_dataset(

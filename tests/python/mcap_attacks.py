@@ -47,6 +47,11 @@ def mcap(folder, *records):
     return path
 
 
+def metadata(**texts):
+    pairs = b"".join(text(key) + text(value) for key, value in texts.items())
+    return record(METADATA, text("granular_id") + struct.pack("<I", len(pairs)) + pairs)
+
+
 def whole_chunk():
     return schema() + channel() + b"".join(map(message, payloads(ROS2, samples(3), even_stamps(3))))
 
@@ -130,10 +135,6 @@ MCAP_ATTACKS = {
         lambda f: mcap(f, record(METADATA, text("granular_id") + b"\xff\xff\xff\xff")),
         "damaged metadata record",
     ),
-    "giant attachment that seems ours": (
-        lambda f: mcap(f, _giant_attachment(), chunk(whole_chunk()), _metadata(n_samples="3")),
-        "has an attachment of 268435[0-9]* bytes for 3 messages",
-    ),
     "log time after 2262": (
         lambda f: mcap(f, schema(), channel(), message(payloads(ROS2, samples(1), [5])[0], time=2**63)),
         "has the log time 9223372036854775808 ns",
@@ -148,16 +149,6 @@ MCAP_ATTACKS = {
 def written(path, data):
     path.write_bytes(data)
     return path
-
-
-def _giant_attachment():
-    head = struct.pack("<QQ", 0, 0) + text("granular_id/flags") + text("")
-    return record(ATTACHMENT, head + struct.pack("<Q", LARGE) + bytes(LARGE + 4))
-
-
-def _metadata(**texts):
-    pairs = b"".join(text(key) + text(value) for key, value in texts.items())
-    return record(METADATA, text("granular_id") + struct.pack("<I", len(pairs)) + pairs)
 
 
 def _padded(n_bytes):

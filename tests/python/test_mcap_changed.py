@@ -127,6 +127,12 @@ def test_own_metadata_that_we_did_not_write(tmp_path, change, problem):
     assert caught.value.path == str(other)
 
 
+def test_own_attachments_longer_than_the_messages_allow(tmp_path):
+    path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
+    with pytest.raises(RecordingFileError, match="has an attachment of [0-9]+ bytes for 40 messages"):
+        load(rewritten(path, tmp_path / "b.mcap", attachment=lambda data: data + bytes(5000)))
+
+
 @pytest.mark.parametrize("data", [b"", b"\0" * 39, b"\xff" * 40 * 8, b"\0" * 40 * 8])
 def test_own_attachments_that_we_did_not_write(tmp_path, data):
     path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
