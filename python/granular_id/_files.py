@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_target", "made_folder", "new_file", "whole_file"]
+__all__ = ["cannot_write", "check_target", "made_folder", "new_file", "whole_file"]
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:
@@ -69,7 +69,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         draft.replace(target)
     except OSError as error:
         draft.unlink(missing_ok=True)
-        raise _cannot_write(target, error) from error
+        raise cannot_write(target, error) from error
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
@@ -144,9 +144,11 @@ def _draft_of(target: Path) -> Path:
     except OSError as error:
         if error.strerror is None:  # one of the above, which says enough
             raise
-        raise _cannot_write(target, error) from error
+        raise cannot_write(target, error) from error
     return draft
 
 
-def _cannot_write(target: Path, error: OSError) -> OSError:
-    return type(error)(f"cannot write {target}: {error.strerror or error}")
+def cannot_write(target: Path, error: OSError) -> OSError:
+    """Return the error about what could not be written, by the name that was asked for."""
+    cause = error.__cause__ if isinstance(error.__cause__, OSError) else error  # about a file within a folder
+    return type(error)(f"cannot write {target}: {cause.strerror or cause}")

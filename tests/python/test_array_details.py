@@ -83,3 +83,12 @@ def test_what_the_user_states_is_used_or_compared():
         7,
         3,
     )
+
+
+def test_texts_under_a_name_that_says_nothing_are_pointed_out():
+    data, notes = read_tree({"arr_0": X, "arr_1": np.array(LABELS)}, rate_hz=500)
+    assert data.labels == ()
+    assert "arr_1 holds a text per recording: if it names the materials, save it as labels" in notes
+    assert not any(
+        "save it as" in note for note in read_tree({"X": X, "y": LABELS, "b": LABELS}, rate_hz=500)[1]
+    )

@@ -120,6 +120,23 @@ def test_sets_of_columns_that_make_no_recording(names, problem, index):
     assert caught.value.index == index
 
 
+@pytest.mark.parametrize(
+    ("names", "end"),
+    [
+        ([*WRENCH, "temp"], "time_s); write the file without it"),
+        (["", *WRENCH], "; write the file without it (pandas: to_csv(file, index=False))"),
+        (["0.0", "1", "2"], "; line 1 names the columns"),
+        (["temp", "fx"], "time_s)"),
+        (["T", *WRENCH], "wanted a name that says which"),
+        ([*WRENCH, "time_ms"], "wanted s: convert the values first"),
+    ],
+)
+def test_a_refused_column_comes_with_a_way_round(names, end):
+    with pytest.raises(ColumnError) as caught:
+        columns_of(names)
+    assert caught.value.problem.endswith(end)
+
+
 @given(st.text(max_size=40) | st.text("fxyztmNs[]() _./-", max_size=20))
 def test_any_name_is_known_or_refused(name):
     assert axis_of(name) in {*KNOWN, None}

@@ -1,6 +1,8 @@
 """Saving as CSV: the same bits back, safe names, nothing half-written."""
 
+import errno
 import os
+import pathlib
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from granular_id.io import load, save_csv
+from granular_id.io import load, save, save_csv
 from granular_id.io.csv import save as module
 from granular_id.recording import Dataset, Recording
 
@@ -132,6 +134,32 @@ def test_relative_paths_go_where_they_say(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load(save_csv(Dataset([sample(label="rice")]), "set")).labels == ("rice",)
     assert (tmp_path / "set" / "index.csv").is_file()
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "mcap"])
+def test_what_stops_the_writing_of_a_folder_names_the_folder(tmp_path, monkeypatch, form):
+    data = Dataset([sample(label="rice"), sample(label="peas")])
+
+    def full(self, *args, **kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device", str(self))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pathlib.Path, "mkdir", full)
+        with pytest.raises(OSError, match=r"^cannot write \S*/set: No space left on device$"):
+            save(data, tmp_path / "set", form)
+    os_open = os.open
+
+    def full_for_new(path, flags, *args, **kwargs):
+        return full(path) if flags & os.O_CREAT else os_open(path, flags, *args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", full_for_new)
+        patch.setattr(pathlib.Path, "open", full)
+        patch.setattr(pathlib.Path, "write_bytes", full)
+        if form != "parquet":  # pyarrow opens its files itself
+            with pytest.raises(OSError, match=r"^cannot write \S*/set: No space left on device$"):
+                save(data, tmp_path / "set", form)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])

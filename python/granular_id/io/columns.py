@@ -158,7 +158,7 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
     for i, name in enumerate(names):
         axis = axis_of(name)
         if axis is None:
-            raise ColumnError(refusal(name), i)
+            raise ColumnError(refusal(name) + _way_round(names, name), i)
         if axis in found:
             first = names[found[axis]]
             same = first.strip().lower() == name.strip().lower()
@@ -173,6 +173,16 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
     if missing:
         raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}")
     return found
+
+
+def _way_round(names: Sequence[str], unknown: str) -> str:
+    """Say what to do about a column that is not known, where that can be told."""
+    if re.fullmatch(r"[-+\d.eE]+", unknown.strip()):
+        return "; line 1 names the columns"
+    known = unknown.strip() == "T" or _meaning(unknown).axis is not None
+    if known or not set(AXES) <= {axis_of(name) for name in names}:
+        return ""
+    return "; write the file without it" + ("" if unknown.strip() else " (pandas: to_csv(file, index=False))")
 
 
 @lru_cache(maxsize=1024)  # every file of a folder has the same header

@@ -74,11 +74,11 @@ def _listed(folder: Path, root: Path) -> tuple[list[Path], list[Path]]:
     """Return what can be read in a folder, and the sub-folders that are no recordings themselves."""
     refuse_outside(folder, root)
     files, folders = list_folder(folder)
-    bags = [path for path in folders if format_of(path) is not None]
-    return (
-        [path for path in (*files, *bags) if format_of(path) is not None],
-        [path for path in folders if path not in bags],
-    )
+    entries = [path for path in files if format_of(path) is not None]
+    deeper: list[Path] = []
+    for path in folders:
+        (deeper if format_of(path) is None else entries).append(path)
+    return entries, deeper
 
 
 def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> FoundFiles:

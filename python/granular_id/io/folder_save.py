@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from granular_id._files import cannot_write
 from granular_id._progress import ProgressCallback
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
@@ -59,6 +60,8 @@ def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
         `folder` is a file, a link or a folder with something in it.
     FileNotFoundError
         The folder to put it in does not exist.
+    OSError
+        It cannot be written, naming it instead of the temporary folder.
     """
     target = Path(folder)
     if target.is_symlink() or (target.exists() and not target.is_dir()):
@@ -68,12 +71,15 @@ def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
     if not target.absolute().parent.is_dir():
         raise FileNotFoundError(f"{target.parent}: no such folder")
     partial = target.absolute().parent / f".{target.name}.{secrets.token_hex(4)}.partial"
-    partial.mkdir()
     try:
+        partial.mkdir()
         yield partial
         if target.exists():
             target.rmdir()  # empty, as checked; some systems do not rename over a folder
         partial.rename(target)
+    except OSError as error:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise cannot_write(target, error) from error
     except BaseException:
         shutil.rmtree(partial, ignore_errors=True)
         raise

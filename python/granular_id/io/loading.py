@@ -111,7 +111,7 @@ def _read(
 ) -> Dataset:
     """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
     if options.on_error == "raise" and found.problems:
-        raise _skippable(found.problems[0])
+        raise _skippable(found.problems[0]) if found.sources else found.problems[0]
     contents: list[FileContent] = []
     problems = list(found.problems)
     for done, source in enumerate(found.sources, start=1):

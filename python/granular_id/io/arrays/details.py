@@ -190,6 +190,9 @@ def _add_meta(every: list[Found], rest: Mapping[str, Any], notes: list[str]) -> 
         notes.append(f"kept in meta: {', '.join(kept)}")
     if unread:
         notes.append(f"not used: {contents(unread)}")
+    for name, node in unread.items():
+        if len(texts(node) or ()) == len(every) > 1 and not any("label" in found.about for found in every):
+            notes.append(f"{name} holds a text per recording: if it names the materials, save it as labels")
 
 
 def _single(node: Any) -> str | float | int | None:

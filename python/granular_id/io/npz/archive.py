@@ -197,7 +197,10 @@ def _zip_faults(path: Path, place: str | None) -> Iterator[None]:
     except (RecordingFileError, OSError):
         raise
     except Exception as error:  # zipfile, zlib and struct raise errors of many kinds over damaged archives
-        problem = f"is no whole NPZ archive: {str(error)[:200] or type(error).__name__}"
+        said = str(error)[:200] or type(error).__name__
+        if place is None and "not a zip file" in said:
+            said = "its end, which lists the arrays, is missing (cut off, or another kind of file)"
+        problem = f"is no whole NPZ archive: {said}"
         raise RecordingFileError(path, problem, place=place) from error
 
 
