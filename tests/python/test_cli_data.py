@@ -221,3 +221,24 @@ def test_missing_triggers_are_explained_in_options(folder, tmp_path):
 def test_an_onset_that_nothing_uses_is_refused(pushes, tmp_path):
     words = ("data", "convert", pushes, tmp_path / "out.npz", "--onset-at", "rice_00=0.2")
     assert "add --begin-at onset" in refused(*words)
+
+
+def test_large_text_files_are_read_when_asked_for(tmp_path):
+    (tmp_path / "a.csv").write_text(
+        "time,fx,fy,fz,tx,ty,tz\n" + "".join(f"{i / 500},1,2,3,4,5,6\n" for i in range(3000))
+    )
+    assert "raise --max-file-mb to read it" in refused(
+        "data", "info", tmp_path / "a.csv", "--max-file-mb", 0.05
+    )
+    assert "3000 samples" in ended_well("data", "info", tmp_path / "a.csv", "--max-file-mb", 1)
+
+
+def test_names_of_columns_stay_what_they_are(tmp_path):
+    (tmp_path / "index.csv").write_text("label\nrice\n")
+    assert "start_time, rate_hz, trigger_index" in refused("data", "info", tmp_path)
+
+
+def test_a_format_and_an_ending_that_disagree_are_refused(folder, tmp_path):
+    assert "ends like another format" in refused("data", "convert", folder, tmp_path / "x.npz", "--to", "csv")
+    line = refused("data", "convert", folder, tmp_path / "x", "--to", "matlab")
+    assert line.endswith("--to matlab; wanted one of csv, npz, hdf5, parquet, mcap")

@@ -105,7 +105,7 @@ def test_constant_recordings_are_judged_without_a_stumble():
 @pytest.mark.data
 def test_the_robot_failures_are_coarse_and_short(data_dir):
     report = load_failures(data_dir / "robot_failures", "lp1").check()
-    assert codes(report) <= {"no-session", "stuck-axis", "outlier", "near-duplicates"}
+    assert codes(report) <= {"no-session", "stuck-axis", "outlier", "near-duplicates", "units"}
     assert by_code(report)["stuck-axis"].values["axes"] == ("tz",)
 
 

@@ -109,9 +109,11 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
     one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
     one_line = one_line.replace("call .find_onsets()", "add --begin-at onset")
+    one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz").replace("call add", "add")
+    one_line = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", one_line)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
-        # Not where the name is part of a path, a quotation or a longer name, nor a column of a file.
-        word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
+        # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
+        word = rf"(?<![\w.\-/\\'\"])(?<!column )(?<!start_time, ){name}"
         one_line = re.sub(rf"{word}='([^']*)'", rf"{option} \1", one_line)
         one_line = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", one_line)
         one_line = re.sub(rf"{word}=", option, one_line)

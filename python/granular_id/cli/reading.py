@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -53,19 +54,26 @@ class Reading:
             ),
         ] = Repair.refuse,
         recorded_hz: Annotated[
-            float | None, option("--recorded-hz", PANEL, "Rate of files that have no clock.")
+            float | None,
+            option("--recorded-hz", PANEL, "Rate at which files without a clock were recorded."),
         ] = None,
         topic: Annotated[
             str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")
         ] = None,
+        max_file_mb: Annotated[
+            float | None,
+            option("--max-file-mb", PANEL, "Largest file to read. Default: 8 of text, 2048 of binary."),
+        ] = None,
     ) -> None:
         positive("--recorded-hz", recorded_hz)
+        positive("--max-file-mb", max_file_mb)
         self.path = path
         self.settings: dict[str, Any] = {
             "rate_hz": recorded_hz,
             "on_error": on_error.value,
             "on_time_error": on_time_error.value,
             "topic": topic,
+            "max_file_bytes": None if max_file_mb is None else math.ceil(max_file_mb * 2**20),
         }
 
     def load(self, *, quiet: bool) -> Dataset:

@@ -37,6 +37,8 @@ def report(
 ) -> None:
     """Write the report of a stored result; see `TEXT`."""
     page = result.with_suffix(".html") if output is None else output
+    if output is None and page == result:
+        raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
     if page == result:
         raise ValueError(f"--output {page} is the result itself: give another file")
     outputs = Outputs(report=page, figures=figures)

@@ -24,7 +24,7 @@ from granular_id.io.ros.mcap_save import save_mcap
 from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource
 
-__all__ = ["FORMATS", "FileFormat", "format_called", "format_of", "writer"]
+__all__ = ["FORMATS", "FileFormat", "format_of", "writer"]
 
 
 @dataclass(frozen=True)
@@ -113,14 +113,6 @@ def format_of(path: Path) -> FileFormat | None:
     return next((known for known in FORMATS if known.recognises(path)), None)
 
 
-def format_called(name: str) -> FileFormat:
-    """Return the format of a name; ValueError listing all names when there is none."""
-    found = next((known for known in FORMATS if known.name == name), None)
-    if found is None:
-        raise ValueError(f"format={name!r}; wanted one of {', '.join(known.name for known in FORMATS)}")
-    return found
-
-
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
     """Return the function that writes a format, named or told by the ending of the path.
 
@@ -132,7 +124,9 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     writable = ", ".join(known.name for known in FORMATS if known.save is not None)
     suffix = Path(path).suffix.lower()
     by_ending = next((known for known in FORMATS if suffix and suffix in known.suffixes), None)
-    chosen = by_ending if name is None else format_called(name)
+    chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
+    if chosen is None and name is not None:
+        raise ValueError(f"format={name!r}; wanted one of {writable}")
     if chosen is None:
         raise ValueError(
             f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or an "
@@ -142,6 +136,8 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         raise ValueError(
             f"{chosen.what} is written as a folder of files: name a folder and give format={chosen.name!r}"
         )
+    if by_ending not in (None, chosen):
+        raise ValueError(f"{os.fspath(path)} ends like another format; for format={name!r} name it otherwise")
     if chosen.save is None:
         raise ValueError(f"{chosen.what} can only be read; what can be written: {writable}")
     return chosen.save

@@ -56,7 +56,13 @@ def convert(
     check_save(output, to)
     data = steps.taken(reading.load(quiet=False), quiet=False)
     save(data, output, to, progress=True)
-    if verify and load(output, max_file_bytes=2**40, progress=True) != data:
+    try:
+        equal = not verify or load(output, max_file_bytes=2**40, progress=True) == data
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"Interrupted: {output} is written, but was not read back and compared."
+        ) from None
+    if not equal:
         raise ValueError(f"{output} was written, but does not read back equal: do not rely on it")
     said = ", read back and found equal" if verify else ""
     Console(highlight=False).print(f"wrote {output}{said}", soft_wrap=True, markup=False)

@@ -53,7 +53,12 @@ def plot(
     what: Annotated[
         What, option("--what", PICTURE, "Single recordings, means of materials, or onsets of motion.")
     ] = What.recordings,
-    axes: Annotated[str, option("--axes", PICTURE, "Axes separated by commas, of one unit.")] = "",
+    axes: Annotated[
+        str,
+        option(
+            "--axes", PICTURE, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."
+        ),
+    ] = "",
     n: Annotated[
         int | None, option("-n", PICTURE, "Recordings per material (recordings) or in all (onset).")
     ] = None,

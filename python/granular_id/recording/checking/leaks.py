@@ -59,6 +59,12 @@ def check_leaks(
     groups = by_label(recordings)
     chosen = _chosen([i for group in groups.values() if len(group) > 1 for i in group])
     labels = list(dict.fromkeys(recordings[i].label for i in chosen))
+    if len(groups) > 1 and len(chosen) < FEWEST:
+        message = (
+            f"fewer than {FEWEST} recordings whose label has others: whether clock, length or session give labels away "
+            "is not judged"
+        )
+        yield found("info", "few", message)
     if len(chosen) < FEWEST or len(labels) < 2:
         return
     judged = [recordings[i] for i in chosen]

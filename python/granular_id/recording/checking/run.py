@@ -23,6 +23,7 @@ from granular_id.recording.checking.sessions import check_sessions
 from granular_id.recording.checking.spikes import check_spikes
 from granular_id.recording.checking.stuck import check_stuck
 from granular_id.recording.checking.timing import check_timing, pace
+from granular_id.recording.checking.units import check_units
 from granular_id.recording.one import Recording
 
 ABSURD = 1e100
@@ -70,6 +71,7 @@ def _findings(
         sessions_are_labels=any(finding.code == "session-is-label" for finding in sessions),
     )
     yield from check_timing(recordings, paces)
+    yield from check_units(recordings)
     yield from check_clipping(recordings, ranges, rate)
     yield from check_stuck(recordings, rate)
     yield from check_spikes(recordings)

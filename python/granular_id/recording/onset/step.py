@@ -71,6 +71,7 @@ def find_all_onsets(
     onsets = [row["onset_s"] for row in rows if row["onset_s"] is not None]
     totals = {
         "recordings": len(rows),
+        "stored_triggers_replaced": sum(recordings[i].trigger_index is not None for i in open_),
         **{word.replace(" ", "_"): how[word] for word in ("found", "not found", "overruled", "kept")},
         "earliest_onset_s": min(onsets, default=None),
         "median_onset_s": float(np.median(onsets)) if onsets else None,
