@@ -70,7 +70,7 @@ rust-test: | toolchain
 	cargo test --quiet
 
 python-test: $(TOOLS)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto
 	$(BIN)/python -m pytest -p no:run-parallel --doctest-modules python/granular_id
 	$(BIN)/python -m pytest --parallel-threads 8 $(THREADED)
 
