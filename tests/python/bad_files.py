@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from effort import cases
 from good_files import PATHS, write_good
 
 Make = Callable[[Path], Path]
 
 CUTS = 10
-FLIPS = 4
+FLIPS = min(40, cases(2))
 FOLDERS = {
     "archive": ("recordings.parquet", "samples/part-00000.parquet"),
     "ros2": ("x.db3",),

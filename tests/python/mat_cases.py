@@ -56,7 +56,7 @@ def doubles(values: list[float], dims: tuple[int, ...], name: str = "") -> bytes
 def packed(matrix: bytes, claims: int | None = None) -> bytes:
     """A compressed variable; `claims` is the size it states inside."""
     inner = struct.pack("<II", MATRIX, len(matrix) if claims is None else claims) + matrix
-    data = zlib.compress(inner)
+    data = zlib.compress(inner, 1)
     return struct.pack("<II", COMPRESSED, len(data)) + data
 
 

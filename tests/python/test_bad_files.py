@@ -39,7 +39,7 @@ LONGEST_PROBLEM = 600
 TELLING = re.compile(
     r"wanted|at most|more than|must|is not |are not |(is|has|holds|are) no |no column|cut off|is empty|twice|both|"
     r"too deeply|[a-z_]+=[^ ]+ |, but |Save it as|Say what|for [0-9]+ recordings|holds two|reads .*[0-9]|"
-    r"control character|ends with a space|damaged \w+: |cannot be [a-zA-Z ]+[:(]|links out"
+    r"control character|ends with a space|save an |damaged \w+: |cannot be [a-zA-Z ]+[:(]|links out"
 )
 """What problems without a place in the file say: what is wanted, what is missing, what is too much, or the reason."""
 

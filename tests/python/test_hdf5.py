@@ -8,6 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from dataset_strategies import assert_same_bits, datasets
+from effort import cases
 from granular_id.io import RecordingFileError, load, save
 from granular_id.recording import Dataset, Recording, StepReport
 
@@ -25,7 +26,7 @@ def small():
     return Dataset([regular, stamped], [StepReport("load", {"format": "csv"})])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(15))
 @given(dataset=datasets())
 def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path, dataset):
     path = tmp_path / "set.h5"

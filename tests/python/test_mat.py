@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from effort import cases
 from granular_id.io import RecordingFileError, load
 from granular_id.io.matlab.tree import nested
 from mat_cases import GOLDEN, left_out, push, variables
@@ -190,7 +191,7 @@ _values = st.recursive(
 )
 
 
-@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.dictionaries(_names, _values, min_size=1, max_size=4), st.booleans())
 def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path: Path, tree: dict, compress: bool) -> None:
     path = tmp_path / "x.mat"
@@ -198,7 +199,7 @@ def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path: Path, tree: dict,
     assert_same(variables(path), scipy_reads(path))
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     hnp.arrays(
         "f8",

@@ -96,8 +96,8 @@ BAD = {
         mat(array(head(CELL, (1, 1), "c") + element(DOUBLE, bytes(8)))),
         r"variable c\{1\}: an array",
     ),
-    "10,000 deep": (mat(nest(10_000)), "more than 32 deep"),
-    "10,000 deep, packed": (mat(packed(nest(10_000)[8:])), "more than 32 deep"),
+    "1000 deep": (mat(nest(1000)), "more than 32 deep"),
+    "1000 deep, packed": (mat(packed(nest(1000)[8:])), "more than 32 deep"),
     "structs without fields": (
         mat(array(head(STRUCT, (_2_31, 1), "s") + element(INT32, struct.pack("<i", 8)) + element(INT8, b""))),
         "more than 50000",

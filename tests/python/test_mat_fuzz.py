@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from effort import cases
 from granular_id.io import RecordingFileError, load
 from mat_cases import GOLDEN
 
@@ -46,7 +47,7 @@ def opened(data: bytes) -> bytes:
     return out
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(FILES), st.booleans(), _changes, st.none() | st.integers(0, 1 << 20))
 @example("x_y_v7.mat", False, [(0, 77)], None)
 def test_changed_bytes_are_read_or_refused(
@@ -63,7 +64,7 @@ def test_changed_bytes_are_read_or_refused(
     outcome(path)
 
 
-@settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(60), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.binary(max_size=400), st.booleans())
 def test_any_bytes_behind_a_header_are_read_or_refused(tmp_path: Path, data: bytes, header: bool) -> None:
     path = tmp_path / "any.mat"
@@ -74,8 +75,9 @@ def test_any_bytes_behind_a_header_are_read_or_refused(tmp_path: Path, data: byt
 
 def test_changed_hdf5_does_not_end_the_process() -> None:
     pytest.importorskip("h5py")
+    n_files = str(cases(60))
     run = subprocess.run(
-        [sys.executable, "-W", "error", str(WORK), "120"], capture_output=True, text=True, check=False
+        [sys.executable, "-W", "error", str(WORK), n_files], capture_output=True, text=True, check=False
     )
     assert run.returncode == 0, run.stderr[-2000:]
-    assert run.stdout.startswith("120 files: ")
+    assert run.stdout.startswith(f"{n_files} files: ")

@@ -121,7 +121,7 @@ def test_labels_that_only_matlab_can_read_are_no_missing_labels(tmp_path: Path) 
 
 def bomb(file) -> None:
     dataset = put(file, "X", np.zeros((64, 64)), chunks=(64, 64), compression="gzip")
-    dataset.id.write_direct_chunk((0, 0), zlib.compress(bytes(1 << 27)))
+    dataset.id.write_direct_chunk((0, 0), zlib.compress(bytes(1 << 27), 1))
 
 
 def short_chunk(file) -> None:
@@ -289,7 +289,7 @@ def test_a_damaged_file_is_closed_so_that_a_good_one_at_its_place_is_read(tmp_pa
     good = (GOLDEN / "ragged_cell_v73.mat").read_bytes()
     path = tmp_path / "x.mat"
     refused = 0
-    for at in range(592, 672):  # the header of the file and of its root group
+    for at in range(592, 672, 4):  # the header of the file and of its root group
         damaged = bytearray(good)
         damaged[at] ^= 0xFF
         path.write_bytes(damaged)
@@ -299,4 +299,4 @@ def test_a_damaged_file_is_closed_so_that_a_good_one_at_its_place_is_read(tmp_pa
             refused += 1
         path.write_bytes(good)  # the same file to the operating system
         assert len(load(path)) == 3
-    assert refused > 20
+    assert refused > 5

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dataset_strategies import assert_same_bits, recordings
+from effort import cases
 from granular_id.io import load, save
 from granular_id.io.ros.mcap_save import save_mcap
 from granular_id.recording import Dataset, Recording, StepReport
@@ -36,7 +37,7 @@ def decoded(path):
 # -- bits
 
 
-@settings(max_examples=40)
+@settings(max_examples=cases(15))
 @given(st.lists(recordings(), min_size=1, max_size=3), st.booleans())
 def test_round_trip(tmp_path_factory, items, changed):
     history = [StepReport("made", {"seed": 1}, rows=[{"name": "a", "gap": 0.1}])] if changed else []

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dataset_strategies import assert_same_bits, datasets
+from effort import cases
 from granular_id.io import load, save
 from granular_id.io.parquet.archive import ParquetArchive
 from granular_id.io.parquet.save import _repeats, save_parquet
@@ -17,7 +18,9 @@ pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 
 AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
-each_example_anew = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+each_example_anew = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(15)
+)
 
 
 def small():

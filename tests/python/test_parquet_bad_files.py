@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from effort import cases
 from granular_id.io import RecordingFileError, load, save
 from granular_id.io.parquet.footer import Chunk
 from granular_id.io.parquet.pages import unpacked_bytes
@@ -273,15 +274,15 @@ def test_structs_of_thrift_are_bounded():
 
 def test_campaign():
     """Mutations in a process of their own, so that a crash of a library is a failure and not the end of the tests."""
-    cases = os.environ.get("GRANULAR_ID_CASES", "120")
+    n_cases = cases(40)
     script = Path(__file__).with_name("parquet_mutations.py")
     result = subprocess.run(
-        [sys.executable, str(script), "20240327", cases], capture_output=True, text=True, check=False
+        [sys.executable, str(script), "20240327", str(n_cases)], capture_output=True, text=True, check=False
     )
     assert result.returncode == 0, result.stderr[-2000:]
     counts = json.loads(result.stdout)
-    print(f"Parquet: {cases} damaged archives, 0 crashes, {counts}")
-    assert sum(counts[kind] for kind in ("as written", "other content", "refused")) == int(cases)
+    print(f"Parquet: {n_cases} damaged archives, 0 crashes, {counts}")
+    assert sum(counts[kind] for kind in ("as written", "other content", "refused")) == n_cases
     assert counts["memory_mb"] < 256
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from effort import cases
 from granular_id.io import RecordingFileError, save
 from granular_id.io.ros.wrench import decode_wrenches, foreign_definition
 from granular_id.recording import Dataset, Recording
@@ -72,7 +73,7 @@ def bag(request, tmp_path_factory):
     return path, file, file.read_bytes()
 
 
-@settings(max_examples=60)
+@settings(max_examples=cases(15))
 @given(changes=mutations)
 def test_mutated_bags(bag, changes):
     path, file, data = bag
@@ -95,7 +96,7 @@ def own(tmp_path_factory):
     return path, path.read_bytes()
 
 
-@settings(max_examples=150)
+@settings(max_examples=cases(50))
 @given(changes=mutations)
 def test_mutated_files_of_our_own(own, changes):
     path, data = own
@@ -103,7 +104,7 @@ def test_mutated_files_of_our_own(own, changes):
     attempt(path)
 
 
-@settings(max_examples=150)
+@settings(max_examples=cases(50))
 @given(
     data=st.binary(max_size=200),
     cuts=st.lists(st.integers(0, 200), max_size=3),
@@ -126,7 +127,7 @@ def test_messages_of_any_bytes(data, cuts, encoding, stamped, head):
     assert found.wrench.shape == (len(lengths), 6)
 
 
-@settings(max_examples=200)
+@settings(max_examples=cases(60))
 @given(st.text(st.sampled_from("= \n#/MSG:Wrenchfloat64xyHdrstmp"), max_size=200))
 def test_definitions_of_any_text(text):
     assert foreign_definition(text, STAMPED) is None or isinstance(foreign_definition(text, STAMPED), str)

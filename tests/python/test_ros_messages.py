@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from effort import cases
 from granular_id.io import RecordingFileError
 
 pytest.importorskip("rosbags")
@@ -37,7 +38,7 @@ def raising(index, problem):
     raise ValueError(f"{index}: {problem}")
 
 
-@settings(max_examples=60)
+@settings(max_examples=cases(25))
 @given(
     frame=st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12),
     values=st.lists(

@@ -57,11 +57,14 @@ class Hdf5Tree:
         if depth > MAX_DEPTH:
             raise self._file.expansion.fault(place[:200], f"groups lie in each other deeper than {MAX_DEPTH}")
         found = self._attributes(group, place or _ROOT)
-        for name in self._file.names(group, place or _ROOT):
-            self._met += 1
-            if self._met > self._most_members:
-                came = f"the file of {self._file.expansion.n_bytes} bytes has more than {self._most_members} members"
-                raise self._file.expansion.fault(place or _ROOT, came)
+        names = self._file.names(group, place or _ROOT)
+        self._met += len(names)
+        if self._met > self._most_members:
+            came = (
+                f"the file of {self._file.expansion.n_bytes} bytes has more than {self._most_members} members"
+            )
+            raise self._file.expansion.fault(place or _ROOT, came)
+        for name in names:
             inner = f"{place}/{name}" if place else name
             item = self._file.member(group, name, inner)
             if self._file.is_group(item):
