@@ -105,14 +105,14 @@ def test_trees_nested_without_end_are_refused():
         read_tree({"a": items}, rate_hz=500)
 
 
-_SHAPES = st.lists(st.sampled_from([0, 1, 2, 5, 6]), max_size=4).map(tuple)
+_SHAPES = st.lists(st.sampled_from([0, 1, 2, 3, 6, 7]), max_size=4).map(tuple)
 _LEAVES = st.one_of(
     st.builds(np.zeros, _SHAPES, st.sampled_from(["f8", "i4", "c16", "U3", "?"])),
     st.text(max_size=3),
     st.none(),
 )
 _NAMES = st.sampled_from(
-    ["X", "y", "labels", "fs", "t", *_AXES, "rice", "session", "flags", "axes", "names", "a"]
+    ["X", "y", "labels", "fs", "t", "force", "T", *_AXES, "rice", "session", "flags", "axes", "names", "a"]
 )
 
 

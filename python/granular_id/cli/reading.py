@@ -55,7 +55,11 @@ class Reading:
         ] = Repair.refuse,
         recorded_hz: Annotated[
             float | None,
-            option("--recorded-hz", PANEL, "Rate at which files without a clock were recorded."),
+            option(
+                "--recorded-hz",
+                PANEL,
+                "Rate at which files without a clock were recorded (--rate-hz resamples).",
+            ),
         ] = None,
         topic: Annotated[
             str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")
