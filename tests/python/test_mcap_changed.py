@@ -129,7 +129,7 @@ def test_own_metadata_that_we_did_not_write(tmp_path, change, problem):
 
 def test_own_attachments_longer_than_the_messages_allow(tmp_path):
     path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
-    with pytest.raises(RecordingFileError, match="has an attachment of [0-9]+ bytes for 40 messages"):
+    with pytest.raises(RecordingFileError, match=r"has an attachment of [0-9]+ bytes for 40 messages"):
         load(rewritten(path, tmp_path / "b.mcap", attachment=lambda data: data + bytes(5000)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, Literal
 
 from granular_id.io.arrays.tree import is_leaf
@@ -33,11 +34,13 @@ _GENERAL = (
 _GENERAL_NAMES = frozenset(_GENERAL.split())
 
 
+@lru_cache(256)  # thousands of structs ask for the names of their few fields over and over
 def plain_name(name: str) -> str:
     """Return a name in lower case with letters and digits only."""
     return "".join(c for c in name.lower() if c.isalnum())
 
 
+@lru_cache(256)
 def role_of(name: str) -> Role | None:
     """Tell what an array is for by its name; None where the name says nothing.
 
