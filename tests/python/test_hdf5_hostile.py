@@ -1,5 +1,6 @@
 """HDF5 files that are hostile, damaged or of no use: refused with their place, and within bounds."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,14 @@ def _attribute_of_gigabytes(file):
     _change(file, b"\x16\0\0\0", (0xF0000000).to_bytes(4, "little"))
 
 
+def _one_long_text_a_thousand_times(file):
+    file["X"], file["y"] = X, ["a" * 1_000_000] + ["b"] * 999
+    offset, path = file["y"].id.get_offset(), Path(file.filename)
+    file.flush()
+    data = path.read_bytes()
+    path.write_bytes(data[:offset] + data[offset : offset + 16] * 1000 + data[offset + 16_000 :])
+
+
 def _heap_elsewhere(file):
     file["X"], file["y"] = X, ["rice"] * 4
     _change(file, b"GCOL", b"GCOP")
@@ -111,6 +120,7 @@ def _long_texts(file):
         ),
         (_texts_of_gigabytes, "y: .*a text claims 4026531840 bytes where 4 are"),
         (_attribute_of_gigabytes, "."),
+        (_one_long_text_a_thousand_times, "would expand from"),
         (_heap_elsewhere, "y: .*no heap of texts at byte"),
         (_heap_in_itself, "y: .*heap of texts at byte [0-9]+ is damaged"),
         (_long_texts, "200001"),
@@ -119,8 +129,14 @@ def _long_texts(file):
     ],
 )
 def test_hostile_and_useless_files(tmp_path, write, message):
-    with pytest.raises(RecordingFileError, match=message):
-        load(other_file(tmp_path / "x.h5", write), rate_hz=500)
+    path = other_file(tmp_path / "x.h5", write)
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingFileError, match=message):
+            load(path, rate_hz=500)
+        assert tracemalloc.get_traced_memory()[1] < 100e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_bomb_of_zeros_is_refused(tmp_path):

@@ -116,6 +116,7 @@ class TextHeap:
         found = self._heaps[heap].get(number, b"")
         if length > len(found):
             raise ValueError(f"a text claims {length} bytes where {len(found)} are")
+        self._expansion.spend(4 * length, f"byte {heap}")  # as text; many references may lead to one
         return found[:length]
 
     def _objects(self, heap: int) -> dict[int, bytes]:
