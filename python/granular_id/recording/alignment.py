@@ -50,8 +50,7 @@ def align_recordings(
             missing = _missing(recording, start, n)
             if on_short == "raise":
                 raise ValueError(
-                    f"recording {recording.name!r} {missing}; ask for less, or pass on_short='skip' to "
-                    "leave such recordings out"
+                    f"recording {recording.name!r} {missing}; {_way_out(recordings, starts, n, rate_hz)}"
                 )
             rows.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": missing})
             continue
@@ -160,6 +159,16 @@ def _missing(recording: Recording, start: int, n: int) -> str:
         return f"begins {-start} samples too late for the lead before its trigger"
     after = f" after sample {start}" if start else ""
     return f"is too short: {recording.n_samples - start} samples{after}, {n} wanted"
+
+
+def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rate_hz: float) -> str:
+    """Say how many recordings are in the way, and what would fit all."""
+    room = [r.n_samples - start if start >= 0 else 0 for r, start in zip(recordings, starts, strict=True)]
+    skip = "pass on_short='skip' to leave such recordings out"
+    said = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room"
+    if min(room) == 0:
+        return f"{said}; ask for less lead, or {skip}"
+    return f"{said}, n_samples={min(room)} ({min(room) / rate_hz:g} s) fits all; ask for that, or {skip}"
 
 
 def _crop(kept: Sequence[tuple[Recording, int]], n: int) -> list[Recording]:
