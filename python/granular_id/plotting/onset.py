@@ -122,7 +122,8 @@ def plot_onsets(
         f"relative to rest, {unit_of(_drawn(shown[0])[0], shown[0].meta)}", fontsize=9, color=INK
     )
     figure.suptitle(_title(shown, len(dataset), settings), fontsize=11, color=INK)
-    figure.legend(handles=_key(shown), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    kinds = {rows.get(r.name, {}).get("how", "kept") for r in shown if r.trigger_index is not None}
+    figure.legend(handles=_key(shown, kinds), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     save(figure, path)
     return figure
 
@@ -175,12 +176,13 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
         quiet(panel)
         panel.locator_params(axis="y", nbins=3)
     panels[1].set_xlim(-_BEFORE_S, _AFTER_S)
-    title, colour = short(recording.name, 60), INK
+    # Onsets lie early as a rule: on the right the name keeps clear of the mark.
+    title, colour, side = short(recording.name, 60), INK, "right"
     if index is None:
         why = onset.why if onset is not None and onset.why else "none, as stated"
-        title, colour = f"{title}, no onset:\n{why}", _MISSING_COLOUR
+        title, colour, side = f"{title}, no onset:\n{why}", _MISSING_COLOUR, "left"
     # A name with $ in it is a name, no mathematics.
-    panels[0].set_title(title, fontsize=8, color=colour, loc="left", pad=2, parse_math=False)
+    panels[0].set_title(title, fontsize=8, color=colour, loc=side, pad=2, parse_math=False)
     if onset is not None and onset.detected_index is not None:
         seen = onset.detected_index
         strongest = force[seen, np.abs(force[seen]).argmax()]
@@ -191,7 +193,7 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
         panels[1].set_title(f"{times[index]:.3f} s", fontsize=8, color=mark.colour, loc="right", pad=2)
 
 
-def _key(shown: list[Recording]) -> list[Any]:
+def _key(shown: list[Recording], kinds: set[str]) -> list[Any]:
     from matplotlib.lines import Line2D  # noqa: PLC0415  # an extra
     from matplotlib.patches import Patch  # noqa: PLC0415
 
@@ -201,7 +203,8 @@ def _key(shown: list[Recording]) -> list[Any]:
     ]
     marks = [
         Line2D([], [], color=m.colour, ls=m.dashes, marker=m.marker, ms=5, label=m.text)
-        for m in _MARKS.values()
+        for how, m in _MARKS.items()
+        if how in kinds
     ]
     certain = Line2D([], [], linestyle="", marker="o", mec=INK, mfc="white", ms=4, label="certain from here")
     return [*lines, Patch(color=_REST_COLOUR, label="rest, \N{PLUS-MINUS SIGN}4 s.d."), *marks, certain]
