@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -52,16 +53,33 @@ def open_parquet(
         except ValueError as error:
             raise RecordingFileError(path, str(error)) from error
         with _naming(path, "footer"):
+            source = _source(path, file)
             parquet = library.ParquetFile(
-                file,
+                source,
                 read_dictionary=list(texts),
                 pre_buffer=False,
                 page_checksum_verification=True,
                 thrift_string_size_limit=MAX_FOOTER_BYTES,
                 thrift_container_size_limit=_MAX_FOOTER_ITEMS,
             )
-            opened = CheckedParquet(path, file, n_bytes, parquet, footer)
-        yield opened
+            opened = CheckedParquet(path, file, n_bytes, parquet, footer, use_threads=source is not file)
+        try:
+            yield opened
+        finally:
+            parquet.close(force=True)
+
+
+def _source(path: Path, file: BinaryIO) -> Any:
+    """Return pyarrow's own file, or the Python file where pyarrow cannot spell the name.
+
+    Threads of pyarrow that read through a Python file can abort or hang the process when it ends (Apache Arrow,
+    issues 34314 and 50482), so only pyarrow's own files are read by threads.
+    """
+    try:
+        os.fspath(path).encode()
+    except UnicodeEncodeError:
+        return file
+    return need("pyarrow", extra="app", why="to read Parquet files").OSFile(os.fspath(path))
 
 
 class CheckedParquet:
@@ -77,8 +95,11 @@ class CheckedParquet:
         Rows of each row group.
     """
 
-    def __init__(self, path: Path, file: BinaryIO, n_bytes: int, parquet: Any, footer: Footer) -> None:
+    def __init__(
+        self, path: Path, file: BinaryIO, n_bytes: int, parquet: Any, footer: Footer, *, use_threads: bool
+    ) -> None:
         self.path = path
+        self._use_threads = use_threads
         self._file = file
         self._n_bytes = n_bytes
         self._parquet = parquet
@@ -120,7 +141,7 @@ class CheckedParquet:
         """Decode columns of one row group, a ``pyarrow.Table``."""
         self.check(columns)
         with _naming(self.path, f"row group {group}"):
-            table = self._parquet.read_row_group(group, columns=list(columns))
+            table = self._parquet.read_row_group(group, columns=list(columns), use_threads=self._use_threads)
             table.validate(full=True)
             if table.num_rows != self.rows[group]:
                 raise ValueError(f"{table.num_rows} rows could be decoded of {self.rows[group]}")
