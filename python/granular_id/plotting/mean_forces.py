@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,7 +15,7 @@ from granular_id.plotting.style import (
     AXIS_DASHES,
     FAINT,
     INK,
-    new_figure,
+    material_panels,
     pretty,
     quiet,
     save,
@@ -73,17 +72,9 @@ def plot_mean_forces(
     """
     columns, unit = _chosen_axes(axes)
     curves = curves_of(dataset, columns) if isinstance(dataset, Dataset) else curves_in(dataset, columns)
-    n_columns = min(4, len(curves))
-    n_rows = math.ceil(len(curves) / n_columns)
-    figure = new_figure(1.2 + 2.5 * n_columns, 1.4 + 1.9 * n_rows)
-    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for curve, panel in zip(curves, panels, strict=False):
+    figure, panels = material_panels(len(curves))
+    for curve, panel in zip(curves, panels, strict=True):
         handles = draw_mean_forces(panel, curve)
-    for unused in panels[len(curves) :]:
-        unused.remove()
-    # The lowest panel of each column carries the time axis, also where the last row is not full.
-    for index, panel in enumerate(panels[: len(curves)]):
-        panel.tick_params(labelbottom=index + n_columns >= len(curves))
     quantity = "force" if unit == "N" else "torque"
     figure.supxlabel("time, s", fontsize=10, color=INK)
     figure.supylabel(f"{quantity}, {unit}", fontsize=10, color=INK)

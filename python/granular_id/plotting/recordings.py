@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ from granular_id.plotting.style import (
     AXIS_DASHES,
     FAINT,
     INK,
-    new_figure,
+    material_panels,
     pretty,
     quiet,
     save,
@@ -81,12 +80,9 @@ def plot_recordings(
     groups: dict[str, list[Recording]] = {}
     for recording in dataset:
         groups.setdefault(recording.label or _NO_LABEL, []).append(recording)
-    n_columns = min(4, len(groups))
-    n_rows = math.ceil(len(groups) / n_columns)
-    figure = new_figure(max(1.2 + 2.5 * n_columns, 5.5), 1.4 + 1.9 * n_rows)  # room for label and legend
-    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
+    figure, panels = material_panels(len(groups))
     handles: list[Any] = []
-    for (label, group), panel in zip(groups.items(), panels, strict=False):
+    for (label, group), panel in zip(groups.items(), panels, strict=True):
         shown = [
             group[i]
             for i in np.unique(np.linspace(0, len(group) - 1, min(n, len(group))).round().astype(int))
@@ -94,11 +90,6 @@ def plot_recordings(
         handles = _draw(panel, shown, wanted)
         title = f"{short(label)} ({len(shown)} of {len(group)})"
         panel.set_title(title, fontsize=10, color=INK, parse_math=False)
-    for unused in panels[len(groups) :]:
-        unused.remove()
-    # The lowest panel of each column carries the time axis, also where the last row is not full.
-    for index, panel in enumerate(panels[: len(groups)]):
-        panel.tick_params(labelbottom=index + n_columns >= len(groups))
     synthetic = any(recording.meta.get("synthetic") for recording in dataset)
     figure.supxlabel("time from the first sample, s", fontsize=10, color=INK)
     figure.supylabel(unit, fontsize=10, color=INK)

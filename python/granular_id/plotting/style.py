@@ -7,6 +7,7 @@ notebooks, servers and threads alike.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ __all__ = [
     "FAINT",
     "INK",
     "file_format",
+    "material_panels",
     "new_figure",
     "pretty",
     "quiet",
@@ -49,6 +51,20 @@ def new_figure(width: float, height: float) -> Figure:
     except ImportError as error:
         raise ImportError("plotting needs matplotlib: pip install 'granular-id[app]'") from error
     return Figure(figsize=(width, height), layout="constrained")
+
+
+def material_panels(n: int) -> tuple[Figure, list[Any]]:
+    """Make a figure of `n` small panels that share their scales, up to four in a row."""
+    n_columns = min(4, n)
+    n_rows = math.ceil(n / n_columns)
+    figure = new_figure(max(1.2 + 2.5 * n_columns, 5.5), 1.4 + 1.9 * n_rows)  # room for label and legend
+    panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
+    for unused in panels[n:]:
+        unused.remove()
+    # The lowest panel of each column carries the time axis, also where the last row is not full.
+    for index, panel in enumerate(panels[:n]):
+        panel.tick_params(labelbottom=index + n_columns >= n)
+    return figure, list(panels[:n])
 
 
 def quiet(panel: Any) -> None:
