@@ -57,7 +57,7 @@ def material_panels(n: int) -> tuple[Figure, list[Any]]:
     """Make a figure of `n` small panels that share their scales, up to four in a row."""
     n_columns = min(4, n)
     n_rows = math.ceil(n / n_columns)
-    figure = new_figure(max(1.2 + 2.5 * n_columns, 5.5), 1.4 + 1.9 * n_rows)  # room for label and legend
+    figure = new_figure(max(1.2 + 2.5 * n_columns, 7.0), 1.4 + 1.9 * n_rows)  # room for label and legend
     panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
     for unused in panels[n:]:
         unused.remove()
