@@ -77,6 +77,14 @@ def test_the_library_evaluates_without_the_extra():
     assert done.stdout.startswith("Accuracy on SYNTHETIC recordings")
 
 
+@pytest.fixture(autouse=True)
+def heeding_interrupts():
+    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def interrupted_after(first_line, module, *words):
     """Start a command, press Ctrl-C after its first line, and check that it ends as promised."""
     running = subprocess.Popen(
