@@ -35,15 +35,22 @@ def freeze(value: object, name: str) -> Any:
                 raise TypeError(f"{name} has the key {key!r}; keys must be str")
         # most items are plain, and making a name for each would take longer than everything else
         tree = {
-            str(key): item if type(item) in _PLAIN else freeze(item, f"{name}[{key!r}]")
+            str(key): item if _is_plain(item) else freeze(item, f"{name}[{key!r}]")
             for key, item in value.items()
         }
         return MappingProxyType(tree)
     if isinstance(value, (list, tuple)):
-        return tuple(freeze(item, f"{name}[{i}]") for i, item in enumerate(value))
+        return tuple(
+            item if _is_plain(item) else freeze(item, f"{name}[{i}]") for i, item in enumerate(value)
+        )
     raise TypeError(
         f"{name} is a {type(value).__name__}; wanted None, bool, int, float, str, lists or mappings of them"
     )
+
+
+def _is_plain(item: object) -> bool:
+    kind = type(item)
+    return kind in _PLAIN or (kind is float and math.isfinite(item))  # type: ignore[arg-type]
 
 
 def thaw(value: Any) -> Any:
