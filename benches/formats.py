@@ -3,8 +3,9 @@
     python benches/formats.py [n_recordings]
 
 Synthetic pushes of 1600 x 6, quantised as a sensor does; both sides in the same process, taking turns, after one
-untimed call each. The plain call gives bare arrays or tables; ``load`` gives checked recordings with labels, sessions,
-triggers and history. "folder" formats hold a file per recording.
+untimed call each. Metadata are two entries per recording: kilobytes of it, as simulated recordings have, are parsed by
+``load`` only, and take about 0.1 ms per recording more. The plain call gives bare arrays or tables; ``load`` gives
+checked recordings with labels, sessions, triggers and history. "folder" formats hold a file per recording.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,7 +100,8 @@ def size_mb(path: Path) -> float:
 
 def main() -> None:
     n = int(sys.argv[1]) if len(sys.argv) > 1 else 682
-    data = gid.synthesize(n_per_class=-(-n // 11))[:n]
+    made = gid.synthesize(n_per_class=-(-n // 11))[:n]
+    data = gid.Dataset([replace(push, meta={"synthetic": True, "tool": "cylinder"}) for push in made])
     few = data[: max(1, n // 10)]
     print(f"{n} recordings of 1600 x 6 ({len(few)} where a file holds one), {REPEATS} repeats, medians")
     print(
