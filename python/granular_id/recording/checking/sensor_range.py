@@ -11,9 +11,8 @@ from granular_id.recording._values import checked_number
 
 SensorRange = str | float | Sequence[float] | Mapping[str, float]
 
-# Calibrated ranges as ATI Industrial Automation prints them: Fx and Fy, Fz (N), Tx, Ty and Tz (N m).
-# Source: "F/T Transducer" manual, document 9620-05-Transducer Section, SI calibrations; Axia80-M20: manual
-# 9610-05-Ethernet Axia, calibration ranges.
+# Calibrated ranges of ATI Industrial Automation's sensors: Fx and Fy, Fz (N), Tx, Ty and Tz (N m). They are the
+# nominal ones of each SI calibration; the certificate of a sensor comes first.
 _ATI = {
     "Nano17 SI-12-0.12": (12, 17, 0.12),
     "Nano17 SI-25-0.25": (25, 35, 0.25),
