@@ -61,15 +61,15 @@ class CheckReport(Sequence[Finding]):
     --------
     >>> import numpy as np
     >>> from granular_id.recording import Dataset, Recording
-    >>> noise = np.random.default_rng(0).normal(size=(4, 100, 6))
+    >>> noise = np.random.default_rng(0).normal(size=(12, 100, 6))
     >>> noise[3, :, 2] = 0
     >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
-    ...                 for i in range(4)])
+    ...                 for i in range(12)])
     >>> report = data.check()
     >>> report.worst, [finding.code for finding in report], report.verdicts[3].state
     ('warning', ['stuck-axis'], 'warning')
     >>> print(report)
-    4 recordings checked: 3 ok, 1 with warnings
+    12 recordings checked: 11 ok, 1 with warnings
     <BLANKLINE>
     warning  stuck-axis  1 recording with an axis that never changes (fz)
                          [push 3]
