@@ -257,7 +257,7 @@ def test_what_the_index_says_comes_first(tmp_path):
         ("mcap ZSTD", "zstandard", "zstandard"),
         ("mcap LZ4", "lz4.frame", "lz4"),
         ("bag1 LZ4", "lz4.frame", "lz4"),
-        ("bag2 sqlite None v9", "ruamel.yaml", "ruamel"),
+        ("bag2 sqlite None v9", "ruamel.yaml", r"ruamel\.yaml"),
         ("bag2 sqlite FILE v9", "zstandard", "zstandard"),
         ("bag2 sqlite MESSAGE v9", "zstandard", "zstandard"),
     ],
