@@ -3,6 +3,7 @@
 // Tests compare results that are exact.
 #![cfg_attr(test, allow(clippy::float_cmp))]
 
+pub mod buffer;
 pub mod butterworth;
 mod cascade;
 mod complex;
@@ -12,12 +13,15 @@ mod extract;
 pub mod features;
 pub mod histogram;
 mod lanes;
+pub mod model;
 pub mod number_table;
 mod pairing;
 mod pool;
+pub mod rdt;
 pub mod sos;
 pub mod sosfilt;
 pub mod state;
+pub mod stream;
 pub mod wrench;
 
 #[cfg(feature = "python")]

@@ -1,12 +1,16 @@
 //! The extension module `granular_id._core`: registration only.
 
 mod arrays;
+mod buffer;
 mod convert;
 mod features;
+mod model;
 mod number_table;
+mod rdt;
 mod scalars;
 mod signal;
 mod spec;
+mod stream;
 
 use pyo3::prelude::*;
 

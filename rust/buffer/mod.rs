@@ -1,0 +1,1 @@
+//! The streaming wrench buffer: one writer, any number of readers, the oldest overwritten.

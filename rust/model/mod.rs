@@ -1,0 +1,1 @@
+//! A trained identifier: linear error-correcting output codes over features, and its file.

@@ -1,0 +1,1 @@
+//! The wrench buffer: unpack, call, map the error.

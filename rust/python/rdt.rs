@@ -1,0 +1,1 @@
+//! The RDT receiver: unpack, call, map the error.

@@ -1,0 +1,1 @@
+//! Streaming extraction and identification: unpack, call, map the error.

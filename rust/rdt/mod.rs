@@ -1,0 +1,1 @@
+//! Wrenches from an F/T sensor that speaks RDT over UDP.

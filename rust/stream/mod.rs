@@ -1,0 +1,1 @@
+//! Features and answers while samples arrive.
