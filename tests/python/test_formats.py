@@ -177,6 +177,7 @@ def test_a_trigger_for_a_file_of_many_is_refused(tmp_path):
         "",
         "{",
         "3",
+        "{}",
         '{"step": "load"}',
         '[{"steps": 1}]',
         '[{"step": 4}]',

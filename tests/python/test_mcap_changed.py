@@ -114,6 +114,7 @@ def test_damaged_and_foreign_attachments(tmp_path):
         ({"meta": '{"a": NaN}'}, "finite"),
         ({"meta": "[" * 100_000}, "recursion"),
         ({"history": "{}]"}, "Extra data"),
+        ({"history": "{}"}, "history is a JSON dict; wanted a list"),
         ({"history": '[{"step": 1}]'}, "step"),
         ({"label": " rice"}, "label"),
         ({"name": "a\x00b"}, "name"),

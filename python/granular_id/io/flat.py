@@ -30,7 +30,7 @@ from granular_id.io.flat_checks import (
     checked_times,
     checked_triggers,
 )
-from granular_id.io.folder_save import checked_dataset
+from granular_id.io.folder_save import checked_dataset, history_json
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording
 from granular_id.recording._values import FloatArray, as_floats, thaw
@@ -130,7 +130,7 @@ def flatten(dataset: Dataset) -> FlatRecordings:
         meta_json=[json.dumps(thaw(r.meta)) if r.meta else None for r in recordings],
         time_s=time_s,
         flags=flags,
-        history_json=json.dumps([step.to_dict() for step in dataset.history]),
+        history_json=history_json(dataset),
     )
 
 

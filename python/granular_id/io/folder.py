@@ -14,17 +14,16 @@ files of no known format are passed over.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, read_bounded, refuse_outside
+from granular_id.io.flat_checks import checked_history
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.formats import format_of
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, read_index
-from granular_id.io.json_text import check_parts
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.recording import StepReport
@@ -103,10 +102,8 @@ def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> Foun
 def _read_history(path: Path, root: Path, options: LoadOptions, n_recordings: int) -> tuple[StepReport, ...]:
     data = read_bounded(path, root, options.max_text_bytes)
     try:
-        text = data.decode("utf-8")
-        check_parts([text], "history", n_recordings)
-        return tuple(StepReport.from_dict(step) for step in list(json.loads(text)))
-    except (ValueError, TypeError, RecursionError) as error:
+        return checked_history(data.decode("utf-8"), n_recordings)
+    except (ValueError, TypeError) as error:
         raise RecordingFileError(path, f"is no history of a data set: {error}") from error
 
 

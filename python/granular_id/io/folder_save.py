@@ -18,7 +18,7 @@ from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
 from granular_id.recording._values import thaw
 
-__all__ = ["HISTORY_NAME", "checked_dataset", "history_json", "indexed_folder", "new_folder"]
+__all__ = ["HISTORY_NAME", "checked_dataset", "history_json", "indexed_folder", "new_folder", "write_history"]
 
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
@@ -38,6 +38,12 @@ def checked_dataset(dataset: object) -> Dataset:
 def history_json(dataset: Dataset) -> str:
     """Return the steps that made a data set as one JSON text."""
     return json.dumps([step.to_dict() for step in dataset.history])
+
+
+def write_history(dataset: Dataset, folder: Path) -> None:
+    """Write the steps that made a data set into its folder, where there were any."""
+    if dataset.history:
+        (folder / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
 
 
 @contextmanager
@@ -121,8 +127,7 @@ def indexed_folder(
                 index.writerow(_index_row(name, recording))
                 if progress is not None:
                     progress(number, len(dataset), name)
-        if dataset.history:
-            (partial / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
+        write_history(dataset, partial)
     return Path(folder)
 
 

@@ -16,7 +16,7 @@ from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
 from granular_id.io.flat import FlatRecordings, flatten
 from granular_id.io.flat_checks import NO_TRIGGER
-from granular_id.io.folder_save import HISTORY_NAME, checked_dataset, history_json, new_folder
+from granular_id.io.folder_save import checked_dataset, new_folder, write_history
 from granular_id.io.parquet.file import parquet_library
 from granular_id.io.parquet.layout import (
     FLAGS,
@@ -111,8 +111,7 @@ def save_parquet(
                 if progress is not None:
                     progress(spans[row_group][1], len(recordings), file)
         _write_index(library, partial / INDEX_FILE, _index_table(written), mark)
-        if dataset.history:
-            (partial / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
+        write_history(dataset, partial)
     return Path(folder)
 
 

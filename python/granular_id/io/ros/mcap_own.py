@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.flat_checks import checked_history
 from granular_id.io.json_text import check_parts
 from granular_id.io.options import MAX_TEXT_BYTES, LoadOptions
 from granular_id.io.ros.mcap_file import OWN_NAME, OwnRecords
@@ -185,7 +186,7 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
         start_time=_number(texts, "start_time"),
         trigger_index=None if trigger is None else int(trigger),
         meta=json.loads(texts.get("meta", "{}")),
-        history=tuple(StepReport.from_dict(step) for step in json.loads(texts.get("history", "[]"))),
+        history=checked_history(texts.get("history", "[]"), 1),
         time_s=time_s,
         flags=flags,
     )
