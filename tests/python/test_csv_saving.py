@@ -114,7 +114,7 @@ def test_an_empty_folder_is_used_and_a_full_one_refused(tmp_path):
     with pytest.raises(FileExistsError, match="the folder is not empty; nothing is overwritten"):
         save_csv(Dataset([sample()]), folder)
     file = folder / "index.csv"
-    with pytest.raises(FileExistsError, match="exists and is not a folder"):
+    with pytest.raises(FileExistsError, match="there is something already; nothing is overwritten"):
         save_csv(Dataset([sample()]), file)
     with pytest.raises(FileNotFoundError, match="nowhere: no such folder"):
         save_csv(Dataset([sample()]), tmp_path / "nowhere" / "set")
@@ -126,7 +126,7 @@ def test_an_empty_folder_is_used_and_a_full_one_refused(tmp_path):
 def test_a_link_is_not_written_through(tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
-    with pytest.raises(FileExistsError, match="link: exists and is not a folder"):
+    with pytest.raises(FileExistsError, match="link: there is something already; nothing is overwritten"):
         save_csv(Dataset([sample()]), tmp_path / "link")
 
 

@@ -18,7 +18,15 @@ from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
 from granular_id.recording._values import thaw
 
-__all__ = ["HISTORY_NAME", "checked_dataset", "history_json", "indexed_folder", "new_folder", "write_history"]
+__all__ = [
+    "HISTORY_NAME",
+    "check_room",
+    "checked_dataset",
+    "history_json",
+    "indexed_folder",
+    "new_folder",
+    "write_history",
+]
 
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
@@ -46,6 +54,30 @@ def write_history(dataset: Dataset, folder: Path) -> None:
         (folder / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
 
 
+def check_room(target: Path) -> None:
+    """Refuse a place where nothing new can be written.
+
+    Parameters
+    ----------
+    target : Path
+        What is about to be written; an empty folder may be there already.
+
+    Raises
+    ------
+    FileExistsError
+        `target` is a file, a link or a folder with something in it.
+    FileNotFoundError
+        The folder to put it in does not exist.
+    """
+    if os.path.lexists(target):
+        if target.is_symlink() or not target.is_dir():
+            raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
+        if any(target.iterdir()):
+            raise FileExistsError(f"{target}: the folder is not empty; nothing is overwritten")
+    if not target.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{target.parent}: no such folder")
+
+
 @contextmanager
 def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
     """Fill a folder under a temporary name beside its place, and rename it when the block ends well.
@@ -62,20 +94,13 @@ def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
 
     Raises
     ------
-    FileExistsError
-        `folder` is a file, a link or a folder with something in it.
-    FileNotFoundError
-        The folder to put it in does not exist.
+    FileExistsError, FileNotFoundError
+        As `check_room`.
     OSError
         It cannot be written, naming it instead of the temporary folder.
     """
     target = Path(folder)
-    if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise FileExistsError(f"{target}: exists and is not a folder")
-    if target.exists() and any(target.iterdir()):
-        raise FileExistsError(f"{target}: the folder is not empty; nothing is overwritten")
-    if not target.absolute().parent.is_dir():
-        raise FileNotFoundError(f"{target.parent}: no such folder")
+    check_room(target)
     partial = target.absolute().parent / f".{target.name}.{secrets.token_hex(4)}.partial"
     try:
         partial.mkdir()

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from granular_id._progress import ProgressCallback, showing
-from granular_id.io.folder_save import checked_dataset
+from granular_id.io.folder_save import check_room, checked_dataset
 from granular_id.io.formats import writer
 from granular_id.recording import Dataset
 
@@ -75,11 +75,4 @@ def check_save(path: str | os.PathLike[str], format: str | None = None) -> None:
         As `save`.
     """
     writer(path, format)
-    target = Path(path)
-    if os.path.lexists(target):
-        if target.is_symlink() or not target.is_dir():
-            raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
-        if any(target.iterdir()):
-            raise FileExistsError(f"{target}: the folder is not empty; nothing is overwritten")
-    if not target.absolute().parent.is_dir():
-        raise FileNotFoundError(f"{target.parent}: no such folder")
+    check_room(Path(path))
