@@ -111,10 +111,9 @@ def _find_flat(root: Path, entries: list[Path]) -> FoundFiles:
     found = FoundFiles("label_*")
     for path in entries:
         label, _, rest = path.stem.rpartition("_")
-        known = format_of(path)
         if label and rest:
             found.sources.append(FileSource(path, root, path.name, folder_label=label))
-        elif known is not None and known.knows_labels:
+        elif (known := format_of(path)) is not None and known.knows_labels:
             found.sources.append(FileSource(path, root, path.name))
         else:
             wanted = f"label_*.csv, or another layout: {_FOLDERS}, {_INDEX}"

@@ -60,13 +60,6 @@ class FileFormat:
     knows_labels: bool = True
     is_folder: Callable[[Path], bool] | None = None
 
-    def recognises(self, path: Path) -> bool:
-        """Tell whether a path looks like this format: a file by its ending, a folder by what lies in it."""
-        # os.path.isdir says False of what cannot be a path at all, where Path.is_dir raises
-        if os.path.isdir(path):  # noqa: PTH112
-            return self.is_folder is not None and self.is_folder(path)
-        return path.suffix.lower() in self.suffixes
-
 
 def _read_csv_or_gm10(source: FileSource, options: LoadOptions) -> FileContent:
     return (read_gm10 if is_gm10(source.path) else read_csv)(source, options)
@@ -109,8 +102,16 @@ FORMATS = (
 
 
 def format_of(path: Path) -> FileFormat | None:
-    """Return the format that a path looks like, if any does."""
-    return next((known for known in FORMATS if known.recognises(path)), None)
+    """Return the format that a path looks like, if any does: a file by its ending, a folder by what lies in it."""
+    # os.path.isdir says False of what cannot be a path at all, where Path.is_dir raises
+    if os.path.isdir(path):  # noqa: PTH112
+        return next((known for known in FORMATS if known.is_folder and known.is_folder(path)), None)
+    return _by_ending(path)
+
+
+def _by_ending(path: Path) -> FileFormat | None:
+    suffix = path.suffix.lower()
+    return next((known for known in FORMATS if suffix in known.suffixes), None)
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
@@ -122,8 +123,7 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         No such format, one that is only read, or an ending that says nothing.
     """
     writable = ", ".join(known.name for known in FORMATS if known.save is not None)
-    suffix = Path(path).suffix.lower()
-    by_ending = next((known for known in FORMATS if suffix and suffix in known.suffixes), None)
+    by_ending = _by_ending(Path(path))
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
     if chosen is None and name is not None:
         raise ValueError(f"format={name!r}; wanted one of {writable}")
