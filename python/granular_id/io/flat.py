@@ -7,7 +7,7 @@ Reading checks whole columns at once, so that it costs little more than reading 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
@@ -38,6 +38,14 @@ from granular_id.recording.axes import checked_axes
 
 RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
+
+FORMAT, VERSION = "granular_id recordings", 1
+"""What files of flat columns call themselves."""
+
+NUMBERS = ("n_samples", "rate_hz", "start_time", "trigger_index")
+TEXTS = ("label", "session", "name")
+OPTIONAL = ("time_s", "flags")
+"""Columns beside ``wrench``: numbers and texts per recording; what stands per sample only where it is needed."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,36 @@ class FlatRecordings:
     time_s: FloatArray | None = None
     flags: NDArray[np.uint8] | None = None
     history_json: str = "[]"
+
+    @classmethod
+    def of_texts(
+        cls,
+        axes: Sequence[str],
+        texts: Mapping[str, Sequence[str]],
+        meta_lines: str,
+        history_json: str,
+        columns: Mapping[str, Any],
+    ) -> FlatRecordings:
+        """Make the columns of a file whose texts cannot be None; see `texts` and `meta_lines`."""
+        return cls(
+            axes=tuple(axes),
+            label=[text or None for text in texts["label"]],
+            session=[text or None for text in texts["session"]],
+            name=texts["name"],
+            meta_json=[None if line == "{}" else line for line in meta_lines.split("\n")],
+            history_json=history_json,
+            **columns,
+        )
+
+    @property
+    def texts(self) -> dict[str, list[str]]:
+        """The columns `TEXTS`, with an empty text for None."""
+        return {name: [text or "" for text in getattr(self, name)] for name in TEXTS}
+
+    @property
+    def meta_lines(self) -> str:
+        """All metadata as one text, a line per recording: a column of fixed width would be as wide as the longest."""
+        return "\n".join(text or "{}" for text in self.meta_json)
 
 
 def flatten(dataset: Dataset) -> FlatRecordings:

@@ -11,9 +11,9 @@ from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.files import check_file
-from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
+from granular_id.io.flat import FORMAT, NUMBERS, RECORDING_BYTES, TEXTS, VERSION, FlatRecordings, unflatten
 from granular_id.io.hdf5.guard import GuardedFile
-from granular_id.io.hdf5.save import FORMAT, NUMBERS, SAMPLES, TEXTS, VERSION
+from granular_id.io.hdf5.save import SAMPLES
 from granular_id.io.hdf5.tree import Hdf5Tree
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -69,16 +69,10 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
     texts = {name: _texts(_values(file, group, name, f"recordings/{name}"), name, path) for name in TEXTS}
     (meta,) = _texts(_values(file, group, "meta", "recordings/meta"), "meta", path)
     (history,) = _texts(_values(file, file.root, "history", "history"), "history", path)
-    flat = FlatRecordings(
-        axes=_axes(file, path),
-        label=[text or None for text in texts["label"]],
-        session=[text or None for text in texts["session"]],
-        name=texts["name"],
-        meta_json=[None if line == "{}" else line for line in meta.split("\n")],
-        history_json=history,
-        **columns,
-        **{name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"},
-    )
+    columns |= {
+        name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"
+    }
+    flat = FlatRecordings.of_texts(_axes(file, path), texts, meta, history, columns)
     content = unflatten(flat, path, source)
     unknown = sorted(top - {*SAMPLES, "recordings", "history"})
     if unknown:

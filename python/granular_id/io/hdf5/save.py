@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.extras import need
-from granular_id.io.flat import FlatRecordings, flatten
+from granular_id.io.flat import FORMAT, NUMBERS, OPTIONAL, VERSION, FlatRecordings, flatten
 from granular_id.recording import Dataset
 from granular_id.recording.axes import unit_of
 
-__all__ = ["FORMAT", "NUMBERS", "SAMPLES", "TEXTS", "VERSION", "save_hdf5"]
+__all__ = ["SAMPLES", "save_hdf5"]
 
-FORMAT, VERSION = "granular_id recordings", 1
-SAMPLES = ("wrench", "time_s", "flags")
-NUMBERS = ("n_samples", "rate_hz", "start_time", "trigger_index")
-TEXTS = ("label", "session", "name")
+SAMPLES = ("wrench", *OPTIONAL)
+"""What lies at the top of a file; what is known of each recording lies in the group ``recordings``."""
 
 
 def save_hdf5(
@@ -92,16 +90,15 @@ def save_hdf5(
 def _arrays(flat: FlatRecordings, h5py: Any) -> dict[str, Any]:
     arrays: dict[str, Any] = {n: getattr(flat, n) for n in SAMPLES if getattr(flat, n) is not None}
     arrays |= {f"recordings/{name}": getattr(flat, name) for name in NUMBERS}
-    arrays |= {f"recordings/{name}": _texts(getattr(flat, name), h5py) for name in TEXTS}
-    # one text with a line per recording: a column of fixed width would be as wide as the longest of them
-    arrays["recordings/meta"] = _text("\n".join(text or "{}" for text in flat.meta_json), h5py)
+    arrays |= {f"recordings/{name}": _texts(texts, h5py) for name, texts in flat.texts.items()}
+    arrays["recordings/meta"] = _text(flat.meta_lines, h5py)
     arrays["history"] = _text(flat.history_json, h5py)
     return arrays
 
 
-def _texts(texts: Sequence[str | None], h5py: Any) -> NDArray[Any]:
-    """Return texts of fixed width in UTF-8, an empty one for None."""
-    data = [(text or "").encode("utf-8") for text in texts]
+def _texts(texts: Sequence[str], h5py: Any) -> NDArray[Any]:
+    """Return texts of fixed width in UTF-8."""
+    data = [text.encode("utf-8") for text in texts]
     return np.array(data, dtype=h5py.string_dtype("utf-8", max(1, *map(len, data))))
 
 

@@ -21,23 +21,30 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.tree import plain_texts, texts
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, flatten, unflatten
+from granular_id.io.flat import (
+    FORMAT,
+    NUMBERS,
+    OPTIONAL,
+    RECORDING_BYTES,
+    TEXTS,
+    VERSION,
+    FlatRecordings,
+    flatten,
+    unflatten,
+)
 from granular_id.io.npz.archive import NpzArchive, NpzMember, open_npz
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
-_FORMAT = "format"
-_OURS = "granular_id recordings"
-_VERSION = 1
+_MARK = "format"
+"""Array that says what the file is: `FORMAT` and `VERSION`."""
 
 _JSON_BYTES = 20
 """What a byte of JSON may cost in memory: lists of empty lists are the worst."""
 
-_TEXTS = ("label", "session", "name")
 _BYTES = ("meta", "history")
-_NUMBERS = ("wrench", "n_samples", "rate_hz", "start_time", "trigger_index")
-_OPTIONAL = ("time_s", "flags")
+_NUMBERS = ("wrench", *NUMBERS)
 
 
 def save_npz(
@@ -101,9 +108,9 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
         The file, and the array in it, that cannot be read or understood.
     """
     with open_npz(source.path, source.root, options.max_binary_bytes) as archive:
-        mark = archive.arrays.get(_FORMAT)
+        mark = archive.arrays.get(_MARK)
         said = None if mark is None else texts(mark)
-        if said and said[0].startswith(_OURS):
+        if said and said[0].startswith(FORMAT):
             return _read_own(archive, said[0], source)
         content = recordings_of(_tree(archive), source, options, "array")
     if archive.others:
@@ -113,15 +120,14 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
 
 def _arrays(flat: FlatRecordings) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {
-        _FORMAT: np.array(f"{_OURS} {_VERSION}"),
+        _MARK: np.array(f"{FORMAT} {VERSION}"),
         "axes": np.array(flat.axes, dtype=np.str_),
     }
-    for name in (*_NUMBERS, *_OPTIONAL):
+    for name in (*_NUMBERS, *OPTIONAL):
         if getattr(flat, name) is not None:
             arrays[name] = getattr(flat, name)
-    for name in _TEXTS:
-        arrays[name] = np.array([text or "" for text in getattr(flat, name)], dtype=np.str_)
-    arrays["meta"] = _bytes("\n".join(text or "{}" for text in flat.meta_json))
+    arrays |= {name: np.array(words, dtype=np.str_) for name, words in flat.texts.items()}
+    arrays["meta"] = _bytes(flat.meta_lines)
     arrays["history"] = _bytes(flat.history_json)
     return arrays
 
@@ -132,11 +138,11 @@ def _bytes(text: str) -> NDArray[np.uint8]:
 
 def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent:
     path = source.path
-    if mark != f"{_OURS} {_VERSION}":
-        problem = f"is of the format {mark[:60]!r}; this version of granular-id reads '{_OURS} {_VERSION}'"
+    if mark != f"{FORMAT} {VERSION}":
+        problem = f"is of the format {mark[:60]!r}; this version of granular-id reads '{FORMAT} {VERSION}'"
         raise RecordingFileError(path, problem)
-    known = {_FORMAT, "axes", *_NUMBERS, *_OPTIONAL, *_TEXTS, *_BYTES}
-    missing = known - set(_OPTIONAL) - set(archive.arrays)
+    known = {_MARK, "axes", *_NUMBERS, *OPTIONAL, *TEXTS, *_BYTES}
+    missing = known - set(OPTIONAL) - set(archive.arrays)
     if missing:
         raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
     n_recordings = math.prod(archive.arrays["n_samples"].shape)
@@ -144,19 +150,10 @@ def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent
     for name in _BYTES:
         archive.expansion.spend(math.prod(archive.arrays[name].shape) * _JSON_BYTES, f"array {name}")
     columns: dict[str, Any] = {name: archive.arrays[name].read() for name in _NUMBERS}
-    columns |= {name: archive.arrays[name].read() for name in _OPTIONAL if name in archive.arrays}
-    words = {name: _texts(archive.arrays[name], path) for name in _TEXTS}
-    flat = FlatRecordings(
-        axes=tuple(_texts(archive.arrays["axes"], path)),
-        label=[text or None for text in words["label"]],
-        session=[text or None for text in words["session"]],
-        name=words["name"],
-        meta_json=[
-            None if line == "{}" else line for line in _text(archive.arrays["meta"], path).split("\n")
-        ],
-        history_json=_text(archive.arrays["history"], path),
-        **columns,
-    )
+    columns |= {name: archive.arrays[name].read() for name in OPTIONAL if name in archive.arrays}
+    words = {name: _texts(archive.arrays[name], path) for name in ("axes", *TEXTS)}
+    meta, history = (_text(archive.arrays[name], path) for name in _BYTES)
+    flat = FlatRecordings.of_texts(words["axes"], words, meta, history, columns)
     content = unflatten(flat, path, source)
     unknown = sorted(set(archive.arrays) - known) + archive.others
     if unknown:
