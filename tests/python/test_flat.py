@@ -32,6 +32,19 @@ def test_recordings_of_one_length_share_a_block_so_that_stacking_is_no_copy():
     assert np.array_equal(read.X, data.X)
 
 
+@pytest.mark.parametrize("n", [1, 3])
+def test_samples_that_are_views_of_bytes_keep_their_bits(n):
+    raw = np.frombuffer(np.random.default_rng(1).standard_normal((n, 4, 6)).tobytes(), np.uint8).copy()
+    raw.flags.writeable = False
+    block = raw.view(np.float64).reshape(n, 4, 6)
+    data = Dataset([Recording(wrench, rate_hz=500, name=str(i)) for i, wrench in enumerate(block)])
+    assert data[0].wrench.base is raw  # else the test proves nothing
+    flat = flatten(data)
+    assert flat.wrench.dtype == np.float64
+    assert np.array_equal(flat.wrench, block.reshape(-1, 6))
+    assert np.array_equal(data.X, block)
+
+
 def test_equal_meta_is_parsed_once_and_shared():
     meta = {"sensor": {"model": "Mini45"}}
     data = Dataset([Recording(np.zeros((2, 6)), rate_hz=500, meta=meta) for _ in range(3)])

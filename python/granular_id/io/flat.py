@@ -35,6 +35,7 @@ from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording
 from granular_id.recording._values import FloatArray, as_floats, thaw
 from granular_id.recording.axes import checked_axes
+from granular_id.recording.stacking import shared_base
 
 RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
@@ -285,23 +286,9 @@ def joined(parts: Sequence[FloatArray]) -> FloatArray:
     >>> np.shares_memory(joined(list(block)), block)
     True
     """
-    base = parts[0].base
-    total = sum(part.nbytes for part in parts)
-    if not isinstance(base, np.ndarray) or base.nbytes != total or not base.flags.c_contiguous:
-        return _stacked(parts)
-    address = base.__array_interface__["data"][0]
-    for part in parts:
-        if (
-            part.base is not base
-            or not part.flags.c_contiguous
-            or part.__array_interface__["data"][0] != address
-        ):
-            return _stacked(parts)
-        address += part.nbytes
-    return base.reshape(-1, parts[0].shape[1])
-
-
-def _stacked(parts: Sequence[FloatArray]) -> FloatArray:
+    base = shared_base(parts)
+    if base is not None:
+        return base.reshape(-1, parts[0].shape[1])
     whole = np.empty((sum(map(len, parts)), parts[0].shape[1]))
     # without out=, column-major parts give a column-major whole, which has to be copied once more
     return np.concatenate(parts, out=whole)

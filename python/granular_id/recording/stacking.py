@@ -38,25 +38,38 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
             f"recordings differ in length ({min(lengths)} to {max(lengths)} samples); call "
             ".align(n_samples=...) or .align(duration_s=...) first, nothing is cropped silently"
         )
-    block = _shared_block(recordings)
+    parts = [r.wrench for r in recordings]
+    block = shared_base(parts)
     if block is None:
-        block = np.stack([r.wrench for r in recordings])
+        block = np.stack(parts)
         block.flags.writeable = False
-    return block
-
-
-def _shared_block(recordings: Sequence[Recording]) -> FloatArray | None:
-    """Return the array whose rows the recordings are, in order and without a rest, if there is one."""
-    first = recordings[0].wrench
-    block = first.base
-    shape = (len(recordings), *first.shape)
-    if not isinstance(block, np.ndarray) or block.nbytes != len(recordings) * first.nbytes:
-        return None
-    if block.dtype != first.dtype or not block.flags.c_contiguous:
-        return None
-    address = block.__array_interface__["data"][0]
-    for i, recording in enumerate(recordings):
-        wrench = recording.wrench
-        if wrench.base is not block or wrench.__array_interface__["data"][0] != address + i * first.nbytes:
-            return None
+        return block
+    shape = (len(parts), *parts[0].shape)
     return block if block.shape == shape else block.reshape(shape)
+
+
+def shared_base(parts: Sequence[FloatArray]) -> FloatArray | None:
+    """Return the array that the parts fill, one after the other and without a rest, if there is one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording.stacking import shared_base
+    >>> block = np.zeros((2, 1600, 6))
+    >>> shared_base(list(block)) is block, shared_base([block[1], block[0]]) is None
+    (True, True)
+    """
+    base = parts[0].base
+    if not isinstance(base, np.ndarray) or base.nbytes != sum(part.nbytes for part in parts):
+        return None
+    # of another type where the parts view its bytes as numbers
+    if base.dtype != parts[0].dtype or not base.flags.c_contiguous:
+        return None
+    address = base.__array_interface__["data"][0]
+    for part in parts:
+        if part.base is not base or not part.flags.c_contiguous:
+            return None
+        if part.__array_interface__["data"][0] != address:
+            return None
+        address += part.nbytes
+    return base
