@@ -1,0 +1,291 @@
+"""From the rows of a stream to the snapshots that views show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from granular_id._core import AXES, UNITS
+from granular_id.features import FeatureSpec
+from granular_id.live.high_pass import GrowingHistogram, HighPass
+from granular_id.live.recent_rows import RecentRows, outline
+from granular_id.live.snapshot import DecisionLike, Snapshot
+from granular_id.recording._values import as_floats, checked_index, checked_number, checked_rate
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Rows", "SnapshotBuilder"]
+
+_MOST_ROWS = 600  # more than a trace on any screen has columns of its own
+_MOST_ANSWERS = 600  # twenty seconds at thirty answers a second; thinned beyond
+
+
+class Rows(Protocol):
+    """The part of a block of the buffer that is read here."""
+
+    @property
+    def wrench(self) -> NDArray[np.float64]:
+        """Shape (k, C)."""
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Device time, shape (k,)."""
+
+    @property
+    def missing_before(self) -> NDArray[np.uint32]:
+        """Instants without a row before each row, shape (k,)."""
+
+    @property
+    def epoch(self) -> int:
+        """Number of the epoch: the device's clock goes on within one, and begins anew with the next."""
+
+    @property
+    def missed(self) -> int:
+        """Rows that were overwritten before they were read."""
+
+
+class SnapshotBuilder:
+    """Keeps what views show, at the cost of a filter per block; a snapshot is made only when one is wanted.
+
+    Give every block to `rows` as it is read. For the histogram and the ranking over time, say `begin_capture`
+    when a capture is armed, and give `captured` the rows that belong to it.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Sampling rate of the source.
+    spec : FeatureSpec, optional
+        Filter and bins of the model. Default: the paper's, with a cut-off of a quarter of the rate where the
+        rate is too low for 23 Hz.
+    classes : sequence of str, optional
+        Materials the model knows, in its order.
+    view_s : float, default 5
+        How much of the past traces show: a push of 3.2 s with the rest around it.
+    n_samples : int, default 1600
+        Length of a capture; the paper's.
+    source : str, optional
+        Where the rows come from, to be shown.
+    synthetic : bool, default False
+        Do they come from a model instead of a sensor?
+    max_lag_s : float, default 0.02
+        A newest row older than this is an alarm.
+    axes, units : sequence of str, optional
+        One per column. Default: the six of a wrench.
+
+    Raises
+    ------
+    ValueError, TypeError
+        A number outside its range, or a specification made for another rate than `rate_hz`.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> import numpy as np
+    >>> from granular_id.live.snapshot_builder import SnapshotBuilder
+    >>> builder = SnapshotBuilder(500.0, source="a sine")
+    >>> time_s = np.arange(1000) / 500.0
+    >>> wrench = np.sin(time_s)[:, None] * np.ones(6)
+    >>> gaps = np.zeros(1000, np.uint32)
+    >>> builder.rows(SimpleNamespace(wrench=wrench, time_s=time_s, missing_before=gaps, epoch=0, missed=0))
+    >>> snapshot = builder.build("armed", lag_s=0.001)
+    >>> snapshot.wrench.shape, float(snapshot.time_s), snapshot.lost
+    ((224, 6), 1.998, 0)
+    """
+
+    def __init__(
+        self,
+        rate_hz: float,
+        spec: FeatureSpec | None = None,
+        classes: Sequence[str] = (),
+        *,
+        view_s: float = 5.0,
+        n_samples: int = 1600,
+        source: str = "",
+        synthetic: bool = False,
+        max_lag_s: float = 0.02,
+        axes: Sequence[str] = AXES,
+        units: Sequence[str] = UNITS,
+    ) -> None:
+        rate = checked_rate(rate_hz)
+        spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
+        if not math.isclose(spec.rate_hz, rate, rel_tol=1e-3):
+            raise ValueError(f"rate_hz is {rate:g}, but spec was made for {spec.rate_hz:g} Hz")
+        view = checked_number(view_s, "view_s")
+        if not 0 < view * rate <= 1e7:
+            raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
+        if checked_index(n_samples, "n_samples") < 1:
+            raise ValueError(f"n_samples must be at least 1, got {n_samples}")
+        self._fixed: dict[str, Any] = {
+            "source": source,
+            "synthetic": synthetic,
+            "rate_hz": rate,
+            "cutoff_hz": spec.cutoff_hz,
+            "n_samples": n_samples,
+            "axes": tuple(axes),
+            "units": tuple(units),
+            "classes": tuple(classes),
+            "max_lag_s": max_lag_s,
+        }
+        self._n_axes = len(axes)
+        self._rate_hz = rate
+        self._view_rows = max(1, round(view * rate))
+        # Thinned rows come in pairs of each piece, and a piece at either end may be unfinished.
+        self._step = (
+            1 if self._view_rows <= _MOST_ROWS else math.ceil(self._view_rows / (_MOST_ROWS // 2 - 1))
+        )
+        # Seen from the second row on: a step from nothing to the sensor's offset is no residual worth a screen.
+        self._high_pass = HighPass(spec, steady=True)
+        self._histogram = GrowingHistogram(spec, self._n_axes)
+        self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
+        self._latest = np.full(self._n_axes, math.nan)
+        self._time_s: float | None = None
+        self._epoch: int | None = None
+        self._fresh = 0
+        self._counted = {"rows": 0, "missing": 0, "missed": 0, "epochs": 0}
+        self._answers: list[tuple[float, tuple[float, ...]]] = []
+
+    def rows(self, block: Rows) -> None:
+        """Take the next block of the stream.
+
+        Where instants are missing the traces are interrupted and the high-pass starts anew; a new epoch clears
+        both.
+
+        Raises
+        ------
+        ValueError
+            A block of another number of columns, or with values that are no finite numbers.
+        """
+        wrench = self._checked(block.wrench, "block.wrench")
+        if not len(wrench):
+            return
+        if block.epoch != self._epoch:
+            self._epoch = block.epoch
+            self._counted["epochs"] += 1
+            self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
+            self._high_pass.restart()
+            self._fresh = 0
+        gaps = np.asarray(block.missing_before, np.int64)
+        begin = 0
+        for end in [*np.flatnonzero(gaps).tolist(), len(wrench)]:
+            piece = wrench[begin:end]
+            self._recent.add(np.hstack([piece, self._high_pass.filter(piece)]))
+            if end < len(wrench):
+                self._high_pass.restart()
+                self._recent.skip(int(gaps[end]))
+            begin = end
+        self._latest = wrench[-1].copy()
+        self._time_s = float(block.time_s[-1])
+        self._fresh += len(wrench) + int(gaps.sum())
+        self._counted["rows"] += len(wrench)
+        self._counted["missing"] += int(gaps.sum())
+        self._counted["missed"] += int(block.missed)
+
+    def begin_capture(self) -> None:
+        """Empty the histogram and the ranking: the next rows of `captured` belong to another capture."""
+        self._histogram.restart()
+        self._answers.clear()
+
+    def captured(self, rows: NDArray[np.float64]) -> None:
+        """Take rows that belong to the capture, shape (k, C), in order and each once.
+
+        Raises
+        ------
+        ValueError
+            As for `rows`.
+        """
+        self._histogram.add(self._checked(rows, "rows"))
+
+    def build(
+        self,
+        state: str,
+        decision: DecisionLike | None = None,
+        *,
+        hint: str = "",
+        lag_s: float = math.nan,
+        counters: Mapping[str, int] | None = None,
+        warnings: Sequence[str] = (),
+        n_captures: int = 0,
+        n_correct: int | None = None,
+    ) -> Snapshot:
+        """Make a snapshot of now.
+
+        Parameters
+        ----------
+        state : str
+            State of the capture, see `Snapshot`.
+        decision : DecisionLike, optional
+            The answer so far.
+        hint, lag_s, n_captures, n_correct
+            See `Snapshot`.
+        counters : mapping of str to int, optional
+            Of the buffer. Rows, missing and missed rows and epochs are counted here where it does not tell them.
+        warnings : sequence of str
+            In addition to those of the decision.
+
+        Returns
+        -------
+        Snapshot
+        """
+        if decision is not None:
+            self._remember(decision)
+        recent = self._recent.last(self._view_rows)
+        first = self._recent.total - len(recent)
+        places, shown = outline(recent, first, self._step)
+        fresh = recent[len(recent) - min(self._fresh, len(recent)) :]
+        fresh_age_s = np.arange(len(fresh) - 1, -1, -1) / self._rate_hz
+        fresh_lost, self._fresh = self._fresh - len(fresh), 0
+        answers = self._answers
+        own = () if decision is None else tuple(decision.warnings)
+        return Snapshot(
+            state=state,
+            time_s=self._time_s,
+            hint=hint,
+            latest=self._latest,
+            row_age_s=(len(recent) - 1 - places) / self._rate_hz,
+            wrench=shown[:, : self._n_axes],
+            residual=shown[:, self._n_axes :],
+            fresh_time_s=(self._time_s or 0.0) - fresh_age_s,
+            fresh_wrench=fresh[:, : self._n_axes],
+            fresh_residual=fresh[:, self._n_axes :],
+            fresh_lost=fresh_lost,
+            bin_edges=self._histogram.edges,
+            counts=self._histogram.counts,
+            ranking_history=(
+                np.array([seconds for seconds, _ in answers]),
+                np.array([losses for _, losses in answers]).reshape(
+                    len(answers), len(self._fixed["classes"])
+                ),
+            ),
+            decision=decision,
+            lag_s=lag_s,
+            counters={**self._counted, **(counters or {})},
+            warnings=tuple(dict.fromkeys((*own, *warnings))),
+            n_captures=n_captures,
+            n_correct=n_correct,
+            **self._fixed,
+        )
+
+    def _remember(self, decision: DecisionLike) -> None:
+        if self._answers and decision.seconds < self._answers[-1][0]:
+            self._answers.clear()  # the answer begins anew
+        if self._answers and decision.seconds == self._answers[-1][0]:
+            return
+        losses = dict(decision.ranking)
+        unknown = sorted(set(self._fixed["classes"]) ^ set(losses))
+        if unknown:
+            raise ValueError(f"decision ranks other materials than classes: {', '.join(unknown[:5])} differ")
+        self._answers.append((decision.seconds, tuple(losses[name] for name in self._fixed["classes"])))
+        if len(self._answers) > _MOST_ANSWERS:
+            del self._answers[1::2]
+
+    def _checked(self, rows: object, name: str) -> NDArray[np.float64]:
+        values = as_floats(rows, name, f"numbers of shape (k, {self._n_axes})")
+        if values.ndim != 2 or values.shape[1] != self._n_axes:
+            raise ValueError(f"{name} has shape {values.shape}, wanted (k, {self._n_axes})")
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} holds values that are not finite, wanted N and N m of every row")
+        return values

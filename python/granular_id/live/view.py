@@ -1,0 +1,198 @@
+"""Views: what shows snapshots, and how none of them ever holds up a capture."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from threading import Event, Thread
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol
+
+from typing_extensions import Self
+
+from granular_id.recording._values import checked_number
+
+if TYPE_CHECKING:
+    from granular_id.live.snapshot import Snapshot
+
+__all__ = ["MAX_HZ", "BackgroundView", "View", "Views"]
+
+MAX_HZ = 30.0
+"""No view is updated more often: the eye gains nothing, and the capture needs the processor."""
+
+_PATIENCE_S = 2.0  # for a last picture; a terminal that is stopped must not keep the program alive
+
+
+class View(Protocol):
+    """Shows snapshots."""
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Show this from now on. Returns at once, whatever the screen, browser or disk does."""
+
+    def close(self) -> None:
+        """Show the last snapshot, then give everything back. May be called again."""
+
+
+class BackgroundView(ABC):
+    """A view whose work is done by a thread of its own; `publish` only leaves the snapshot where it will look.
+
+    Publishing appends to a deque of fixed length and takes no lock, so it cannot wait for anybody. When the thread
+    falls behind, the oldest snapshots are dropped and counted.
+
+    Parameters
+    ----------
+    name : str
+        Of the thread, and for messages.
+    max_hz : float
+        The thread looks this often.
+    waiting : int
+        Snapshots that may wait. 1: only the newest is of interest.
+    """
+
+    def __init__(self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1) -> None:
+        rate = checked_number(max_hz, "max_hz")
+        if not 0 < rate <= MAX_HZ:
+            raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
+        self.name = name
+        self.dropped = 0
+        """Snapshots that came too fast for this view."""
+        self.failure: Exception | None = None
+        """What ended the view, if something did."""
+        self._period_s = 1.0 / rate
+        self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
+        self._published = 0
+        self._handled = 0
+        self._closing = Event()
+        self._thread = Thread(target=self._run, name=f"granular_id {name}", daemon=True)
+        self._thread.start()
+
+    @abstractmethod
+    def show(self, snapshot: Snapshot) -> None:
+        """Show one snapshot; in the thread of the view."""
+
+    @abstractmethod
+    def finish(self) -> None:
+        """Give back what `show` uses; in the thread of the view, after the last snapshot or a failure."""
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Leave a snapshot for the thread.
+
+        Raises
+        ------
+        RuntimeError
+            The view has failed or is closed.
+        """
+        self._tell_failure()
+        if self._closing.is_set():
+            raise RuntimeError(f"the {self.name} is closed")
+        self._published += 1
+        self._waiting.append((self._published, snapshot))
+
+    def close(self) -> None:
+        """Show what waits and end the thread; one that is stuck in a write is left behind after two seconds.
+
+        Raises
+        ------
+        RuntimeError
+            The view has failed.
+        """
+        self._closing.set()
+        self._thread.join(_PATIENCE_S)
+        self._tell_failure()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _tell_failure(self) -> None:
+        if self.failure is not None:
+            raise RuntimeError(f"the {self.name} has stopped: {self.failure}") from self.failure
+
+    def _run(self) -> None:
+        try:
+            try:
+                while not self._closing.wait(self._period_s):
+                    self._show_waiting()
+                self._show_waiting()
+            finally:
+                self.finish()
+        except Exception as error:  # told by publish or close
+            self.failure = error
+
+    def _show_waiting(self) -> None:
+        for _ in range(len(self._waiting)):
+            number, snapshot = self._waiting.popleft()
+            self.dropped += number - self._handled - 1
+            self._handled = number
+            self.show(snapshot)
+
+
+class Views:
+    """Several views as one. A view that fails is left out from then on, and the others say so.
+
+    Parameters
+    ----------
+    views : iterable of View
+        None at all is fine: then nothing is ever wanted.
+    max_hz : float, default 30
+        Snapshots wanted per second, at most `MAX_HZ`.
+
+    Examples
+    --------
+    >>> from granular_id.live.view import Views
+    >>> with Views([]) as views:
+    ...     views.wants_snapshot()
+    False
+    """
+
+    def __init__(self, views: Iterable[View], *, max_hz: float = MAX_HZ) -> None:
+        rate = checked_number(max_hz, "max_hz")
+        if not 0 < rate <= MAX_HZ:
+            raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
+        self._views = list(views)
+        self._period_s = 1.0 / rate
+        self._next_s = -float("inf")
+        self.complaints: tuple[str, ...] = ()
+        """What ended views. The others show it; where there are none, whoever made them has to."""
+
+    def wants_snapshot(self) -> bool:
+        """Tell whether it is time for another snapshot: building one for nobody would be a waste."""
+        return bool(self._views) and time.monotonic() >= self._next_s
+
+    def publish(self, snapshot: Snapshot) -> None:
+        """Pass a snapshot on, whether it was wanted or not: the last one of a capture must not be lost."""
+        self._next_s = time.monotonic() + self._period_s
+        if self.complaints:
+            snapshot = replace(snapshot, warnings=(*snapshot.warnings, *self.complaints))
+        for view in tuple(self._views):
+            if not self._does(partial(view.publish, snapshot)):
+                self._views.remove(view)
+
+    def close(self) -> None:
+        """Close all of them; what fails now is among the complaints."""
+        while self._views:
+            self._does(self._views.pop().close)
+
+    def _does(self, work: Callable[[], None]) -> bool:
+        try:
+            work()
+        except Exception as error:  # a broken view must not end a capture
+            self.complaints += (str(error),)
+            return False
+        return True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,153 @@
+"""What views say, in words: one wording for the terminal, the page and the log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from granular_id.live.snapshot import DecisionLike, Snapshot
+
+__all__ = ["SYNTHETIC", "Answer", "Figure", "answer_of", "figures_of", "printable", "score_of", "state_of"]
+
+SYNTHETIC = "SYNTHETIC source: a physical model, no sensor. It says nothing about real materials."
+"""Shown wherever the rows come from a model."""
+
+_STATES = {
+    "idle": "Waiting",
+    "arming": "Getting ready",
+    "armed": "Armed",
+    "triggered": "Listening",
+    "complete": "Done",
+    "failed": "Failed",
+}
+
+_COUNTERS = {
+    "gaps": "gaps",
+    "late": "late",
+    "stale": "stale",
+    "duplicates": "duplicates",
+    "reordered": "reordered",
+    "saturated": "saturated",
+    "bad_status": "bad status",
+    "non_finite": "not finite",
+}
+"""Counters that are told where they are not zero, and how."""
+
+_ALARMS = frozenset(("gaps", "late", "saturated", "bad status", "not finite"))
+
+Kind = Literal["none", "provisional", "final", "failed"]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The decision in words.
+
+    Parameters
+    ----------
+    kind : {"none", "provisional", "final", "failed"}
+        What sort of an answer it is.
+    title : str
+        The material, or that there is none yet.
+    stage : str
+        How far the answer is.
+    detail : str
+        By how much it leads.
+    """
+
+    kind: Kind
+    title: str
+    stage: str
+    detail: str
+
+
+class Figure(NamedTuple):
+    """A number about the stream with its name; `alarm` where it should worry somebody."""
+
+    name: str
+    value: str
+    alarm: bool
+
+
+def state_of(snapshot: Snapshot) -> str:
+    """Name the state of the capture."""
+    return _STATES.get(snapshot.state, printable(snapshot.state).capitalize())
+
+
+def answer_of(snapshot: Snapshot) -> Answer:
+    """Put the decision into words.
+
+    Examples
+    --------
+    >>> from granular_id.live.snapshot import Snapshot
+    >>> from granular_id.live.wording import answer_of
+    >>> answer_of(Snapshot("armed", hint="push now")).stage
+    'push now'
+    """
+    hint = printable(snapshot.hint)
+    if snapshot.state == "failed":
+        return Answer("failed", "no answer", "the capture failed", hint)
+    decision = snapshot.decision
+    if decision is None:
+        return Answer("none", "no answer yet", hint or state_of(snapshot).lower(), "")
+    seconds = f"{decision.seconds:.2f} s"
+    if decision.final:
+        stage = f"final, after {seconds}"
+    else:
+        stage = f"provisional, {seconds} of {snapshot.capture_s:.2f} s"
+        if decision.settled:
+            stage += ", can no longer change"
+        elif decision.sure:
+            stage += ", sure enough to stop"
+    kind: Kind = "final" if decision.final else "provisional"
+    return Answer(kind, printable(decision.label), stage, _lead(decision))
+
+
+def _lead(decision: DecisionLike) -> str:
+    parts = []
+    if len(decision.ranking) > 1:
+        parts.append(f"margin {decision.margin:.3f} ahead of {printable(decision.ranking[1][0])}")
+    if decision.probability is not None:
+        parts.append(f"probability {100 * decision.probability:.0f} %")
+    return ", ".join(parts)
+
+
+def figures_of(snapshot: Snapshot) -> tuple[Figure, ...]:
+    """List what tells how well the stream is: lag and lost rows always, other troubles where there are any.
+
+    Examples
+    --------
+    >>> from granular_id.live.snapshot import Snapshot
+    >>> from granular_id.live.wording import figures_of
+    >>> figures_of(Snapshot("idle", lag_s=0.0342, counters={"missing": 3, "gaps": 1}))[:2]
+    (Figure(name='lag', value='34.2 ms', alarm=True), Figure(name='lost', value='3', alarm=True))
+    """
+    lag = "-" if math.isnan(snapshot.lag_s) else f"{1e3 * snapshot.lag_s:.1f} ms"
+    always = (
+        Figure("lag", lag, snapshot.lagging),
+        Figure("lost", f"{snapshot.lost:,}", snapshot.lost > 0),
+    )
+    counts = ((name, snapshot.counters.get(key, 0)) for key, name in _COUNTERS.items())
+    return always + tuple(Figure(name, f"{n:,}", name in _ALARMS) for name, n in counts if n)
+
+
+def score_of(snapshot: Snapshot) -> str:
+    """Tell how many captures there were, and how many of them were named rightly where that is known."""
+    if not snapshot.n_captures:
+        return ""
+    if snapshot.n_correct is None:
+        return f"{snapshot.n_captures} capture{'s' * (snapshot.n_captures > 1)}"
+    return f"{snapshot.n_correct} of {snapshot.n_captures} right"
+
+
+def printable(text: str) -> str:
+    """Replace what would steer a terminal instead of being shown.
+
+    Examples
+    --------
+    >>> from granular_id.live.wording import printable
+    >>> printable("oats" + chr(27) + "[2J")
+    'oats�[2J'
+    """
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)
