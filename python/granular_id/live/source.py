@@ -1,0 +1,208 @@
+"""What a source of wrenches is, and how a URL becomes one.
+
+A sensor, a file played again and a simulation are all the same to the rest of the program: something that says
+what it measures (`SourceInfo`), writes rows into a buffer from `start` to `stop`, and tells how it is (`Health`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field, fields
+from importlib import import_module
+from typing import Any, Protocol, runtime_checkable
+
+from numpy.typing import ArrayLike
+
+from granular_id.live.source_url import SourceUrl
+from granular_id.recording._values import checked_rate, checked_text, freeze, thaw
+
+__all__ = ["SCHEMES", "Health", "SourceInfo", "WrenchSink", "WrenchSource", "open_source"]
+
+SCHEMES: Mapping[str, tuple[str, str]] = {
+    "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
+    "replay": ("granular_id.live.replay", "replay:PATH[?speed=10], recordings played again"),
+    "sim": ("granular_id.live.sim", "sim:MATERIAL[?speed=10&seed=1] or sim:unknown, a simulated sensor"),
+    "ur": ("granular_id.live.adapters.ur", "ur://HOST, the force of a Universal Robots arm"),
+    "franka": ("granular_id.live.adapters.franka", "franka://HOST, the force a Franka arm estimates"),
+    "bota": ("granular_id.live.adapters.bota", "bota:CONFIG.json, a Bota Systems sensor"),
+    "ros2": ("granular_id.live.adapters.ros2", "ros2://TOPIC?rate_hz=500, a WrenchStamped topic"),
+}
+"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form."""
+
+
+@dataclass(frozen=True)
+class SourceInfo:
+    """What a source measures; stored with every recording made from it.
+
+    Parameters
+    ----------
+    name : str
+        What people call it: ``"ATI Net F/T 192.168.1.1"``.
+    rate_hz : float
+        Samples per second of device time.
+    tick_hz : float, default 1e9
+        Unit of its device time: ticks per second.
+    device_clock : bool
+        Whether samples carry the sensor's own time; False: they are counted, and times follow from the rate.
+    frame : str, optional
+        Axes and origin that the wrench refers to.
+    sign : str, optional
+        Whose force on whom.
+    compensated : bool, optional
+        Whether the tool's weight is taken off; None: not known.
+    filter_hz : float, optional
+        Cut-off of the low-pass filter within the sensor; None: not known, or none.
+    full_scale : tuple of 6 float, optional
+        Range of each axis, N and N m.
+    serial : str, optional
+        Serial number or calibration.
+    synthetic : bool, default False
+        True for everything that no sensor has measured; shown wherever its samples or results are.
+    meta : mapping, optional
+        Whatever else is known, JSON-like; ``meta["speed"]`` is device seconds per second where it is not 1.
+
+    Examples
+    --------
+    >>> from granular_id.live.source import SourceInfo
+    >>> SourceInfo("bench sensor", 500, device_clock=False).to_dict()["rate_hz"]
+    500.0
+    """
+
+    name: str
+    rate_hz: float
+    _: KW_ONLY
+    tick_hz: float = 1e9
+    device_clock: bool
+    frame: str | None = None
+    sign: str | None = None
+    compensated: bool | None = None
+    filter_hz: float | None = None
+    full_scale: tuple[float, ...] | None = None
+    serial: str | None = None
+    synthetic: bool = False
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        checked_text(self.name, "name")
+        object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
+        object.__setattr__(self, "tick_hz", checked_rate(self.tick_hz, "tick_hz"))
+        if self.full_scale is not None:
+            object.__setattr__(self, "full_scale", tuple(float(value) for value in self.full_scale))
+        object.__setattr__(self, "meta", freeze(self.meta, "meta"))
+
+    @property
+    def speed(self) -> float:
+        """Device seconds per second: 1 but for simulations and replays that run faster or slower."""
+        return float(self.meta.get("speed", 1.0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything that is known as plain JSON-like values; what is unknown (None) is left out."""
+        known = ((f.name, thaw(getattr(self, f.name))) for f in fields(self))
+        return {name: value for name, value in known if value is not None and value != {}}
+
+
+@dataclass(frozen=True)
+class Health:
+    """How a source is.
+
+    Parameters
+    ----------
+    running : bool
+        Between `start` and `stop`, and alive.
+    error : str or None
+        Why it died, if it did.
+    finished : bool
+        It has come to its end: no more rows will follow.
+    counters : mapping
+        What it has counted: packets, rejects, whatever it knows.
+    """
+
+    running: bool
+    error: str | None = None
+    finished: bool = False
+    counters: Mapping[str, int] = field(default_factory=dict)
+
+
+class WrenchSink(Protocol):
+    """Where a source writes its rows: a `WrenchBuffer`, or anything with these three methods."""
+
+    def push(
+        self, wrench: ArrayLike, t: float | None = None, *, flags: int = 0, host_ns: int | None = None
+    ) -> Any:
+        """Write one row (6,); `t` is device time in seconds, None: one period after the last row."""
+
+    def push_block(
+        self,
+        wrench: ArrayLike,
+        t: ArrayLike | None = None,
+        *,
+        flags: ArrayLike | None = None,
+        host_ns: ArrayLike | None = None,
+    ) -> Any:
+        """Write rows (n, 6) with their times (n,)."""
+
+    def new_epoch(self) -> Any:
+        """Say that device time begins anew: nothing that follows joins what came before."""
+
+
+@runtime_checkable
+class WrenchSource(Protocol):
+    """Anything that delivers wrenches. ``docs/live/sources.md`` shows how to write one in a few lines."""
+
+    @property
+    def info(self) -> SourceInfo:
+        """What it measures; known before `start`."""
+
+    def start(self, buffer: WrenchSink) -> None:
+        """Begin to write rows into `buffer`, from a thread of its own; returns at once, or raises."""
+
+    def stop(self) -> None:
+        """End it; after that no row is written. Safe to call twice."""
+
+    def health(self) -> Health:
+        """Tell how it is; never raises, never waits."""
+
+
+def open_source(url: str, **options: object) -> WrenchSource:
+    """Make a source of a URL; nothing moves and no row is read before its `start`.
+
+    Parameters
+    ----------
+    url : str
+        ``sim:rice?speed=10``, ``replay:recordings``, ``rdt://192.168.1.1``, ``ur://HOST``, ``franka://HOST``,
+        ``bota:config.json``, ``ros2://ft_sensor/wrench?rate_hz=500``. A ``?`` or ``%`` that belongs to a path is
+        written ``%3F`` or ``%25``.
+    **options
+        The same options as after the ``?``, as values of Python.
+
+    Returns
+    -------
+    WrenchSource
+
+    Raises
+    ------
+    ValueError, TypeError
+        No URL, an unknown scheme (the known ones are listed), an unknown option (the scheme's are listed) or a
+        value that is none.
+    ImportError
+        The library of that sensor is not installed; says which.
+    OSError
+        The sensor does not answer, or the file is not there.
+
+    Examples
+    --------
+    >>> from granular_id.live.source import open_source
+    >>> open_source("sim:rice?seed=1").info.synthetic
+    True
+    >>> open_source("simm:rice")
+    Traceback (most recent call last):
+    ...
+    ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, franka, rdt, replay, ros2, sim, ur
+    """
+    parsed = SourceUrl.parse(url, options)
+    if parsed.scheme not in SCHEMES:
+        known = ", ".join(sorted(SCHEMES))
+        raise ValueError(f"url {url!r} has the scheme {parsed.scheme!r}; known: {known}")
+    module, _ = SCHEMES[parsed.scheme]
+    source: WrenchSource = import_module(module).open_url(parsed)
+    return source

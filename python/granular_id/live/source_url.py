@@ -1,0 +1,147 @@
+"""URLs of sources: parts and options, checked with errors that name the URL."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+__all__ = ["SourceUrl"]
+
+
+@dataclass(frozen=True)
+class SourceUrl:
+    """A URL taken apart: ``scheme://host:port/path?options`` or ``scheme:path?options``.
+
+    Attributes
+    ----------
+    text : str
+        As it was given; what errors call it.
+    scheme : str
+    host : str
+        Empty in the second form.
+    port : int or None
+    path : str
+        Decoded. In the first form it begins with a slash or is empty.
+    options : mapping
+        Text where it stands in the URL, any value where it was given by keyword.
+    """
+
+    text: str
+    scheme: str
+    host: str
+    port: int | None
+    path: str
+    options: Mapping[str, object]
+
+    @classmethod
+    def parse(cls, url: object, options: Mapping[str, object]) -> SourceUrl:
+        """Take a URL apart.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Not a text, no scheme, a port or an option that cannot be read, an option given twice.
+
+        Examples
+        --------
+        >>> from granular_id.live.source_url import SourceUrl
+        >>> SourceUrl.parse("rdt://10.0.0.7:49153?variant=axia", {}).port
+        49153
+        """
+        if not isinstance(url, str):
+            raise TypeError(
+                f"url must be a str like 'sim:rice' or 'rdt://192.168.1.1', got {type(url).__name__}"
+            )
+        scheme, colon, rest = url.partition(":")
+        if not colon or not scheme or not rest:
+            raise ValueError(
+                f"url {url!r} names no source; wanted something like 'sim:rice' or 'rdt://192.168.1.1'"
+            )
+        place, _, query = rest.partition("?")
+        host, port, path = "", None, unquote(place)
+        if place.startswith("//"):
+            try:
+                split = urlsplit(place)
+                host, port, path = split.hostname or "", split.port, unquote(split.path)
+            except ValueError as error:
+                raise ValueError(f"url {url!r} has no proper host and port: {error}") from error
+        return cls(url, scheme.lower(), host, port, path, _merged(url, query, options))
+
+    def allow(self, *names: str) -> None:
+        """Refuse every option but these.
+
+        Raises
+        ------
+        ValueError
+            Naming the first unknown option and the known ones.
+        """
+        unknown = sorted(set(self.options) - set(names))
+        if unknown:
+            known = ", ".join(sorted(names)) or "none"
+            raise ValueError(f"url {self.text!r} has no option {unknown[0]!r}; known: {known}")
+
+    def need_host(self) -> str:
+        """Return the host, or say that there is none."""
+        if not self.host:
+            raise ValueError(f"url {self.text!r} has no host; wanted {self.scheme}://HOST")
+        return self.host
+
+    def number(self, name: str, default: float, *, positive: bool = True) -> float:
+        """Return an option as a finite number, above zero or at least zero."""
+        value = self.options.get(name, default)
+        try:
+            number = float(value) if isinstance(value, str | int | float) else math.nan
+        except (ValueError, OverflowError):
+            number = math.nan
+        if isinstance(value, bool) or not math.isfinite(number) or number < 0 or (positive and number == 0):
+            self._refuse(name, value, "a number above 0" if positive else "a number of at least 0")
+        return number
+
+    def whole(self, name: str, default: int | None) -> int | None:
+        """Return an option as a whole number of at least 0."""
+        value = self.options.get(name, default)
+        if value is None:
+            return None
+        if isinstance(value, str) and value.isascii() and value.isdigit():
+            return int(value)
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            self._refuse(name, value, "a whole number of at least 0")
+        return int(value)
+
+    def choice(self, name: str, default: str, known: Sequence[str]) -> str:
+        """Return an option that is one of a few words."""
+        value = self.options.get(name, default)
+        if value not in known:
+            self._refuse(name, value, "one of " + ", ".join(known))
+        return str(value)
+
+    def words(self, name: str) -> tuple[str, ...] | None:
+        """Return an option that is a list, in a URL divided by commas; None where it is not given."""
+        value = self.options.get(name)
+        if value is None:
+            return None
+        parts = value.split(",") if isinstance(value, str) else value
+        if not isinstance(parts, list | tuple) or not parts or not all(isinstance(p, str) for p in parts):
+            self._refuse(name, value, "texts, divided by commas")
+        return tuple(part.strip() for part in parts)
+
+    def _refuse(self, name: str, value: object, wanted: str) -> NoReturn:
+        raise ValueError(f"option {name}={value!r} of url {self.text!r}; wanted {wanted}")
+
+
+def _merged(url: str, query: str, options: Mapping[str, object]) -> dict[str, object]:
+    try:
+        pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=True) if query else []
+    except ValueError as error:
+        raise ValueError(
+            f"url {url!r} has options that cannot be read: {error}; wanted ?name=value&name=value"
+        ) from error
+    merged: dict[str, object] = {}
+    for name, value in [*pairs, *options.items()]:
+        if name in merged:
+            raise ValueError(f"option {name!r} of url {url!r} is given twice")
+        merged[name] = value
+    return merged
