@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.console import Console
 
+from granular_id.cli.data.target import PANEL, Target
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.reading import Reading
@@ -31,41 +30,33 @@ Examples:
 `granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
 """
 
-OUTPUT = "Output"
-
 
 @guarded
-@taking(Reading, Steps)
+@taking(Reading, Steps, Target)
 def convert(
     reading: Reading,
     steps: Steps,
-    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")],
+    target: Target,
     *,
-    to: Annotated[
-        str | None,
-        option("--to", OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
-    ] = None,
     verify: Annotated[
-        bool, option("--verify/--no-verify", OUTPUT, "Read back what was written and compare.")
+        bool, option("--verify/--no-verify", PANEL, "Read back what was written and compare.")
     ] = True,
 ) -> None:
     """Read, take the steps asked for, write, compare; see `TEXT`."""
-    from granular_id.io import load, save  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.io.saving import check_save  # noqa: PLC0415
+    from granular_id.io import load  # noqa: PLC0415 (--help must not wait for numpy)
 
-    check_save(output, to)
     data = steps.taken(reading.load(quiet=False), quiet=False)
-    save(data, output, to, progress=True)
+    target.save(data)
     try:
-        equal = not verify or load(output, max_file_bytes=2**40, progress=True) == data
+        equal = not verify or load(target.path, max_file_bytes=2**40, progress=True) == data
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"Interrupted: {output} is written, but was not read back and compared."
+            f"Interrupted: {target.path} is written, but was not read back and compared."
         ) from None
     if not equal:
-        raise ValueError(f"{output} was written, but does not read back equal: do not rely on it")
+        raise ValueError(f"{target.path} was written, but does not read back equal: do not rely on it")
     said = ", read back and found equal" if verify else ""
-    Console(highlight=False).print(f"wrote {output}{said}", soft_wrap=True, markup=False)
+    Console(highlight=False).print(f"wrote {target.path}{said}", soft_wrap=True, markup=False)
 
 
 convert.__doc__ = TEXT

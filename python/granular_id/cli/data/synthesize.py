@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
-import typer
 from rich.console import Console
 
+from granular_id.cli.data.target import Target
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option
+from granular_id.cli.groups import option, taking
 from granular_id.cli.settings import at_least, names_in, positive
 
 __all__ = ["synthesize"]
@@ -24,17 +23,14 @@ Examples:
 `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
 """
 
-PUSHES, OUTPUT = "Pushes", "Output"
+PUSHES = "Pushes"
 
 
 @guarded
+@taking(Target)
 def synthesize(
-    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")],
+    target: Target,
     *,
-    to: Annotated[
-        str | None,
-        option("--to", OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
-    ] = None,
     materials: Annotated[
         str, option("--materials", PUSHES, "Names separated by commas. Default: the paper's eleven.")
     ] = "",
@@ -51,16 +47,13 @@ def synthesize(
     at_least("--seed", seed, 0)
     positive("--rate-hz", rate_hz)
 
-    from granular_id.io import save  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.io.saving import check_save  # noqa: PLC0415
-    from granular_id.synthetic import synthesize as make  # noqa: PLC0415
+    from granular_id.synthetic import synthesize as make  # noqa: PLC0415 (--help must not wait for numpy)
 
-    check_save(output, to)
     data = make(
         names_in(materials) or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed
     )
-    save(data, output, to, progress=True)
-    said = f"wrote {output}: {len(data)} SYNTHETIC recordings of {len(data.labels)} materials"
+    target.save(data)
+    said = f"wrote {target.path}: {len(data)} SYNTHETIC recordings of {len(data.labels)} materials"
     Console(highlight=False).print(said, soft_wrap=True, markup=False)
 
 
