@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["cannot_write", "check_target", "made_folder", "new_file", "whole_file"]
+__all__ = ["cannot_write", "check_target", "made_folder", "new_file", "whole_file", "write_json"]
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:
@@ -90,6 +91,37 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise FileExistsError(f"{os.fspath(path)}: there is something already; nothing is overwritten")
     with whole_file(path) as draft:
         yield draft
+
+
+def write_json(path: str | os.PathLike[str], content: object) -> None:
+    r"""Write plain values as a JSON file for people and programs: UTF-8, indented by one blank, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        See `whole_file`.
+    content : object
+        Dicts, lists, texts and finite numbers.
+
+    Raises
+    ------
+    ValueError
+        A number is not finite: JSON has no word for it, and half of all readers would refuse the file.
+    OSError
+        As `whole_file`.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from granular_id._files import write_json
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_json(file := pathlib.Path(folder, "a.json"), {"label": "Weiß"})
+    ...     file.read_text(encoding="utf-8")
+    '{\n "label": "Weiß"\n}\n'
+    """
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1)
+    with whole_file(path) as draft:
+        draft.write_text(text + "\n", encoding="utf-8")
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -88,10 +87,9 @@ def explain(
             explanation, title="SYNTHETIC recordings" if is_synthetic(data) else None, path=figure
         )
     if json is not None:
-        from granular_id._files import whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
+        from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
 
-        with whole_file(json) as draft:
-            draft.write_text(json_format.dumps(explanation.to_dict(), indent=1) + "\n", encoding="utf-8")
+        write_json(json, explanation.to_dict())
     written = [path for path in (figure, json) if path is not None]
     say_written(console, written, None if quiet else repeated_command())
 

@@ -7,7 +7,6 @@ line per prediction. Every figure in the JSON can be recomputed from the CSV alo
 from __future__ import annotations
 
 import csv
-import json
 import math
 import os
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from granular_id.evaluation.partition import Partition
     from granular_id.evaluation.result import EvaluationResult, SpaceSummary
 
-__all__ = ["CSV_COLUMNS", "FORMAT", "as_dict", "write_csv", "write_json"]
+__all__ = ["CSV_COLUMNS", "FORMAT", "as_dict", "write_csv"]
 
 FORMAT = "granular_id.evaluation/2"
 CSV_COLUMNS = (
@@ -59,13 +58,6 @@ def as_dict(result: EvaluationResult) -> dict[str, Any]:
         ],
         "portrait": None if result.portrait is None else result.portrait.to_dict(),
     }
-
-
-def write_json(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
-    """Write `as_dict` as UTF-8 JSON; the file is whole or absent."""
-    text = json.dumps(as_dict(result), ensure_ascii=False, allow_nan=False, indent=1)
-    with whole_file(path) as draft:
-        draft.write_text(text + "\n", encoding="utf-8")
 
 
 def write_csv(result: EvaluationResult, path: str | os.PathLike[str]) -> None:

@@ -27,7 +27,7 @@ Codes = NDArray[np.intp]
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the fields of an `EvaluationResult` from a file that `write_json` wrote.
+    """Read the fields of an `EvaluationResult` from a file that `EvaluationResult.to_json` wrote.
 
     Parameters
     ----------

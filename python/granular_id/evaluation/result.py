@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._files import write_json
 from granular_id.evaluation import export, restore, tables
 from granular_id.evaluation.compare import compare
 from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison
@@ -255,7 +256,7 @@ class EvaluationResult:
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write figures, settings, partitions and predictions as one JSON file; whole or not at all."""
-        export.write_json(self, path)
+        write_json(path, export.as_dict(self))
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> EvaluationResult:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections import Counter
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from granular_id._files import whole_file
+from granular_id._files import write_json
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.compare import compare
 from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison, Pair
@@ -255,9 +254,7 @@ class Selection:
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write `to_dict` as one UTF-8 JSON file; whole or not at all."""
-        content = json.dumps(self.to_dict(), ensure_ascii=False, allow_nan=False, indent=1)
-        with whole_file(path) as draft:
-            draft.write_text(content + "\n", encoding="utf-8")
+        write_json(path, self.to_dict())
 
     def _mean_sizes(self) -> tuple[float, float]:
         n_train, n_test = (

@@ -56,17 +56,10 @@ def info(
     ]
     console.print("\n".join(lines), soft_wrap=True, markup=False)
     if json is not None:
-        _write(json, {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]})
+        from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
+
+        write_json(json, {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]})
         say_written(console, [json], None)
-
-
-def _write(path: Path, content: object) -> None:
-    from json import dumps  # noqa: PLC0415 (the option has the name)
-
-    from granular_id._files import whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
-
-    with whole_file(path) as draft:
-        draft.write_text(dumps(content, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
 
 
 info.__doc__ = TEXT
