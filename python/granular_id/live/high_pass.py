@@ -49,11 +49,9 @@ class HighPass:
     def filter(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Filter the next rows, shape (k, C), and return what is left of them."""
         if not len(rows):
-            return rows.copy()
-        if self._state is None:
-            self._state = self._at_rest * rows[0]
-        left: NDArray[np.float64]
-        left, self._state = sosfilt(self._sections, rows, axis=0, zi=self._state)
+            return rows
+        state: NDArray[np.float64] = self._at_rest * rows[0] if self._state is None else self._state
+        left, self._state = sosfilt(self._sections, rows, axis=0, zi=state)
         return left
 
 
