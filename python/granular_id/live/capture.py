@@ -1,0 +1,311 @@
+"""One capture: from rows as they come to a recording, or to a reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+from granular_id.live.clock import start_utc_s, utc_at_origin_s
+from granular_id.live.rows import BlockLike, Rows, filled
+from granular_id.live.runs import Break, measured_rate_hz, runs
+from granular_id.live.source import SourceInfo
+from granular_id.live.trigger import Trigger
+from granular_id.recording import Recording, SampleFlag
+from granular_id.recording._values import checked_rate
+from granular_id.synthetic._checks import count, non_negative
+
+__all__ = ["Capture"]
+
+_NO_ROWS = np.zeros((0, 6))
+
+
+class Capture:
+    """Takes the rows of one push out of a stream: `pre_s` of rest, the trigger, and what follows.
+
+    It neither reads nor waits, it is fed; which rows it takes depends on the stream only, never on the pieces it
+    comes in. What is wrong at rest (a gap, saturation, a restart) makes the rest begin anew; what is wrong after
+    the trigger, or within `pre_s` before it, fails the capture. Nothing is ever shortened.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Rate of the source.
+    n_samples : int, default 1600
+        Rows of the recording, those before the trigger included: the paper's 3.2 s at 500 Hz.
+    pre_s : float, default 0.25
+        Rest before the trigger that belongs to the recording.
+    trigger : Trigger
+    max_gap : int, default 0
+        So many missing samples in a row are filled with a straight line and flagged; more is a failure.
+    allow_saturated : bool, default False
+        Take rows at the end of the sensor's range, flagged, instead of failing.
+    rate_tolerance : float, default 0.001
+        How far the measured rate may be off, relative: HFMH moves with it.
+    max_lag_s : float, default 0.02
+        Lag that is no cause for alarm.
+    lag_patience_s : float, default 0.1
+        So long may the lag be larger than that: a busy computer stumbles, and no sample is lost by it.
+    timeout_s : float, default 30
+        Device time from the first row to the trigger.
+    info : SourceInfo, optional
+        Goes into the recording's metadata. Without a device clock the rate is measured by when rows come in.
+    utc_at_zero_s : float, optional
+        Time of day at device time 0, for clocks that run at another speed than the host's. By default the start
+        of the recording follows from when its rows came in.
+
+    Attributes
+    ----------
+    state : CaptureState
+    reason : FailureReason or None
+    text : str
+        What happened, where it failed.
+    n_rows : int
+        Rows taken, of `n_samples`.
+    n_pre : int
+        Rows before the trigger.
+    trigger_time_s : float or None
+        Device time of the first row of the motion.
+
+    Examples
+    --------
+    >>> from granular_id.live.capture import Capture
+    >>> from granular_id.live.trigger import ManualTrigger
+    >>> capture = Capture(500, trigger=ManualTrigger())
+    >>> capture.n_pre, capture.state.value
+    (125, 'idle')
+    """
+
+    def __init__(
+        self,
+        rate_hz: float,
+        *,
+        n_samples: int = 1600,
+        pre_s: float = 0.25,
+        trigger: Trigger,
+        max_gap: int = 0,
+        allow_saturated: bool = False,
+        rate_tolerance: float = 1e-3,
+        max_lag_s: float = 0.02,
+        lag_patience_s: float = 0.1,
+        timeout_s: float = 30.0,
+        info: SourceInfo | None = None,
+        utc_at_zero_s: float | None = None,
+    ) -> None:
+        self.rate_hz = checked_rate(rate_hz)
+        self.n_samples = count("n_samples", n_samples, minimum=2)
+        self.n_pre = round(non_negative("pre_s", pre_s) * self.rate_hz)
+        if self.n_pre >= self.n_samples:
+            raise ValueError(
+                f"pre_s={pre_s:g} is {self.n_pre} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
+            )
+        self.trigger = trigger
+        self.info = info
+        self._max_gap = count("max_gap", max_gap, minimum=0)
+        self._allow_saturated = bool(allow_saturated)
+        self._rate_tolerance = non_negative("rate_tolerance", rate_tolerance)
+        self._max_lag_s = non_negative("max_lag_s", max_lag_s)
+        self._patience_s = non_negative("lag_patience_s", lag_patience_s)
+        self._timeout_s = non_negative("timeout_s", timeout_s)
+        self._utc_at_zero_s = utc_at_zero_s
+
+        self.state = CaptureState.IDLE
+        self.reason: FailureReason | None = None
+        self.text = ""
+        self.trigger_time_s: float | None = None
+        self._epoch: int | None = None
+        self._last = Rows.none()
+        self._rest = Rows.none()
+        self._broken: Break | None = None
+        self._n_waited = 0
+        self._n_late = 0
+        self._taken: list[Rows] = []
+        self.n_rows = 0
+
+    def feed(self, block: BlockLike, lag_s: float = 0.0) -> NDArray[np.float64]:
+        """Take the next rows of the stream.
+
+        Parameters
+        ----------
+        block : Block
+            As `WrenchReader.read` returns it.
+        lag_s : float, default 0
+            How late the newest row is (`WrenchBuffer.lag_s`).
+
+        Returns
+        -------
+        ndarray, shape (k, 6)
+            Rows that belong to the recording, in order: those before the trigger come with the first ones after it.
+        """
+        if self.state.is_over:
+            return _NO_ROWS
+        if self.state is CaptureState.IDLE:
+            self.state = CaptureState.ARMING
+        if block.missed:
+            self.fail(FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read")
+            return _NO_ROWS
+        if not len(block):
+            return _NO_ROWS
+        if self._epoch not in (None, block.epoch):
+            self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
+            self._last = Rows.none()
+        self._epoch = block.epoch
+        rows = filled(self._last, Rows.of(block), self._max_gap)
+        first = not len(self._last)
+        self._last = rows[-1:]
+        taken: list[Rows] = []
+        for run in runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
+            if isinstance(run, Break):
+                self._break(run)
+            else:
+                self._take(run, taken)
+            if self.state.is_over:
+                break
+        self._judge_lag(len(block), lag_s)
+        return Rows.joined(taken).wrench if taken else _NO_ROWS
+
+    def fail(self, reason: FailureReason, text: str) -> None:
+        """End the capture for a reason from outside; nothing happens where it is over already."""
+        if not self.state.is_over:
+            self.state, self.reason, self.text = CaptureState.FAILED, reason, text
+
+    def raise_failure(self) -> None:
+        """Raise CaptureError if the capture failed."""
+        if self.reason is not None:
+            raise CaptureError(self.reason, self.text)
+
+    @property
+    def rows(self) -> Rows:
+        """Everything taken so far."""
+        return Rows.joined(self._taken)
+
+    def recording(
+        self,
+        label: str | None = None,
+        *,
+        session: str | None = None,
+        name: str = "",
+        meta: Mapping[str, Any] | None = None,
+    ) -> Recording:
+        """Make the recording.
+
+        Parameters
+        ----------
+        label, session, name
+            See `Recording`.
+        meta : mapping, optional
+            Kept beside the facts about source and capture.
+
+        Returns
+        -------
+        Recording
+            Uniform, `trigger_index` = `n_pre`, `start_time` in UTC, flags.
+
+        Raises
+        ------
+        CaptureError
+            The capture failed.
+        RuntimeError
+            It is not complete yet.
+        """
+        self.raise_failure()
+        if self.state is not CaptureState.COMPLETE:
+            raise RuntimeError(f"the capture is {self.state.value}: {self.n_rows} of {self.n_samples} rows")
+        rows = self.rows
+        if self._utc_at_zero_s is None:
+            start_time = start_utc_s(rows.time_s, rows.host_ns, utc_at_origin_s())
+        else:
+            start_time = round(self._utc_at_zero_s + float(rows.time_s[0]), 6)
+        facts: dict[str, Any] = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz}
+        if self.info is not None:
+            facts |= {"source": self.info.to_dict(), "synthetic": self.info.synthetic}
+        return Recording(
+            rows.wrench,
+            rate_hz=self.rate_hz,
+            label=label,
+            session=session,
+            start_time=start_time,
+            trigger_index=self.n_pre,
+            meta={**facts, **(meta or {})},
+            flags=rows.flags,
+            name=name,
+        )
+
+    def _break(self, why: Break) -> None:
+        if self.state is CaptureState.TRIGGERED:
+            self.fail(why.reason, f"{why.text}, {self.n_rows} of {self.n_samples} rows in")
+        else:
+            self.state = CaptureState.ARMING
+            self._rest, self._broken = Rows.none(), why
+
+    def _take(self, rows: Rows, taken: list[Rows]) -> None:
+        """Go through rows without a fault among them."""
+        while not self.state.is_over:
+            if self.state is CaptureState.ARMING and len(self._rest) == self.n_pre:
+                self.trigger.arm(self._rest)
+                self.state = CaptureState.ARMED
+            if not len(rows):
+                return
+            if self.state is CaptureState.TRIGGERED:
+                self._add(rows[: self.n_samples - self.n_rows], taken)
+                return
+            rows = self._wait(rows, taken)
+
+    def _wait(self, rows: Rows, taken: list[Rows]) -> Rows:
+        """Look for the trigger in as many rows as may be looked at alike; return the others."""
+        arming = self.state is CaptureState.ARMING
+        n_left = round(self._timeout_s * self.rate_hz) - self._n_waited
+        if n_left <= 0:
+            broken = f"; the rest was broken last by this: {self._broken.text}" if self._broken else ""
+            self.fail(FailureReason.NO_TRIGGER, f"nothing triggered within {self._timeout_s:g} s{broken}")
+            return rows
+        looked = rows[: min(n_left, self.n_pre - len(self._rest)) if arming else n_left]
+        found = self.trigger.index(looked)
+        if found is not None and arming:
+            self._fail_early(len(self._rest) + found)
+            return rows
+        resting = looked[:found]
+        self._n_waited += len(resting)
+        kept = Rows.joined([self._rest, resting])
+        self._rest = kept[len(kept) - min(self.n_pre, len(kept)) :]
+        if found is not None:
+            self.state = CaptureState.TRIGGERED
+            self.trigger_time_s = float(looked.time_s[found])
+            self._add(self._rest, taken)
+        return rows[len(resting) :]
+
+    def _fail_early(self, n_rest: int) -> None:
+        text = f"triggered after {n_rest} rows at rest, wanted {self.n_pre}"
+        if self._broken is None:
+            self.fail(FailureReason.TRIGGER_TOO_EARLY, text)
+        else:
+            self.fail(self._broken.reason, f"{text}: {self._broken.text}")
+
+    def _add(self, rows: Rows, taken: list[Rows]) -> None:
+        self._taken.append(rows)
+        taken.append(rows)
+        self.n_rows += len(rows)
+        if self.n_rows < self.n_samples:
+            return
+        rate_hz = measured_rate_hz(self.rows, device_clock=self.info is None or self.info.device_clock)
+        rate_hz /= 1.0 if self.info is None or self.info.device_clock else self.info.speed
+        if abs(rate_hz / self.rate_hz - 1) > self._rate_tolerance:
+            text = f"measured {rate_hz:.6g} Hz, wanted {self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
+            self.fail(FailureReason.RATE, text)
+        else:
+            self.state = CaptureState.COMPLETE
+
+    def _judge_lag(self, n_rows: int, lag_s: float) -> None:
+        self._n_late = self._n_late + n_rows if lag_s > self._max_lag_s else 0
+        patient = (
+            self._n_late < self._patience_s * self.rate_hz and lag_s <= self._max_lag_s + self._patience_s
+        )
+        if self.state is CaptureState.TRIGGERED and self._n_late and not patient:
+            came = f"rows came in {1e3 * lag_s:.0f} ms late"
+            self.fail(
+                FailureReason.LAG,
+                f"{came}; wanted at most {1e3 * self._max_lag_s:g} ms, or more for at most {1e3 * self._patience_s:g} ms",
+            )

@@ -1,0 +1,173 @@
+"""What starts a capture: the motion, a force, or somebody's word."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id.live.clock import host_ns
+from granular_id.live.robot import Motion
+from granular_id.live.rows import Rows
+from granular_id.synthetic._checks import positive
+
+__all__ = ["ForceTrigger", "ManualTrigger", "MotionTrigger", "TimeTrigger", "Trigger"]
+
+
+class Trigger(Protocol):
+    """Finds the first row of what is to be captured.
+
+    Each row is shown once, in order. A trigger may only look at the rows themselves, never at how they are cut
+    into pieces: the same stream then gives the same recording however it is read.
+    """
+
+    name: str
+
+    def arm(self, rest: Rows) -> None:
+        """Take note of the rows at rest before the motion; from here on a trigger is welcome."""
+
+    def index(self, rows: Rows) -> int | None:
+        """Return which of these rows is the first one of the motion; None: none of them yet.
+
+        Also called before `arm`, while too few rows at rest are there: what fires then fails the capture.
+        """
+
+
+class ManualTrigger:
+    """Fires when told: the first row that comes in after `fire`.
+
+    Examples
+    --------
+    >>> from granular_id.live.trigger import ManualTrigger
+    >>> trigger = ManualTrigger()
+    >>> trigger.fire()                     # from any thread
+    """
+
+    name = "manual"
+
+    def __init__(self) -> None:
+        self._fired_ns: int | None = None
+
+    def arm(self, rest: Rows) -> None:
+        """Nothing to learn from the rest."""
+
+    def fire(self, at_ns: int | None = None) -> None:
+        """Begin with the first row that comes in at `at_ns` of the host's monotonic clock, or now."""
+        self._fired_ns = host_ns() if at_ns is None else int(at_ns)
+
+    def index(self, rows: Rows) -> int | None:
+        """Find the first row that came in at or after that moment."""
+        return None if self._fired_ns is None else _first(rows.host_ns >= self._fired_ns)
+
+
+class TimeTrigger:
+    """Fires at moments of device time that are known before: those of recordings that are played again.
+
+    Parameters
+    ----------
+    times_s : sequence of float
+        Device times, ascending; each is the first row at or after it, and fires once.
+    """
+
+    name = "time"
+
+    def __init__(self, times_s: ArrayLike) -> None:
+        self._times_s = np.asarray(times_s, dtype=np.float64)
+        self._seen_s: float | None = None
+
+    def arm(self, rest: Rows) -> None:
+        """Nothing to learn from the rest."""
+
+    def index(self, rows: Rows) -> int | None:
+        """Find the first row at or after the first moment that no row shown before has passed."""
+        if not len(rows):
+            return None
+        seen_s = rows.time_s[0] - 2 * _SLACK_S if self._seen_s is None else self._seen_s
+        self._seen_s = float(rows.time_s[-1])
+        ahead = self._times_s[np.searchsorted(self._times_s, seen_s + _SLACK_S, side="right") :]
+        return _first(rows.time_s >= ahead[0] - _SLACK_S) if len(ahead) else None
+
+
+_SLACK_S = 1e-7
+"""Device time in seconds is rounded, and a moment that is a sample's own must not become the next one's."""
+
+
+class MotionTrigger:
+    """Fires where the robot's motion begins.
+
+    Where the robot shares the sensor's clock, that is the first row at or after the start in device time. Otherwise
+    it is the first row that came in at or after the start by the host's clock: as exact as rows come in.
+
+    Parameters
+    ----------
+    motion : Motion, optional
+        The motion; or told later with `follow`, as the recorder does.
+    """
+
+    name = "motion"
+
+    def __init__(self, motion: Motion | None = None) -> None:
+        self._motion = motion
+
+    def follow(self, motion: Motion) -> None:
+        """Tell which motion it is."""
+        self._motion = motion
+
+    def arm(self, rest: Rows) -> None:
+        """Nothing to learn from the rest."""
+
+    def index(self, rows: Rows) -> int | None:
+        """Find the first row of the motion."""
+        if self._motion is None:
+            return None
+        if self._motion.start_time_s is not None:
+            return _first(rows.time_s >= self._motion.start_time_s - _SLACK_S)
+        return _first(rows.host_ns >= self._motion.start_host_ns)
+
+
+class ForceTrigger:
+    """Fires where the force leaves its level at rest.
+
+    Parameters
+    ----------
+    threshold_n : float, default 0.5
+        Length of the change of (fx, fy, fz) against the mean of the rows at rest, N. The default is ten times the
+        noise of a Mini45 and a small part of what grains exert (sugar, the softest of the paper's materials in
+        this respect, reaches it within the first millimetres). Raise it where the arm shakes.
+
+    Notes
+    -----
+    The force needs a moment to grow: the trigger is late by some 10 to 50 ms, differently for each material. Train
+    and identify with the same kind of trigger.
+    """
+
+    name = "force"
+
+    def __init__(self, threshold_n: float = 0.5) -> None:
+        self.threshold_n = positive("threshold_n", threshold_n)
+        self._level: NDArray[np.float64] | None = None
+
+    def arm(self, rest: Rows) -> None:
+        """Take the mean of these rows for the level at rest.
+
+        Raises
+        ------
+        ValueError
+            There are none: a capture without rows before the trigger cannot know the level.
+        """
+        if not len(rest):
+            raise ValueError("a ForceTrigger needs rows at rest: pre_s must be above 0")
+        self._level = rest.wrench[:, :3].mean(axis=0)
+
+    def index(self, rows: Rows) -> int | None:
+        """Find the first row whose force differs from the level by more than the threshold."""
+        if self._level is None:
+            return None
+        change = np.linalg.norm(rows.wrench[:, :3] - self._level, axis=1)
+        return _first(change > self.threshold_n)
+
+
+def _first(where: NDArray[np.bool_]) -> int | None:
+    found = int(np.argmax(where)) if len(where) else 0
+    return found if len(where) and where[found] else None
