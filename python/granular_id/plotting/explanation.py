@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from granular_id._core import AXES
 from granular_id.evaluation.thinning import window_starts
 from granular_id.plotting.style import (
-    AXIS_COLOURS,
-    AXIS_DASHES,
     FAINT,
     INK,
+    axis_line,
     new_figure,
     pretty,
     quiet,
@@ -105,7 +104,7 @@ def plot_explanation(
     )
     figure.legend(
         handles=list(handles.values()),
-        labels=[_label(axis) for axis in handles],
+        labels=[pretty(axis) for axis in handles],
         loc="outside lower left",
         ncols=len(handles),
         frameon=False,
@@ -133,15 +132,8 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
             coordinates = coordinates / (np.abs(coordinates).max() or 1.0)
         reach = max(reach, _used(coordinates, contributions))
         for axis, values in zip(part.block.axes, contributions, strict=True):
-            number = _number(axis)
-            (lines[axis],) = panel.plot(
-                coordinates,
-                values,
-                color=AXIS_COLOURS[number],
-                linestyle=AXIS_DASHES[number],
-                linewidth=1.1,
-                drawstyle="steps-mid",
-            )
+            style = {"linewidth": 1.1, "drawstyle": "steps-mid"}
+            (lines[axis],) = panel.plot(coordinates, values, **_line_of(axis), **style)
     panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     panel.margins(x=0)
     if block.kind == "magnitude" and reach > 0:  # most bins of a wide range stay empty
@@ -154,7 +146,7 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
 
 def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
     for row, (axis, share) in enumerate(shares.items()):
-        panel.barh(row, share, 0.7, color=AXIS_COLOURS[_number(axis)], linewidth=0)
+        panel.barh(row, share, 0.7, color=_line_of(axis)["color"], linewidth=0)
         panel.annotate(
             _number_text(share, digits),
             (max(share, 0.0), row),
@@ -185,15 +177,11 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
     return f"{what}, {unit}" if unit else what
 
 
-def _number(axis: str) -> int:
-    """Position of the axis' colour."""
-    return AXES.index(axis) if axis in AXES else int(axis.removeprefix("axis")) % len(AXIS_COLOURS)
+def _line_of(axis: str) -> dict[str, Any]:
+    """Axes that are no wrench are called axis0, axis1 ... by the spaces."""
+    return axis_line(axis, 0 if axis in AXES else int(axis.removeprefix("axis")))
 
 
 def _number_text(value: float, digits: int) -> str:
     # Adding 0 turns a rounded -0 into 0.
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def _label(axis: str) -> str:
-    return pretty(axis) if axis in AXES else axis

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES, UNITS
 from granular_id.plotting.style import (
-    AXIS_COLOURS,
     AXIS_DASHES,
     FAINT,
     INK,
+    axis_line,
     material_panels,
     pretty,
     quiet,
@@ -130,10 +130,9 @@ def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     """Draw one material; return the lines for a legend."""
     lines = []
     for axis, mean in curves.mean.items():
-        colour, dash = AXIS_COLOURS[AXES.index(axis)], AXIS_DASHES[AXES.index(axis)]
+        style = {**axis_line(axis), "linewidth": 1.3}
         low, high = mean - curves.sd[axis], mean + curves.sd[axis]
-        panel.fill_between(curves.time_s, low, high, color=colour, alpha=0.25, linewidth=0)
-        style = {"color": colour, "linestyle": dash, "linewidth": 1.3}
+        panel.fill_between(curves.time_s, low, high, color=style["color"], alpha=0.25, linewidth=0)
         lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
     panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     # A label with $ in it is a label, no mathematics.

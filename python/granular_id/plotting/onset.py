@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._core import AXES
 from granular_id.plotting.style import (
-    AXIS_COLOURS,
-    AXIS_DASHES,
     INK,
+    axis_line,
+    evenly,
     new_figure,
     pretty,
     quiet,
@@ -34,6 +33,7 @@ __all__ = ["plot_onsets"]
 
 # Right column: seconds shown before and after the onset.
 _BEFORE_S, _AFTER_S = 0.15, 0.2
+_WIDTH = 0.9
 _REST_COLOUR = "#DDE6EE"
 _MISSING_COLOUR = "#B03A00"
 
@@ -131,27 +131,16 @@ def plot_onsets(
 def _places(dataset: Dataset, rows: Mapping[str, Mapping[str, Any]], n: int) -> NDArray[np.intp]:
     """Choose recordings: those that need a look, up to half, and the others evenly."""
     told = np.array([rows.get(name, {}).get("how") in ("not found", "overruled") for name in dataset.names])
-    first = _evenly(np.flatnonzero(told), max(n - int((~told).sum()), (n + 1) // 2))
-    rest = _evenly(np.flatnonzero(~told), n - len(first))
+    first, rest = np.flatnonzero(told), np.flatnonzero(~told)
+    first = first[evenly(len(first), max(n - len(rest), (n + 1) // 2))]
+    rest = rest[evenly(len(rest), n - len(first))]
     return np.sort(np.concatenate([first, rest]))
-
-
-def _evenly(places: NDArray[np.intp], n: int) -> NDArray[np.intp]:
-    chosen: NDArray[np.intp] = places[
-        np.unique(np.linspace(0, max(len(places) - 1, 0), min(n, len(places))).round().astype(np.intp))
-    ]
-    return chosen
 
 
 def _drawn(recording: Recording) -> list[str]:
     """Return the axes to draw: those of the same unit as the first, which are the forces of a wrench."""
     unit = unit_of(recording.axes[0], recording.meta)
     return [axis for axis in recording.axes if unit_of(axis, recording.meta) == unit]
-
-
-def _line_of(axis: str, place: int) -> dict[str, Any]:
-    number = AXES.index(axis) if axis in AXES else place % len(AXIS_COLOURS)
-    return {"color": AXIS_COLOURS[number], "linestyle": AXIS_DASHES[number], "linewidth": 0.9}
 
 
 def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mark, rest_s: float) -> None:
@@ -167,7 +156,9 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
         panel.axvspan(-origin_s, rest_s - origin_s, color=_REST_COLOUR, linewidth=0, zorder=0)
         panel.axhspan(-band, band, color=_REST_COLOUR, linewidth=0, zorder=0)
         for place, axis in enumerate(axes):
-            panel.plot(times[chosen] - origin_s, force[chosen, place], **_line_of(axis, place))
+            panel.plot(
+                times[chosen] - origin_s, force[chosen, place], linewidth=_WIDTH, **axis_line(axis, place)
+            )
         if index is not None:
             line = {"color": mark.colour, "linestyle": mark.dashes, "linewidth": 1.2, "zorder": 3}
             panel.axvline(times[index] - origin_s, **line)
@@ -198,7 +189,7 @@ def _key(shown: list[Recording], kinds: set[str]) -> list[Any]:
     from matplotlib.patches import Patch  # noqa: PLC0415
 
     lines = [
-        Line2D([], [], label=pretty(axis) if axis in AXES else axis, **_line_of(axis, place))
+        Line2D([], [], label=pretty(axis), linewidth=_WIDTH, **axis_line(axis, place))
         for place, axis in enumerate(_drawn(shown[0]))
     ]
     marks = [

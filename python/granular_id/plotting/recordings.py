@@ -10,10 +10,10 @@ import numpy as np
 
 from granular_id._core import AXES
 from granular_id.plotting.style import (
-    AXIS_COLOURS,
-    AXIS_DASHES,
     FAINT,
     INK,
+    axis_line,
+    evenly,
     material_panels,
     pretty,
     quiet,
@@ -83,10 +83,7 @@ def plot_recordings(
     figure, panels = material_panels(len(groups))
     handles: list[Any] = []
     for (label, group), panel in zip(groups.items(), panels, strict=True):
-        shown = [
-            group[i]
-            for i in np.unique(np.linspace(0, len(group) - 1, min(n, len(group))).round().astype(int))
-        ]
+        shown = [group[i] for i in evenly(len(group), n)]
         handles = _draw(panel, shown, wanted)
         title = f"{short(label)} ({len(shown)} of {len(group)})"
         panel.set_title(title, fontsize=10, color=INK, parse_math=False)
@@ -121,15 +118,9 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
     for recording in recordings:
         time_s = recording.times()
         for k, axis in enumerate(axes):
-            place = AXES.index(axis) if axis in AXES else k % len(AXES)
-            style = {
-                "color": AXIS_COLOURS[place],
-                "linestyle": AXIS_DASHES[place],
-                "linewidth": 0.7,
-                "alpha": 0.7,
-            }
+            style = {**axis_line(axis, k), "linewidth": 0.7, "alpha": 0.7}
             column = recording.wrench[:, recording.axes.index(axis)]
-            lines = panel.plot(time_s, column, label=pretty(axis) if axis in AXES else axis, **style)
+            lines = panel.plot(time_s, column, label=pretty(axis), **style)
             if len(first_lines) < len(axes):
                 first_lines += lines
         if recording.flags is not None:

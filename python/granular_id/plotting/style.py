@@ -13,6 +13,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._core import AXES
 from granular_id._files import whole_file
 
 if TYPE_CHECKING:
@@ -23,6 +27,8 @@ __all__ = [
     "AXIS_DASHES",
     "FAINT",
     "INK",
+    "axis_line",
+    "evenly",
     "file_format",
     "material_panels",
     "new_figure",
@@ -108,8 +114,35 @@ def short(text: str, most: int = 24) -> str:
 
 
 def pretty(axis: str) -> str:
-    """Return the name of an axis as mathematics: ``$F_x$`` for fx."""
-    return f"${axis[0].upper()}_{axis[1]}$"
+    """Return the name of an axis of a wrench as mathematics, ``$F_x$`` for fx; any other name as it is."""
+    return f"${axis[0].upper()}_{axis[1]}$" if axis in AXES else axis
+
+
+def axis_line(axis: str, place: int = 0) -> dict[str, Any]:
+    """Return colour and dashes of an axis, for ``plot``: those of a wrench have their own in every figure.
+
+    Parameters
+    ----------
+    axis : str
+    place : int
+        Which of the drawn axes it is, which decides for any other axis.
+    """
+    number = AXES.index(axis) if axis in AXES else place % len(AXIS_COLOURS)
+    return {"color": AXIS_COLOURS[number], "linestyle": AXIS_DASHES[number]}
+
+
+def evenly(total: int, n: int) -> NDArray[np.intp]:
+    """Choose `n` of `total` places, or all where there are fewer, evenly from the first to the last.
+
+    Examples
+    --------
+    >>> evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()
+    ([0, 4, 8], [0, 1], [])
+    """
+    chosen: NDArray[np.intp] = np.unique(
+        np.linspace(0, max(total - 1, 0), min(n, total)).round().astype(np.intp)
+    )
+    return chosen
 
 
 def share_axis(panel: Any) -> None:
