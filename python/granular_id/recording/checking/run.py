@@ -49,7 +49,8 @@ def _findings(
 ) -> Iterator[Finding]:
     yield from check_labels(recordings)
     yield from check_axes(recordings)
-    absurd = [i for i, r in enumerate(recordings) if np.abs(r.wrench).max() > ABSURD]
+    peaks = [np.abs(r.wrench).max(axis=0) for r in recordings]
+    absurd = [i for i, peak in enumerate(peaks) if peak.max() > ABSURD]
     if absurd:
         message = (
             f"{count(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
@@ -71,7 +72,7 @@ def _findings(
         sessions_are_labels=any(finding.code == "session-is-label" for finding in sessions),
     )
     yield from check_timing(recordings, paces)
-    yield from check_units(recordings)
+    yield from check_units(recordings, peaks)
     yield from check_clipping(recordings, ranges, rate)
     yield from check_stuck(recordings, rate)
     yield from check_spikes(recordings)

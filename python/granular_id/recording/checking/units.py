@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
 from granular_id.recording.checking.finding import Finding, count, found
 from granular_id.recording.one import Recording
@@ -14,16 +15,15 @@ PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
 """Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred."""
 
 
-def check_units(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Find recordings whose readings are too large to be in newton and newton metre."""
+def check_units(recordings: Sequence[Recording], peaks: Sequence[FloatArray]) -> Iterator[Finding]:
+    """Find recordings whose largest readings, of each axis, are too large to be in newton and newton metre."""
     large: list[int] = []
     worst = (0.0, "", "")
     for i, recording in enumerate(recordings):
-        peaks = np.abs(recording.wrench).max(axis=0)
         units = [unit_of(axis, recording.meta) for axis in recording.axes]
         beyond = [
             (float(peak), axis, unit)
-            for peak, axis, unit in zip(peaks, recording.axes, units, strict=True)
+            for peak, axis, unit in zip(peaks[i], recording.axes, units, strict=True)
             if peak > PLAUSIBLE.get(unit, np.inf)
         ]
         if beyond:
