@@ -235,7 +235,7 @@ def test_large_text_files_are_read_when_asked_for(tmp_path):
 
 def test_names_of_columns_stay_what_they_are(tmp_path):
     (tmp_path / "index.csv").write_text("label\nrice\n")
-    assert "start_time, rate_hz, trigger_index" in refused("data", "info", tmp_path)
+    assert "'start_time', 'rate_hz', 'trigger_index'" in refused("data", "info", tmp_path)
 
 
 def test_a_format_and_an_ending_that_disagree_are_refused(folder, tmp_path):

@@ -113,7 +113,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     one_line = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", one_line)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
-        word = rf"(?<![\w.\-/\\'\"])(?<!column )(?<!start_time, ){name}"
+        word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
         one_line = re.sub(rf"{word}='([^']*)'", rf"{option} \1", one_line)
         one_line = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", one_line)
         one_line = re.sub(rf"{word}=", option, one_line)

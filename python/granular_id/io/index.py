@@ -73,7 +73,8 @@ def read_index(
             )
             raise RecordingFileError(path, problem, line=1, column=str(i + 1))
     if "file" not in columns:
-        raise RecordingFileError(path, f"no column 'file'; wanted {', '.join(INDEX_COLUMNS)}", line=1)
+        wanted = ", ".join(map(repr, INDEX_COLUMNS))
+        raise RecordingFileError(path, f"no column 'file'; wanted {wanted}", line=1)
     sources: list[FileSource] = []
     problems: list[RecordingFileError] = []
     seen: dict[str, int] = {}
