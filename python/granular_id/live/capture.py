@@ -14,7 +14,7 @@ from granular_id.live.rows import BlockLike, Rows, filled
 from granular_id.live.runs import Break, measured_rate_hz, runs
 from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
-from granular_id.recording import Recording, SampleFlag
+from granular_id.recording import Recording
 from granular_id.recording._values import checked_rate
 from granular_id.synthetic._checks import count, non_negative
 
@@ -60,8 +60,7 @@ class Capture:
     Attributes
     ----------
     state : CaptureState
-    reason : FailureReason or None
-    text : str
+    reason, text : FailureReason or None, str
         What happened, where it failed.
     n_rows : int
         Rows taken, of `n_samples`.
@@ -246,7 +245,7 @@ class Capture:
         while not self.state.is_over:
             if self.state is CaptureState.ARMING and len(self._rest) == self.n_pre:
                 self.trigger.arm(self._rest)
-                self.state = CaptureState.ARMED
+                self.state, self._broken = CaptureState.ARMED, None
             if not len(rows):
                 return
             if self.state is CaptureState.TRIGGERED:
@@ -300,12 +299,10 @@ class Capture:
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
         self._n_late = self._n_late + n_rows if lag_s > self._max_lag_s else 0
-        patient = (
-            self._n_late < self._patience_s * self.rate_hz and lag_s <= self._max_lag_s + self._patience_s
-        )
-        if self.state is CaptureState.TRIGGERED and self._n_late and not patient:
-            came = f"rows came in {1e3 * lag_s:.0f} ms late"
-            self.fail(
-                FailureReason.LAG,
-                f"{came}; wanted at most {1e3 * self._max_lag_s:g} ms, or more for at most {1e3 * self._patience_s:g} ms",
+        if self.state is not CaptureState.TRIGGERED or not self._n_late:
+            return
+        if self._n_late >= self._patience_s * self.rate_hz or lag_s > self._max_lag_s + self._patience_s:
+            wanted = (
+                f"at most {1e3 * self._max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
             )
+            self.fail(FailureReason.LAG, f"rows came in {1e3 * lag_s:.0f} ms late; wanted {wanted}")
