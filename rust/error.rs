@@ -198,6 +198,48 @@ pub enum Error {
         /// The largest number allowed.
         max: usize,
     },
+    /// Windows that would never move on.
+    #[error("hop must be at least 1 sample, got 0")]
+    Hop,
+    /// A window too large to keep.
+    #[error("a window may hold at most {max} values, got n_samples = {n_samples} of n_axes = {n_axes} with their bins")]
+    Window {
+        /// Samples per window.
+        n_samples: usize,
+        /// Axes per sample.
+        n_axes: usize,
+        /// The largest number of samples times axes, and of axes times bins.
+        max: usize,
+    },
+    /// The next window asked of a stream with only one.
+    #[error("a stream without hop has one window: reset it, or make it with hop")]
+    NoHop,
+    /// The next window asked before this one was complete.
+    #[error(
+        "the window must be complete before the next one begins: {n_seen} of {n_samples} samples are there"
+    )]
+    Unfinished {
+        /// Samples so far.
+        n_seen: usize,
+        /// Samples of a window.
+        n_samples: usize,
+    },
+    /// NaN or infinity in a row of a stream.
+    #[error("wrench must be finite, got {value} in row {row}, axis {axis}; no row was taken")]
+    NonFiniteRow {
+        /// Row of the first such value, counted from the first one pushed.
+        row: usize,
+        /// Its axis.
+        axis: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// Finite rows so large that the filter left the range of float64.
+    #[error("wrench is too large to filter: rows that reach {largest:e} overflow float64; no row was taken")]
+    FilterOverflow {
+        /// The largest magnitude in these rows.
+        largest: f64,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {

@@ -196,17 +196,23 @@ impl Extractor {
         if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
         }
+        self.check_size(n_samples, n_axes)?;
+        let expected = n_recordings.saturating_mul(shape.recording_len());
+        if wrench.len() != expected {
+            return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
+        }
+        self.n_features(n_samples, n_axes)
+    }
+
+    /// Refuses recordings too long to count, or of a number of axes without ranges.
+    pub(crate) fn check_size(&self, n_samples: usize, n_axes: usize) -> Result<()> {
         if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
             return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
         }
         if n_samples > MAX_SAMPLES {
             return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
         }
-        let expected = n_recordings.saturating_mul(shape.recording_len());
-        if wrench.len() != expected {
-            return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
-        }
-        self.n_features(n_samples, n_axes)
+        Ok(())
     }
 
     /// Features of a batch, one row per recording.

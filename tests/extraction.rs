@@ -5,6 +5,11 @@ use granular_id::histogram::Outside;
 use granular_id::{BatchShape, Error, Extractor, FeatureSpec, Path, SosState, UniformBins};
 use proptest::prelude::*;
 
+#[path = "twins/signals.rs"]
+mod signals;
+
+use signals::{bits, spec, uniform, value};
+
 /// What [`Extractor`] promises, written out without lanes, blocks or threads.
 fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
     let spec = extractor.spec();
@@ -42,43 +47,6 @@ fn counts(bins: &UniformBins, signal: &[f64], outside: Outside) -> Vec<f64> {
     counts
 }
 
-/// Values that a filter of order 1 and a histogram find hard: exact edges, zeros, far outside, subnormal.
-fn value() -> impl Strategy<Value = f64> {
-    prop_oneof![
-        4 => -2.0..2.0_f64,
-        1 => (-50..50_i32).prop_map(|n| f64::from(n) * 0.03),
-        1 => Just(0.0),
-        1 => Just(-0.0),
-        1 => -1e6..1e6_f64,
-        1 => Just(5e-324),
-    ]
-}
-
-prop_compose! {
-    fn spec()(
-        order in 1..=11_usize,
-        cutoff_hz in 1.0..249.0_f64,
-        n_bins in 1..=130_usize,
-        low in -3.0..0.5_f64,
-        width in 0.01..3.0_f64,
-        clip in any::<bool>(),
-        steady in any::<bool>(),
-        (raw, hfmh) in prop_oneof![Just((true, true)), Just((true, false)), Just((false, true))],
-    ) -> FeatureSpec {
-        FeatureSpec {
-            order,
-            cutoff_hz,
-            n_bins,
-            bin_ranges: vec![(low, low + width)],
-            outside: if clip { Outside::Clip } else { Outside::Drop },
-            initial: if steady { Initial::Steady } else { Initial::Zero },
-            raw,
-            hfmh,
-            ..FeatureSpec::default()
-        }
-    }
-}
-
 prop_compose! {
     fn batch()(n_axes in prop_oneof![3 => Just(6_usize), 1 => 1..=30_usize], n_recordings in 1..=11_usize, n_samples in 1..=40_usize)(
         wrench in prop::collection::vec(value(), n_axes * n_recordings * n_samples),
@@ -86,10 +54,6 @@ prop_compose! {
     ) -> (Vec<f64>, BatchShape) {
         (wrench, shape)
     }
-}
-
-fn bits(values: &[f64]) -> Vec<u64> {
-    values.iter().map(|value| value.to_bits()).collect()
 }
 
 proptest! {
@@ -142,13 +106,7 @@ proptest! {
 #[test]
 fn millions_of_samples_are_the_same_on_every_path() {
     let shape = BatchShape { n_recordings: 260, n_samples: 1600, n_axes: 6 };
-    let mut seed = 1_u64;
-    let mut uniform = || {
-        seed ^= seed << 13;
-        seed ^= seed >> 7;
-        seed ^= seed << 17;
-        (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-    };
+    let mut uniform = uniform(1);
     let wrench: Vec<f64> = (0..shape.n_recordings * shape.recording_len()).map(|_| 3.0 * uniform()).collect();
     let extractor = Extractor::new(FeatureSpec::default()).unwrap();
     let wanted = bits(&twin(&extractor, &wrench, shape));

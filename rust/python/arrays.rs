@@ -26,10 +26,20 @@ pub(super) fn contiguous_real<'py>(
     value: &Bound<'py, PyAny>,
     name: &str,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    if let Some(array) = ready(value) {
+        return Ok(array);
+    }
     let array = real(value, name)?;
     let float64 = numpy::dtype::<f64>(value.py());
     let numpy = value.py().import("numpy")?;
     Ok(numpy.call_method1("require", (array, float64, ["C", "A"]))?.cast_into()?)
+}
+
+/// An array that needs no conversion, found without a call into numpy: a stream is pushed row by row.
+fn ready<'py>(value: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
+    let array = value.cast_exact::<PyUntypedArray>().ok()?.cast::<PyArrayDyn<f64>>().ok()?;
+    let aligned = array.data().addr().is_multiple_of(align_of::<f64>());
+    (aligned && array.is_c_contiguous()).then(|| array.clone())
 }
 
 /// The right to read an array, unless another call is writing to it.

@@ -126,7 +126,7 @@ impl Work<'_> {
 }
 
 /// The right to write to `out`, if that cannot harm anyone.
-fn writable<'py, T: Element>(
+pub(super) fn writable<'py, T: Element>(
     out: &Bound<'py, PyArrayDyn<T>>,
     wrench: &[f64],
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {

@@ -27,6 +27,8 @@ mod _core {
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
     #[pymodule_export]
     use super::spec::PyFeatureSpec;
+    #[pymodule_export]
+    use super::stream::PyStreamingExtractor;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

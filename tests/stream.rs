@@ -1,0 +1,304 @@
+//! A stream of rows against whole recordings: the same bits, however the rows come.
+
+use granular_id::features::Initial;
+use granular_id::histogram::Outside;
+use granular_id::stream::{StreamingExtractor, Windows, MAX_WINDOW};
+use granular_id::{BatchShape, Error, Extractor, FeatureSpec, SosState};
+use proptest::prelude::*;
+
+#[path = "twins/signals.rs"]
+mod signals;
+
+use signals::{bits, spec, uniform, value};
+
+prop_compose! {
+    /// Every option of a specification, with ranges for all axes or for each.
+    fn extractor(n_axes: usize)(
+        spec in spec(),
+        density in any::<bool>(),
+        ranges in prop::option::of(prop::collection::vec((-3.0..0.5_f64, 0.01..3.0_f64), n_axes)),
+    ) -> Extractor {
+        let bin_ranges = match ranges {
+            Some(ranges) => ranges.into_iter().map(|(low, width)| (low, low + width)).collect(),
+            None => spec.bin_ranges.clone(),
+        };
+        Extractor::new(FeatureSpec { density, bin_ranges, ..spec }).unwrap()
+    }
+}
+
+prop_compose! {
+    /// Rows of a stream, and the sizes of the blocks in which they come.
+    fn stream(longest: usize)(n_axes in prop_oneof![2 => Just(6_usize), 1 => 1..=12_usize], n_rows in 1..=longest)(
+        extractor in extractor(n_axes),
+        rows in prop::collection::vec(value(), n_axes * n_rows),
+        blocks in prop::collection::vec(prop_oneof![0..=3_usize, 0..=100_usize], 1..20),
+        n_axes in Just(n_axes),
+    ) -> (Extractor, usize, Vec<f64>, Vec<usize>) {
+        (extractor, n_axes, rows, blocks)
+    }
+}
+
+/// Pushes blocks of some sizes, over and over, until the window is complete; returns how many rows it took.
+fn fill(stream: &mut StreamingExtractor, rows: &[f64], blocks: &[usize]) -> usize {
+    let n_axes = stream.windows().n_axes;
+    let n_rows = rows.len() / n_axes;
+    let mut taken = 0;
+    for size in blocks.iter().copied().chain([1]).cycle() {
+        if stream.is_complete() || taken == n_rows {
+            break;
+        }
+        let end = n_rows.min(taken + size);
+        taken += stream.push(&rows[taken * n_axes..end * n_axes]).unwrap();
+    }
+    taken
+}
+
+fn features(stream: &StreamingExtractor) -> Vec<f64> {
+    let mut out = vec![f64::NAN; stream.n_features()];
+    stream.features_into(&mut out).unwrap();
+    out
+}
+
+/// The histograms of a stretch of a filtered stream, by comparison with the edges.
+fn counted(extractor: &Extractor, n_axes: usize, filtered: &[f64]) -> Vec<f64> {
+    let spec = extractor.spec();
+    let mut block = Vec::new();
+    for axis in 0..n_axes {
+        let bins = extractor.bins(axis).unwrap();
+        let clip = |value: &f64| match spec.outside {
+            Outside::Clip => value.clamp(bins.low(), bins.high()),
+            Outside::Drop => *value,
+        };
+        let values: Vec<f64> = filtered.iter().skip(axis).step_by(n_axes).map(clip).collect();
+        let mut counts = bins.count(&values);
+        let total: f64 = counts.iter().sum();
+        if spec.density && total > 0.0 {
+            for (count, edges) in counts.iter_mut().zip(bins.edges().windows(2)) {
+                *count = *count / (edges[1] - edges[0]) / total;
+            }
+        }
+        block.extend(counts);
+    }
+    block
+}
+
+/// The whole stream through the filter.
+fn filtered(extractor: &Extractor, n_axes: usize, rows: &[f64]) -> Vec<f64> {
+    let mut state = match extractor.spec().initial {
+        Initial::Zero => SosState::zero(extractor.sos(), n_axes),
+        Initial::Steady => SosState::steady(extractor.sos(), &rows[..n_axes]).unwrap(),
+    };
+    let mut filtered = rows.to_vec();
+    state.filter(extractor.sos(), &mut filtered).unwrap();
+    filtered
+}
+
+proptest! {
+    #[test]
+    fn a_window_equals_the_recording((extractor, n_axes, rows, blocks) in stream(90)) {
+        let n_samples = rows.len() / n_axes;
+        let shape = BatchShape { n_recordings: 1, n_samples, n_axes };
+        let wanted = extractor.extract(&rows, shape, 1).unwrap();
+        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        for _ in 0..2 {
+            prop_assert_eq!(fill(&mut stream, &rows, &blocks), n_samples);
+            prop_assert_eq!(stream.push(&rows), Ok(0), "a complete window takes nothing");
+            prop_assert_eq!(bits(&features(&stream)), bits(&wanted));
+            prop_assert_eq!(stream.advance(), Err(Error::NoHop));
+            stream.reset();
+        }
+    }
+
+    #[test]
+    fn features_so_far_are_those_of_a_shorter_recording((extractor, n_axes, rows, blocks) in stream(60), more in 1..50_usize) {
+        let n_seen = rows.len() / n_axes;
+        let n_samples = n_seen + more;
+        let shape = BatchShape { n_recordings: 1, n_samples: n_seen, n_axes };
+        let seen = extractor.extract(&rows, shape, 1).unwrap();
+        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        fill(&mut stream, &rows, &blocks);
+        prop_assert!(!stream.is_complete());
+        let raw_len = |n: usize| if extractor.spec().raw { n * n_axes } else { 0 };
+        let got = features(&stream);
+        let (raw, counts) = got.split_at(raw_len(n_samples));
+        let (raw_seen, counts_seen) = seen.split_at(raw_len(n_seen));
+        prop_assert_eq!(bits(counts), bits(counts_seen));
+        for (raw, raw_seen) in raw.chunks(n_samples).zip(raw_seen.chunks(n_seen)) {
+            prop_assert_eq!(bits(&raw[..n_seen]), bits(raw_seen));
+            prop_assert!(raw[n_seen..].iter().all(|value| value.to_bits() == 0));
+        }
+    }
+
+    #[test]
+    fn sliding_windows_are_stretches_of_one_filtered_stream(
+        (extractor, n_axes, rows, blocks) in stream(200),
+        n_samples in 1..=40_usize,
+        hop in 1..=60_usize,
+    ) {
+        let windows = Windows { n_samples, n_axes, hop: Some(hop) };
+        let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
+        let filtered = filtered(&extractor, n_axes, &rows);
+        let n_rows = rows.len() / n_axes;
+        let mut taken = 0;
+        for first in (0..).step_by(hop) {
+            taken += fill(&mut stream, &rows[taken * n_axes..], &blocks);
+            if first + n_samples > n_rows {
+                prop_assert!(!stream.is_complete());
+                break;
+            }
+            prop_assert_eq!((taken, stream.first_row()), (first + n_samples, first as u64));
+            let stretch = first * n_axes..(first + n_samples) * n_axes;
+            let mut wanted = Vec::new();
+            if extractor.spec().raw {
+                for axis in 0..n_axes {
+                    wanted.extend(rows[stretch.clone()].iter().skip(axis).step_by(n_axes));
+                }
+            }
+            if extractor.spec().hfmh {
+                wanted.extend(counted(&extractor, n_axes, &filtered[stretch]));
+            }
+            prop_assert_eq!(bits(&features(&stream)), bits(&wanted), "window from row {}", first);
+            stream.advance().unwrap();
+        }
+    }
+
+    #[test]
+    fn a_refused_block_changes_nothing(
+        (extractor, n_axes, rows, blocks) in stream(400),
+        at in any::<prop::sample::Index>(),
+        bad in prop_oneof![Just(f64::NAN), Just(f64::INFINITY), Just(f64::MAX)],
+        before in any::<prop::sample::Index>(),
+    ) {
+        let n_samples = rows.len() / n_axes;
+        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        let before = before.index(n_samples);
+        stream.push(&rows[..before * n_axes]).unwrap();
+        let kept = features(&stream);
+        let mut poisoned = rows[before * n_axes..].to_vec();
+        let at = at.index(poisoned.len());
+        poisoned[at] = bad;
+        // The largest number twice over: the filter's first sum overflows whatever its coefficients.
+        let alternating = poisoned.iter_mut().skip(at % n_axes).step_by(n_axes);
+        if bad == f64::MAX {
+            for (t, value) in alternating.enumerate().skip(at / n_axes) {
+                *value = if t % 2 == 0 { f64::MAX } else { -f64::MAX };
+            }
+        }
+        match stream.push(&poisoned) {
+            Ok(taken) => {
+                // Without a filter, or through a gentle one, large numbers are as good as others.
+                prop_assert!(bad == f64::MAX);
+                prop_assert_eq!(taken, n_samples - before);
+                stream.reset();
+                stream.push(&rows[..before * n_axes]).unwrap();
+            }
+            Err(Error::NonFiniteRow { row, axis, value }) => {
+                prop_assert_eq!((row * n_axes + axis, value.to_bits()), (at, bad.to_bits()));
+            }
+            Err(error) => prop_assert_eq!(error, Error::FilterOverflow { largest: f64::MAX }),
+        }
+        prop_assert_eq!(stream.n_seen(), before);
+        prop_assert_eq!(bits(&features(&stream)), bits(&kept));
+        fill(&mut stream, &rows[before * n_axes..], &blocks);
+        let shape = BatchShape { n_recordings: 1, n_samples, n_axes };
+        prop_assert_eq!(bits(&features(&stream)), bits(&extractor.extract(&rows, shape, 1).unwrap()));
+    }
+}
+
+/// 625 recordings of 1600 samples, and the same million samples as one stream in sliding windows.
+#[test]
+fn a_million_samples_differ_in_no_bit() {
+    let shape = BatchShape { n_recordings: 625, n_samples: 1600, n_axes: 6 };
+    let mut noise = uniform(1);
+    let wrench: Vec<f64> = (0..shape.n_recordings * shape.recording_len()).map(|_| 3.0 * noise()).collect();
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let mut wanted = vec![0.0; shape.n_recordings * 10_200];
+    extractor.extract_into(&wrench, shape, 2, &mut wanted).unwrap();
+    let mut stream = StreamingExtractor::new(&extractor, Windows::default()).unwrap();
+    let blocks: Vec<usize> = (0..997).map(|_| size_of_block(noise())).collect();
+    let recordings = wrench.chunks(shape.recording_len()).zip(wanted.chunks(10_200));
+    for (k, (recording, wanted)) in recordings.enumerate() {
+        assert_eq!(fill(&mut stream, recording, &blocks[k..]), 1600);
+        assert!(bits(&features(&stream)) == bits(wanted), "recording {k}");
+        stream.reset();
+    }
+
+    let filtered = filtered(&extractor, 6, &wrench);
+    let windows = Windows { hop: Some(1000), ..Windows::default() };
+    let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
+    let mut taken = 0;
+    for first in (0..=1_000_000 - 1600).step_by(1000) {
+        taken += fill(&mut stream, &wrench[taken * 6..], &blocks[first / 1000 % 900..]);
+        let counts = counted(&extractor, 6, &filtered[first * 6..(first + 1600) * 6]);
+        assert!(bits(&features(&stream)[9600..]) == bits(&counts), "window from row {first}");
+        stream.advance().unwrap();
+    }
+}
+
+/// From a number in [-1/2, 1/2) a block of 1 to 300 rows, mostly small.
+fn size_of_block(uniform: f64) -> usize {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 1 <= size <= 300
+    let size = (300.0_f64).powf(uniform + 0.5) as usize;
+    size
+}
+
+#[test]
+fn rows_too_large_to_filter_take_back_the_rows_before_them() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let mut stream =
+        StreamingExtractor::new(&extractor, Windows { n_samples: 300, n_axes: 2, hop: None }).unwrap();
+    let mut noise = uniform(3);
+    let rows: Vec<f64> = (0..600).map(|_| noise()).collect();
+    stream.push(&rows[..200]).unwrap();
+    let kept = features(&stream);
+    let mut large = rows[200..].to_vec();
+    large[330..].fill(f64::MAX);
+    assert_eq!(stream.push(&large), Err(Error::FilterOverflow { largest: f64::MAX }));
+    assert_eq!((stream.n_seen(), features(&stream)), (100, kept));
+    assert_eq!(stream.push(&rows[200..]), Ok(200));
+    let shape = BatchShape { n_recordings: 1, n_samples: 300, n_axes: 2 };
+    assert_eq!(features(&stream), extractor.extract(&rows, shape, 1).unwrap());
+}
+
+#[test]
+fn impossible_windows_are_refused() {
+    let new =
+        |extractor: &Extractor, windows| StreamingExtractor::new(extractor, windows).map(drop).unwrap_err();
+    let paper = Extractor::new(FeatureSpec::default()).unwrap();
+    let windows = Windows::default();
+    assert_eq!(new(&paper, Windows { hop: Some(0), ..windows }), Error::Hop);
+    let empty = Error::Empty { what: "a window", shape: vec![0, 6] };
+    assert_eq!(new(&paper, Windows { n_samples: 0, ..windows }), empty);
+    let empty = Error::Empty { what: "a window", shape: vec![1600, 0] };
+    assert_eq!(new(&paper, Windows { n_axes: 0, ..windows }), empty);
+    let large = Error::Window { n_samples: 1 << 23, n_axes: 6, max: MAX_WINDOW };
+    assert_eq!(new(&paper, Windows { n_samples: 1 << 23, ..windows }), large);
+    let large = Error::Window { n_samples: 1, n_axes: 1 << 20, max: MAX_WINDOW };
+    assert_eq!(new(&paper, Windows { n_samples: 1, n_axes: 1 << 20, hop: None }), large);
+    let bin_ranges = vec![(-1.0, 1.0); 3];
+    let three = Extractor::new(FeatureSpec { bin_ranges, ..FeatureSpec::default() }).unwrap();
+    assert_eq!(new(&three, windows), Error::RangeCount { ranges: 3, axes: 6 });
+}
+
+#[test]
+fn wrong_lengths_and_early_steps_are_refused() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    let windows = Windows { n_samples: 4, n_axes: 6, hop: Some(2) };
+    let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
+    assert_eq!(stream.push(&[0.0; 13]), Err(Error::Length { what: "wrench", expected: 12, got: 13 }));
+    assert_eq!(stream.push(&[]), Ok(0));
+    assert_eq!(stream.push(&[1.0; 18]), Ok(3));
+    assert_eq!(stream.advance(), Err(Error::Unfinished { n_seen: 3, n_samples: 4 }));
+    assert_eq!(
+        stream.features_into(&mut [0.0; 5]),
+        Err(Error::Length { what: "out", expected: 624, got: 5 })
+    );
+    assert_eq!(stream.n_seen(), 3);
+    // Only what is taken is looked at: NaN in the row after the window waits for the next one.
+    let mut rows = [1.0; 12];
+    rows[11] = f64::NAN;
+    assert_eq!(stream.push(&rows), Ok(1));
+    stream.advance().unwrap();
+    assert_eq!(stream.n_seen(), 2);
+    assert!(matches!(stream.push(&rows), Err(Error::NonFiniteRow { row: 1, axis: 5, .. })));
+}
