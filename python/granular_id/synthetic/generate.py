@@ -18,7 +18,7 @@ from granular_id.synthetic.push import random_stream, simulate_push
 from granular_id.synthetic.rig import Rig
 from granular_id.synthetic.sensor import Sensor
 
-__all__ = ["synthesize"]
+__all__ = ["draw_push", "push_meta", "synthesize"]
 
 # Rest before the motion, s: drawn evenly between these ("a fraction of a second").
 LEAD_S = (0.10, 0.25)
@@ -28,6 +28,9 @@ FIRST_SESSION_S = 1_704_099_600.0  # 2024-01-01 09:00 UTC, an arbitrary Monday
 SESSION_EVERY_S = 86_400.0
 # Every material is pushed once per round. A push with its reset takes about a minute.
 PUSH_EVERY_S = 55.0
+# The frame of `Rig`, and whose force on whom.
+FRAME = "x along the push, z along the tool (down), y completes; origin at the sensor"
+SIGN = "load of the tool on the material: fx positive while pushing"
 # First element of the key of each random stream.
 _RECORDING, _FILL, _SESSION = 1, 2, 3
 _CONDITIONS, _PUSH = 0, 1
@@ -111,7 +114,7 @@ def synthesize(
     drawn: list[dict[str, Any]] = []
     for slot, material in enumerate(chosen):
         for k in range(n_per_class):
-            conditions, lead_s, stream = _draw(material, k, sessions, seed, nuisance)
+            conditions, lead_s, stream = draw_push(material, k, k % sessions, seed, nuisance)
             block[len(drawn)] = simulate_push(
                 material,
                 rig=rig,
@@ -131,7 +134,7 @@ def synthesize(
                     "session": f"session {k % sessions + 1}",
                     "start_time": day_s + PUSH_EVERY_S * pushes_before,
                     "trigger_index": math.ceil(lead_s * rate_hz),
-                    "meta": _meta(material, rig, conditions, lead_s, seed),
+                    "meta": push_meta(material, rig, conditions, lead_s) | {"seed": seed},
                 }
             )
     full_scale = np.asarray(sensor.full_scale)
@@ -164,26 +167,36 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
         raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")
 
 
-def _draw(
-    material: Material, k: int, sessions: int, seed: int, nuisance: Nuisance
+def draw_push(
+    material: Material, k: int, session: int, seed: int | np.random.SeedSequence, nuisance: Nuisance
 ) -> tuple[Conditions, float, np.random.SeedSequence]:
+    """Draw what push `k` through a material meets in a session.
+
+    Returns
+    -------
+    conditions : Conditions
+    lead_s : float
+        Rest before the motion.
+    stream : numpy.random.SeedSequence
+        Seed of the push itself.
+    """
     # The name, not the position in the list: the same recordings whichever materials stand beside.
     key = int.from_bytes(hashlib.blake2b(material.name.encode(), digest_size=4).digest(), "big")
     recording = random_stream(seed, _RECORDING, key, k)
     own = np.random.default_rng(random_stream(recording, _CONDITIONS))
-    fill = np.random.default_rng(random_stream(seed, _FILL, key, k % sessions))
-    session = np.random.default_rng(random_stream(seed, _SESSION, k % sessions))
-    conditions = nuisance.draw(own, fill, session)
+    fill = np.random.default_rng(random_stream(seed, _FILL, key, session))
+    of_session = np.random.default_rng(random_stream(seed, _SESSION, session))
+    conditions = nuisance.draw(own, fill, of_session)
     return conditions, float(own.uniform(*LEAD_S)), random_stream(recording, _PUSH)
 
 
-def _meta(material: Material, rig: Rig, conditions: Conditions, lead_s: float, seed: int) -> dict[str, Any]:
+def push_meta(material: Material, rig: Rig, conditions: Conditions, lead_s: float) -> dict[str, Any]:
+    """Describe a simulated push for the metadata of its recording."""
     packed, set_up = conditions.material(material), conditions.rig(rig)
     return {
         "synthetic": True,
-        "seed": seed,
-        "frame": "x along the push, z along the tool (down), y completes; origin at the sensor",
-        "sign": "load of the tool on the material: fx positive while pushing",
+        "frame": FRAME,
+        "sign": SIGN,
         "lead_s": lead_s,
         "rig": {field.name: getattr(set_up, field.name) for field in fields(set_up)},
         "material": asdict(packed),
