@@ -240,6 +240,16 @@ pub enum Error {
         /// The largest magnitude in these rows.
         largest: f64,
     },
+    /// A score of a learner that float64 cannot hold.
+    #[error("score of learner {learner} of recording {recording} must be finite, got {value}: the wrench or the weights are too large")]
+    Score {
+        /// The recording.
+        recording: usize,
+        /// The learner.
+        learner: usize,
+        /// The value found.
+        value: f64,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {
@@ -253,7 +263,8 @@ impl Error {
     pub(crate) fn later(mut self, recordings: usize) -> Self {
         if let Self::NonFinite { recording, .. }
         | Self::Overflow { recording, .. }
-        | Self::Narrow { recording, .. } = &mut self
+        | Self::Narrow { recording, .. }
+        | Self::Score { recording, .. } = &mut self
         {
             *recording += recordings;
         }

@@ -40,7 +40,8 @@ impl Extractor {
         out: &mut [f64],
     ) -> Result<()> {
         let stream = size_of_val(out) > STREAM_BYTES;
-        self.in_tasks(wrench, shape, threads, out, |wrench, shape, n_features, out| {
+        let n_features = self.check(wrench, shape)?;
+        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
             path.run(Teams { extractor: self, shape, n_features, wrench, out, stream })
                 .then_some(())
                 .ok_or_else(|| not_finite(wrench, shape))
@@ -56,7 +57,8 @@ impl Extractor {
         out: &mut [f32],
     ) -> Result<()> {
         let histograms = self.without_raw();
-        self.in_tasks(wrench, shape, threads, out, |wrench, shape, n_features, out| {
+        let n_features = self.check(wrench, shape)?;
+        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
             // Samples are rounded on their way, so that no wide copy of them is made.
             let raw_len = if self.spec().raw { shape.recording_len() } else { 0 };
             let wide = if self.spec().hfmh { histograms.extract(wrench, shape, 1)? } else { Vec::new() };
@@ -73,40 +75,40 @@ impl Extractor {
             Ok(())
         })
     }
+}
 
-    /// Checks the sizes and cuts a batch into tasks. The error is that of the first recording that has one.
-    fn in_tasks<T: Send>(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [T],
-        task: impl Fn(&[f64], BatchShape, usize, &mut [T]) -> Result<()> + Sync,
-    ) -> Result<()> {
-        let n_features = self.check(wrench, shape)?;
-        if threads == 0 {
-            return Err(Error::Threads { threads });
-        }
-        let expected = shape.n_recordings.saturating_mul(n_features);
-        if out.len() != expected {
-            return Err(Error::Length { what: "out", expected, got: out.len() });
-        }
-        // Whole teams per task, at least four tasks per thread where there are that many.
-        let team = team_size(shape.n_axes);
-        let teams = shape.n_recordings.div_ceil(team);
-        let size = teams.div_ceil(4 * threads.min(teams)).min((TASK_RECORDINGS / team).max(1)) * team;
-        let one = |(index, (wrench, out)): (usize, (&[f64], &mut [T]))| {
-            let part = BatchShape { n_recordings: wrench.len() / shape.recording_len(), ..shape };
-            task(wrench, part, n_features, out).map_err(|error| error.later(index * size))
-        };
-        let (recordings, rows) = (size * shape.recording_len(), size * n_features);
-        match pool::of(threads).filter(|_| teams > 1) {
-            None => wrench.chunks(recordings).zip(out.chunks_mut(rows)).enumerate().try_for_each(one),
-            Some(pool) => {
-                let tasks = wrench.par_chunks(recordings).zip(out.par_chunks_mut(rows)).enumerate().map(one);
-                let errors: Vec<_> = pool.install(|| tasks.filter_map(Result::err).collect());
-                errors.into_iter().next().map_or(Ok(()), Err)
-            }
+/// Cuts a checked batch into tasks; each writes `row_len` numbers for each of its recordings. The error is that of the first
+/// recording that has one.
+pub(crate) fn in_tasks<T: Send>(
+    wrench: &[f64],
+    shape: BatchShape,
+    row_len: usize,
+    threads: usize,
+    out: &mut [T],
+    task: impl Fn(&[f64], BatchShape, &mut [T]) -> Result<()> + Sync,
+) -> Result<()> {
+    if threads == 0 {
+        return Err(Error::Threads { threads });
+    }
+    let expected = shape.n_recordings.saturating_mul(row_len);
+    if out.len() != expected {
+        return Err(Error::Length { what: "out", expected, got: out.len() });
+    }
+    // Whole teams per task, at least four tasks per thread where there are that many.
+    let team = team_size(shape.n_axes);
+    let teams = shape.n_recordings.div_ceil(team);
+    let size = teams.div_ceil(4 * threads.min(teams)).min((TASK_RECORDINGS / team).max(1)) * team;
+    let one = |(index, (wrench, out)): (usize, (&[f64], &mut [T]))| {
+        let part = BatchShape { n_recordings: wrench.len() / shape.recording_len(), ..shape };
+        task(wrench, part, out).map_err(|error| error.later(index * size))
+    };
+    let (recordings, rows) = (size * shape.recording_len(), size * row_len);
+    match pool::of(threads).filter(|_| teams > 1) {
+        None => wrench.chunks(recordings).zip(out.chunks_mut(rows)).enumerate().try_for_each(one),
+        Some(pool) => {
+            let tasks = wrench.par_chunks(recordings).zip(out.par_chunks_mut(rows)).enumerate().map(one);
+            let errors: Vec<_> = pool.install(|| tasks.filter_map(Result::err).collect());
+            errors.into_iter().next().map_or(Ok(()), Err)
         }
     }
 }
@@ -124,12 +126,12 @@ fn narrow<'a>(recording: usize, wide: impl IntoIterator<Item = &'a f64>, narrow:
     Ok(())
 }
 
-fn finite(wrench: &[f64]) -> bool {
+pub(crate) fn finite(wrench: &[f64]) -> bool {
     wrench.iter().all(|value| value.is_finite())
 }
 
 /// Finds out why a result is not finite: the first bad value, or values too large to filter.
-fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
+pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
     let place = |index: usize| {
         let (recording, rest) = (index / shape.recording_len(), index % shape.recording_len());
         (recording, rest / shape.n_axes, rest % shape.n_axes)

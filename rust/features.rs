@@ -23,6 +23,17 @@ pub enum Initial {
     Steady,
 }
 
+impl Initial {
+    /// Each with its name.
+    pub const NAMED: [(&str, Self); 2] = [("zero", Self::Zero), ("steady", Self::Steady)];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        crate::names::of(self, &Self::NAMED)
+    }
+}
+
 /// What to compute from a recording. The default is the paper's feature vector.
 ///
 /// Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force

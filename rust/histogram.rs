@@ -119,3 +119,14 @@ pub enum Outside {
     /// They are counted in the first and last bin, as if clipped to the range.
     Clip,
 }
+
+impl Outside {
+    /// Each with its name.
+    pub const NAMED: [(&str, Self); 2] = [("drop", Self::Drop), ("clip", Self::Clip)];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        crate::names::of(self, &Self::NAMED)
+    }
+}

@@ -1,4 +1,6 @@
-from typing import Any, Literal, SupportsIndex, TypeAlias, final
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from typing import Any, ClassVar, Literal, SupportsIndex, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -7,9 +9,12 @@ from typing_extensions import Self
 __all__ = [
     "AXES",
     "MAX_LINE_BYTES",
+    "MAX_MODEL_FILE_BYTES",
     "SIMD",
     "UNITS",
     "FeatureSpec",
+    "Model",
+    "ModelFileError",
     "NumberTableError",
     "StreamingExtractor",
     "__version__",
@@ -28,6 +33,7 @@ AXES: tuple[str, ...]
 UNITS: tuple[str, ...]
 SIMD: str
 MAX_LINE_BYTES: int
+MAX_MODEL_FILE_BYTES: int
 
 _Floats: TypeAlias = NDArray[np.float64]
 
@@ -129,3 +135,76 @@ class NumberTableError(ValueError):
 
 def parse_number_table(text: bytes, start: SupportsIndex, n_columns: SupportsIndex) -> _Floats: ...
 def write_number_table(columns: list[_Floats | NDArray[np.uint8]]) -> bytes: ...
+
+class ModelFileError(ValueError): ...
+
+@final
+class Model:
+    def __new__(
+        cls,
+        spec: FeatureSpec,
+        coef: ArrayLike,
+        intercept: ArrayLike,
+        coding_matrix: ArrayLike,
+        classes: Iterable[str],
+        *,
+        loss: str = "hinge",
+        decoding: str = "loss_weighted",
+        n_samples: SupportsIndex = 1600,
+        n_axes: SupportsIndex = 6,
+        metadata: Mapping[str, str] | None = None,
+        raw_mean: ArrayLike | None = None,
+        raw_low: ArrayLike | None = None,
+        raw_high: ArrayLike | None = None,
+        early: ArrayLike | None = None,
+        sigmoid: ArrayLike | None = None,
+        posterior_weights: ArrayLike | None = None,
+    ) -> Self: ...
+    @staticmethod
+    def from_bytes(data: bytes, *, max_file_bytes: SupportsIndex = 16777216) -> Model: ...
+    @staticmethod
+    def read(path: str | PathLike[str], *, max_file_bytes: SupportsIndex = 16777216) -> Model: ...
+    def to_bytes(self) -> bytes: ...
+    def scores(self, wrench: ArrayLike, threads: SupportsIndex | None = None) -> _Floats: ...
+    def losses(self, scores: ArrayLike) -> _Floats: ...
+    @property
+    def spec(self) -> FeatureSpec: ...
+    @property
+    def coef(self) -> _Floats: ...
+    @property
+    def intercept(self) -> _Floats: ...
+    @property
+    def coding_matrix(self) -> NDArray[np.int8]: ...
+    @property
+    def classes(self) -> tuple[str, ...]: ...
+    @property
+    def loss(self) -> str: ...
+    @property
+    def decoding(self) -> str: ...
+    @property
+    def n_samples(self) -> int: ...
+    @property
+    def n_axes(self) -> int: ...
+    @property
+    def n_features(self) -> int: ...
+    @property
+    def n_learners(self) -> int: ...
+    @property
+    def n_classes(self) -> int: ...
+    @property
+    def metadata(self) -> dict[str, str]: ...
+    @property
+    def raw_mean(self) -> _Floats | None: ...
+    @property
+    def raw_low(self) -> _Floats | None: ...
+    @property
+    def raw_high(self) -> _Floats | None: ...
+    @property
+    def early(self) -> _Floats | None: ...
+    @property
+    def sigmoid(self) -> _Floats | None: ...
+    @property
+    def posterior_weights(self) -> _Floats | None: ...
+    def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]

@@ -72,8 +72,8 @@ impl fmt::Display for Kind {
     }
 }
 
-/// The cell in quotes: cut where it is long, control characters and bytes that are no text escaped.
-fn shown(cell: &[u8]) -> String {
+/// Text from a file in quotes: cut where it is long, control characters and bytes that are no text escaped.
+pub(crate) fn shown(cell: &[u8]) -> String {
     let mut text = String::from("'");
     let mut left = SHOWN;
     for chunk in cell.utf8_chunks() {

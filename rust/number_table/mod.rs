@@ -11,6 +11,7 @@ mod fault;
 mod parse;
 mod write;
 
+pub(crate) use fault::shown;
 pub use fault::{Fault, Kind};
 pub use parse::{parse, MAX_LINE_BYTES};
 pub use write::{write, Column};

@@ -22,6 +22,8 @@ mod _core {
     #[pymodule_export]
     use super::features::{extract_features, histogram};
     #[pymodule_export]
+    use super::model::{ModelFileError, PyModel};
+    #[pymodule_export]
     use super::number_table::{parse_number_table, write_number_table, NumberTableError};
     #[pymodule_export]
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
@@ -33,6 +35,7 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("MAX_MODEL_FILE_BYTES", crate::model::MAX_FILE_BYTES)?;
         module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
         module.add("SIMD", crate::Path::detect().name())?;
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;

@@ -1,1 +1,427 @@
 //! Trained models and their files: unpack, call, map the error.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::io;
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use pyo3::create_exception;
+use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyString, PyTuple};
+
+use super::arrays::{contiguous_real, readable, tuple};
+use super::scalars::{count, shown, word};
+use super::spec::PyFeatureSpec;
+use crate::model::{
+    Decoding, Fault, FileFault, Loss, ModelParts, Notes, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+};
+use crate::Model;
+
+create_exception!(
+    granular_id._core,
+    ModelFileError,
+    PyValueError,
+    "A file that holds no model; the message says what is wrong with it."
+);
+
+/// A trained linear identifier as one checked, immutable value, shared between threads.
+///
+/// Parameters
+/// ----------
+/// spec : FeatureSpec
+///     What is extracted from a recording.
+/// coef : array_like, shape (L, D)
+///     Weights of L linear learners for D features, in the order of `granular_id.extract_features`.
+/// intercept : array_like, shape (L,)
+///     Intercepts.
+/// coding_matrix : array_like, shape (K, L)
+///     Codes -1, 0 and +1 of K classes.
+/// classes : sequence of str
+///     K different labels.
+/// loss : str, default "hinge"
+///     Also "hamming", "linear", "exponential", "logit", "binodeviance".
+/// decoding : str, default "loss_weighted"
+///     Or "loss_based".
+/// n_samples : int, default 1600
+///     Samples of a recording; the default is the paper's.
+/// n_axes : int, default 6
+///     Axes of a sample.
+/// metadata : mapping of str to str, optional
+///     What describes the model and changes no answer: "axes" and "units" (JSON lists), "coding", "posterior",
+///     "training_sha256", "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object).
+/// raw_mean, raw_low, raw_high : array_like, shape (n_axes * n_samples,), optional
+///     Of the training recordings, axis by axis, for provisional answers.
+/// early : array_like, shape (M, 2), optional
+///     Samples seen and margin needed for an early answer.
+/// sigmoid : array_like, shape (L, 2), optional
+///     Slope and offset of each learner's sigmoid; needs a "posterior" in the metadata.
+/// posterior_weights : array_like, shape (L,), optional
+///     Weight of the training rows behind each learner, for coupling by "kullback_leibler".
+///
+/// Raises
+/// ------
+/// TypeError, ValueError
+///     If parts do not fit together; the message names the part.
+///
+/// Notes
+/// -----
+/// Scores are added in one order (`docs/live/model-file.md`), so that batches, streams and other readers of the file agree
+/// bit for bit.
+///
+/// Examples
+/// --------
+/// >>> import numpy as np
+/// >>> import granular_id as gid
+/// >>> from granular_id._core import Model
+/// >>> spec = gid.FeatureSpec(hfmh=False)
+/// >>> model = Model(spec, [[0.0, 2.0, 0.0]], [-1.0], [[1], [-1]], ["rice", "salt"], n_samples=3, n_axes=1)
+/// >>> scores = model.scores(np.array([[[0.1], [0.9], [0.2]]]))
+/// >>> model.classes[model.losses(scores).argmin()]
+/// 'rice'
+/// >>> Model.from_bytes(model.to_bytes()).classes
+/// ('rice', 'salt')
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
+#[pyclass(frozen, name = "Model", module = "granular_id._core")]
+pub(super) struct PyModel {
+    pub(super) model: Model,
+}
+
+#[pymethods]
+impl PyModel {
+    #[new]
+    #[pyo3(
+        signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
+                     metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, sigmoid=None,
+                     posterior_weights=None),
+        text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
+                          n_samples=1600, n_axes=6, metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, \
+                          sigmoid=None, posterior_weights=None)"
+    )]
+    #[allow(clippy::too_many_arguments)] // the parts of a model
+    fn new(
+        spec: &Bound<'_, PyFeatureSpec>,
+        coef: &Bound<'_, PyAny>,
+        intercept: &Bound<'_, PyAny>,
+        coding_matrix: &Bound<'_, PyAny>,
+        classes: &Bound<'_, PyAny>,
+        loss: Option<&Bound<'_, PyAny>>,
+        decoding: Option<&Bound<'_, PyAny>>,
+        n_samples: Option<&Bound<'_, PyAny>>,
+        n_axes: Option<&Bound<'_, PyAny>>,
+        metadata: Option<&Bound<'_, PyAny>>,
+        raw_mean: Option<&Bound<'_, PyAny>>,
+        raw_low: Option<&Bound<'_, PyAny>>,
+        raw_high: Option<&Bound<'_, PyAny>>,
+        early: Option<&Bound<'_, PyAny>>,
+        sigmoid: Option<&Bound<'_, PyAny>>,
+        posterior_weights: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let n_axes =
+            n_axes.map_or(Ok(crate::wrench::AXES.len()), |value| count(value, "n_axes", MAX_AXES))?;
+        let n_samples = n_samples.map_or(Ok(PAPER_SAMPLES), |value| count(value, "n_samples", MAX_WINDOW))?;
+        let arrays = [
+            ("coef", Some(coef)),
+            ("intercept", Some(intercept)),
+            ("coding_matrix", Some(coding_matrix)),
+            ("raw_mean", raw_mean),
+            ("raw_low", raw_low),
+            ("raw_high", raw_high),
+            ("early", early),
+            ("sigmoid", sigmoid),
+            ("posterior_weights", posterior_weights),
+        ];
+        let borrowed = arrays.map(|(name, value)| value.map(|value| Borrowed::new(name, value)).transpose());
+        let borrowed = borrowed.into_iter().collect::<PyResult<Vec<_>>>()?;
+        let tensors = borrowed.iter().map(|array| array.as_ref().map(Borrowed::tensor).transpose());
+        let mut tensors = tensors.collect::<PyResult<Vec<_>>>()?.into_iter();
+        let mut next = || tensors.next().flatten();
+        let nothing = || Tensor::new(Vec::new(), &[]);
+        let parts = ModelParts {
+            spec: spec.get().extractor.spec().clone(),
+            n_samples,
+            n_axes,
+            coef: next().unwrap_or_else(nothing),
+            intercept: next().unwrap_or_else(nothing),
+            coding_matrix: next().unwrap_or_else(nothing),
+            classes: labels(classes)?,
+            loss: loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?,
+            decoding: decoding
+                .map_or(Ok(Decoding::default()), |value| word(value, "decoding", &Decoding::NAMED))?,
+            raw_mean: next(),
+            raw_low: next(),
+            raw_high: next(),
+            early: next(),
+            sigmoid: next(),
+            posterior_weights: next(),
+            notes: notes(n_axes, metadata)?,
+        };
+        Ok(Self { model: Model::new(parts).map_err(bad_part)? })
+    }
+
+    /// The model in the bytes of a file.
+    #[staticmethod]
+    #[pyo3(signature = (data, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(data, *, max_file_bytes=16777216)")]
+    fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: usize) -> PyResult<Self> {
+        let model = py.detach(|| Model::from_bytes(data, max_file_bytes));
+        Ok(Self { model: model.map_err(|fault| ModelFileError::new_err(fault.to_string()))? })
+    }
+
+    /// The model in a file.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(path, *, max_file_bytes=16777216)")]
+    fn read(py: Python<'_>, path: PathBuf, max_file_bytes: usize) -> PyResult<Self> {
+        match py.detach(|| Model::read_within(path, max_file_bytes)) {
+            Ok(model) => Ok(Self { model }),
+            Err(FileFault::Unreadable { path, source }) => Err(unreadable(py, path.into(), &source)?),
+            Err(fault) => Err(ModelFileError::new_err(fault.to_string())),
+        }
+    }
+
+    /// The bytes of a file with this model, always the same ones.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &py.detach(|| self.model.to_bytes()))
+    }
+
+    /// Scores (n, L) of the learners for recordings (n, `n_samples`, `n_axes`), or (1, L) for one recording.
+    #[pyo3(signature = (wrench, threads=None))]
+    fn scores<'py>(
+        &self,
+        wrench: &Bound<'py, PyAny>,
+        threads: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (py, model) = (wrench.py(), &self.model);
+        let wrench = contiguous_real(wrench, "wrench")?;
+        let wanted = [model.n_samples(), model.n_axes()];
+        let n_recordings = match *wrench.shape() {
+            [n_samples, n_axes] if [n_samples, n_axes] == wanted => 1,
+            [n, n_samples, n_axes] if [n_samples, n_axes] == wanted => n,
+            _ => {
+                let (inner, got) = (tuple(&wanted), tuple(wrench.shape()));
+                return Err(PyValueError::new_err(format!(
+                    "wrench must have shape {inner}, or one more dimension in front of it, as the model was trained on, got {got}"
+                )));
+            }
+        };
+        let threads = match threads {
+            Some(threads) => count(threads, "threads", usize::MAX)?,
+            None if n_recordings == 1 => 1,
+            None => crate::pool::cores(),
+        };
+        let values = readable(&wrench, "wrench")?;
+        let values = values.as_slice()?;
+        let scores = py.detach(|| model.scores(values, n_recordings, threads))?;
+        PyArray1::from_vec(py, scores).reshape([n_recordings, model.n_learners()])
+    }
+
+    /// Mean losses (n, K) of the classes from scores (n, L) or (L,): the smallest wins, the first of equal ones.
+    fn losses<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (py, model) = (scores.py(), &self.model);
+        let scores = contiguous_real(scores, "scores")?;
+        let n_learners = model.n_learners();
+        if !matches!(*scores.shape(), [l] | [_, l] if l == n_learners) {
+            let got = tuple(scores.shape());
+            return Err(PyValueError::new_err(format!(
+                "scores must have shape (n, {n_learners}) or ({n_learners},), one per learner, got {got}"
+            )));
+        }
+        let scores = readable(&scores, "scores")?;
+        let scores = scores.as_slice()?;
+        let n_classes = model.classes().len();
+        let mut losses = vec![0.0; scores.len() / n_learners * n_classes];
+        let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
+        for (row, (scores, losses)) in rows.enumerate() {
+            model.decode(scores, losses).map_err(|error| error.later(row))?;
+        }
+        PyArray1::from_vec(py, losses).reshape([scores.len() / n_learners, n_classes])
+    }
+
+    #[getter]
+    fn spec(&self) -> PyFeatureSpec {
+        PyFeatureSpec { extractor: self.model.extractor().clone() }
+    }
+
+    #[getter]
+    fn coef<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let shape = [self.model.n_learners(), self.model.n_features()];
+        let learner = |learner| (0..shape[1]).map(move |feature| self.model.coef(learner, feature));
+        PyArray1::from_vec(py, (0..shape[0]).flat_map(learner).collect()).reshape(shape)
+    }
+
+    #[getter]
+    fn intercept<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.model.intercepts())
+    }
+
+    #[getter]
+    fn coding_matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
+        let shape = [self.model.classes().len(), self.model.n_learners()];
+        let class = |class| (0..shape[1]).map(move |learner| self.model.code(class, learner));
+        PyArray1::from_vec(py, (0..shape[0]).flat_map(class).collect()).reshape(shape)
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.model.classes())
+    }
+
+    #[getter]
+    fn loss(&self) -> &'static str {
+        self.model.loss().name()
+    }
+
+    #[getter]
+    fn decoding(&self) -> &'static str {
+        self.model.decoding().name()
+    }
+
+    #[getter]
+    fn n_samples(&self) -> usize {
+        self.model.n_samples()
+    }
+
+    #[getter]
+    fn n_axes(&self) -> usize {
+        self.model.n_axes()
+    }
+
+    #[getter]
+    fn n_features(&self) -> usize {
+        self.model.n_features()
+    }
+
+    #[getter]
+    fn n_learners(&self) -> usize {
+        self.model.n_learners()
+    }
+
+    #[getter]
+    fn n_classes(&self) -> usize {
+        self.model.classes().len()
+    }
+
+    /// What describes the model and changes no answer, as the constructor takes it.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let metadata = PyDict::new(py);
+        for (key, text) in self.model.notes().entries() {
+            metadata.set_item(key, text)?;
+        }
+        Ok(metadata)
+    }
+
+    #[getter]
+    fn raw_mean<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        Some(PyArray1::from_slice(py, self.model.raw_mean()?))
+    }
+
+    #[getter]
+    fn raw_low<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        Some(PyArray1::from_slice(py, self.model.raw_range()?.0))
+    }
+
+    #[getter]
+    fn raw_high<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        Some(PyArray1::from_slice(py, self.model.raw_range()?.1))
+    }
+
+    #[getter]
+    fn early<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        pairs(py, self.model.early())
+    }
+
+    #[getter]
+    fn sigmoid<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        pairs(py, self.model.sigmoid())
+    }
+
+    #[getter]
+    fn posterior_weights<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        Some(PyArray1::from_slice(py, self.model.posterior_weights()?))
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| other.get().model == self.model)
+    }
+
+    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
+        let parts =
+            (self.spec(), self.coef(py)?, self.intercept(py), self.coding_matrix(py)?, self.classes(py)?);
+        let keywords = PyDict::new(py);
+        keywords.set_item("loss", self.loss())?;
+        keywords.set_item("decoding", self.decoding())?;
+        keywords.set_item("n_samples", self.n_samples())?;
+        keywords.set_item("n_axes", self.n_axes())?;
+        keywords.set_item("metadata", self.metadata(py)?)?;
+        keywords.set_item("raw_mean", self.raw_mean(py))?;
+        keywords.set_item("raw_low", self.raw_low(py))?;
+        keywords.set_item("raw_high", self.raw_high(py))?;
+        keywords.set_item("early", self.early(py)?)?;
+        keywords.set_item("sigmoid", self.sigmoid(py)?)?;
+        keywords.set_item("posterior_weights", self.posterior_weights(py))?;
+        Ok((parts.into_pyobject(py)?, keywords))
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { model } = self;
+        format!(
+            "<Model: {} classes, {} learners, {} x {} samples>",
+            model.classes().len(),
+            model.n_learners(),
+            model.n_samples(),
+            model.n_axes()
+        )
+    }
+}
+
+/// Samples of the paper's recordings.
+const PAPER_SAMPLES: usize = 1600;
+
+/// An array that nobody writes meanwhile, and its name.
+struct Borrowed<'py>(PyReadonlyArrayDyn<'py, f64>);
+
+impl<'py> Borrowed<'py> {
+    fn new(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Self> {
+        Ok(Self(readable(&contiguous_real(value, name)?, name)?))
+    }
+
+    fn tensor(&self) -> PyResult<Tensor<'_>> {
+        Ok(Tensor::new(self.0.shape().to_vec(), self.0.as_slice()?))
+    }
+}
+
+fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let wrong = || PyTypeError::new_err(format!("classes must be a sequence of str, got {}", shown(classes)));
+    if classes.is_instance_of::<PyString>() {
+        return Err(wrong());
+    }
+    let labels = classes.try_iter().map_err(|_| wrong())?;
+    labels.map(|label| label?.extract::<String>().map_err(|_| wrong())).collect()
+}
+
+/// The notes of a mapping, the others as they are without one.
+fn notes(n_axes: usize, metadata: Option<&Bound<'_, PyAny>>) -> PyResult<Notes> {
+    let Some(metadata) = metadata else { return Ok(Notes::of_axes(n_axes)) };
+    let texts: BTreeMap<String, String> = metadata.extract().map_err(|_| {
+        PyTypeError::new_err(format!("metadata must be a dict of str to str, got {}", shown(metadata)))
+    })?;
+    Notes::of_axes(n_axes).with(texts).map_err(bad_part)
+}
+
+/// Parts come from the caller, not from a file.
+#[allow(clippy::needless_pass_by_value)] // for `map_err`
+fn bad_part(fault: Fault) -> PyErr {
+    PyValueError::new_err(fault.to_string())
+}
+
+/// The exception that Python's own `open` would raise.
+fn unreadable(py: Python<'_>, path: OsString, error: &io::Error) -> PyResult<PyErr> {
+    let Some(code) = error.raw_os_error() else { return Ok(PyOSError::new_err((error.to_string(), path))) };
+    let text: String = py.import("os")?.call_method1("strerror", (code,))?.extract()?;
+    Ok(PyOSError::new_err((code, text, path)))
+}
+
+fn pairs<'py>(py: Python<'py>, pairs: Option<&[[f64; 2]]>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+    pairs.map(|pairs| PyArray1::from_slice(py, pairs.as_flattened()).reshape([pairs.len(), 2])).transpose()
+}

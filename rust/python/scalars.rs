@@ -43,8 +43,7 @@ pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str
     if let Some((_, meaning)) = words.iter().find(|(word, _)| text.as_deref() == Some(*word)) {
         return Ok(*meaning);
     }
-    let wanted = words.iter().map(|(word, _)| format!("'{word}'")).collect::<Vec<_>>().join(" or ");
-    let message = format!("{name} must be {wanted}, got {}", shown(value));
+    let message = format!("{name} must be {}, got {}", crate::names::listed(words), shown(value));
     if value.is_instance_of::<pyo3::types::PyString>() {
         Err(PyValueError::new_err(message))
     } else {

@@ -14,12 +14,6 @@ use crate::features::Initial;
 use crate::histogram::{Outside, MAX_BINS};
 use crate::{Extractor, FeatureSpec};
 
-/// Words for values outside the range.
-const OUTSIDE: [(&str, Outside); 2] = [("drop", Outside::Drop), ("clip", Outside::Clip)];
-
-/// Words for the state of the filter before the first sample.
-const INITIAL: [(&str, Initial); 2] = [("zero", Initial::Zero), ("steady", Initial::Steady)];
-
 /// What to extract from a recording, as one checked, immutable, hashable value.
 ///
 /// Parameters
@@ -72,9 +66,9 @@ impl PyFeatureSpec {
                 "bin_range" => spec.bin_ranges = ranges(value)?,
                 "raw" => spec.raw = flag(value, named)?,
                 "hfmh" => spec.hfmh = flag(value, named)?,
-                "outside" => spec.outside = word(value, named, &OUTSIDE)?,
+                "outside" => spec.outside = word(value, named, &Outside::NAMED)?,
                 "density" => spec.density = flag(value, named)?,
-                "initial" => spec.initial = word(value, named, &INITIAL)?,
+                "initial" => spec.initial = word(value, named, &Initial::NAMED)?,
                 _ => {
                     return Err(PyTypeError::new_err(format!(
                         "FeatureSpec() got an unexpected keyword argument '{name}'"
@@ -125,7 +119,7 @@ impl PyFeatureSpec {
 
     #[getter]
     fn outside(&self) -> &'static str {
-        named(self.spec().outside, &OUTSIDE)
+        self.spec().outside.name()
     }
 
     #[getter]
@@ -135,7 +129,7 @@ impl PyFeatureSpec {
 
     #[getter]
     fn initial(&self) -> &'static str {
-        named(self.spec().initial, &INITIAL)
+        self.spec().initial.name()
     }
 
     /// Number of features of one recording.
@@ -206,10 +200,6 @@ impl PyFeatureSpec {
         keywords.set_item("initial", self.initial())?;
         Ok(keywords)
     }
-}
-
-fn named<T: Copy + PartialEq>(value: T, words: &[(&'static str, T)]) -> &'static str {
-    words.iter().find(|(_, meaning)| *meaning == value).map_or("", |(word, _)| word)
 }
 
 /// One range `(low, high)`, or one per axis.

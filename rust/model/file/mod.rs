@@ -1,0 +1,25 @@
+//! The model file: safetensors with an exact set of tensors and metadata. `docs/live/model-file.md` is its description.
+//!
+//! Reading trusts nothing. Sizes are compared with limits before anything is parsed or allocated; a file is read only if it
+//! is what the writer could have written, but for the order of entries and the spacing of its JSON.
+
+mod header;
+pub(crate) mod json;
+mod read;
+mod spec;
+mod write;
+
+/// The version of the format.
+pub(super) const VERSION: &str = "1";
+
+/// What the metadata calls the format.
+const FORMAT: &str = "granular_id.identifier";
+
+/// Bytes of a file that are read unless the caller allows more.
+pub const MAX_FILE_BYTES: usize = 16 << 20;
+
+/// Bytes of the header that are read at most.
+pub const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// Bytes ahead of the header: its length.
+const LENGTH_BYTES: usize = 8;

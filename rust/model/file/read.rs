@@ -1,0 +1,152 @@
+//! From bytes to a checked model.
+
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+use safetensors::SafeTensors;
+use sha2::{Digest, Sha256};
+
+use super::{header, json, spec, FORMAT, MAX_FILE_BYTES, VERSION};
+use crate::model::fault::{Fault, FileFault};
+use crate::model::loss::{Decoding, Loss};
+use crate::model::notes::{take, Entries, Notes};
+use crate::model::parts::{ModelParts, Tensor};
+use crate::model::trained::Model;
+use crate::names::listed;
+use crate::number_table::shown;
+
+/// The tensors of every model, then those that it may have.
+pub(super) const REQUIRED: [&str; 3] = ["coding_matrix", "coef", "intercept"];
+pub(super) const OPTIONAL: [&str; 6] =
+    ["early", "posterior_weights", "raw_high", "raw_low", "raw_mean", "sigmoid"];
+
+impl Model {
+    /// The model in the bytes of a file, of at most `max_file_bytes` ([`MAX_FILE_BYTES`] is what [`read`](Self::read)
+    /// allows).
+    ///
+    /// Memory stays below twice the size of the file and some megabytes for the header and the edges of the histograms.
+    pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, Fault> {
+        check_size(bytes.len() as u64, max_file_bytes)?;
+        let mut entries = header::metadata(header::text(bytes)?)?;
+        check_format(&mut entries)?;
+        let tensors = Tensors::new(header::tensors(bytes)?)?;
+        let spec_text = take(&mut entries, "feature_spec")?;
+        if hash(&spec_text) != take(&mut entries, "feature_spec_sha256")? {
+            return Err(Fault::Hash);
+        }
+        let parts = ModelParts {
+            spec: spec::read(&spec_text)?,
+            n_samples: count(&mut entries, "n_samples")?,
+            n_axes: count(&mut entries, "n_axes")?,
+            coef: tensors.required("coef")?,
+            intercept: tensors.required("intercept")?,
+            coding_matrix: tensors.required("coding_matrix")?,
+            classes: json::names("classes", &take(&mut entries, "classes")?)?,
+            loss: choice(&mut entries, "loss", &Loss::NAMED)?,
+            decoding: choice(&mut entries, "decoding", &Decoding::NAMED)?,
+            raw_mean: tensors.optional("raw_mean")?,
+            raw_low: tensors.optional("raw_low")?,
+            raw_high: tensors.optional("raw_high")?,
+            early: tensors.optional("early")?,
+            sigmoid: tensors.optional("sigmoid")?,
+            posterior_weights: tensors.optional("posterior_weights")?,
+            notes: Notes::take(&mut entries)?,
+        };
+        if let Some(key) = entries.keys().next() {
+            return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
+        }
+        Self::new(parts)
+    }
+
+    /// The model in a file of at most [`MAX_FILE_BYTES`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, FileFault> {
+        Self::read_within(path, MAX_FILE_BYTES)
+    }
+
+    /// The model in a file of at most `max_file_bytes`.
+    pub fn read_within(path: impl AsRef<Path>, max_file_bytes: usize) -> Result<Self, FileFault> {
+        let path = path.as_ref();
+        let unreadable = |source| FileFault::Unreadable { path: path.to_owned(), source };
+        let no_model = |fault| FileFault::NoModel { path: path.to_owned(), fault };
+        // A pipe or a device has no end that could be waited for; of a folder the system says what is wrong.
+        let about = fs::metadata(path).map_err(unreadable)?;
+        if !(about.is_file() || about.is_dir()) {
+            return Err(no_model(Fault::Foreign { what: "this is no regular file" }));
+        }
+        check_size(about.len(), max_file_bytes).map_err(no_model)?;
+        let mut bytes = Vec::new();
+        let most = u64::try_from(max_file_bytes).unwrap_or(u64::MAX).saturating_add(1);
+        // It may have grown since.
+        fs::File::open(path).and_then(|file| file.take(most).read_to_end(&mut bytes)).map_err(unreadable)?;
+        Self::from_bytes(&bytes, max_file_bytes).map_err(no_model)
+    }
+}
+
+fn check_size(bytes: u64, max: usize) -> Result<(), Fault> {
+    if usize::try_from(bytes).is_ok_and(|bytes| bytes <= max) {
+        Ok(())
+    } else {
+        Err(Fault::FileSize { bytes, max })
+    }
+}
+
+/// Is it a model at all, and of the version that is read here?
+fn check_format(entries: &mut Entries) -> Result<(), Fault> {
+    if entries.remove("format").as_deref() != Some(FORMAT) {
+        return Err(Fault::Foreign { what: "this is a safetensors file of something else" });
+    }
+    let version = take(entries, "format_version")?;
+    if version != VERSION {
+        return Err(Fault::Version { got: shown(version.as_bytes()) });
+    }
+    Ok(())
+}
+
+/// SHA-256 of a text in hexadecimal digits.
+pub(super) fn hash(text: &str) -> String {
+    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// A whole number as it is written: no sign, no leading zeros.
+fn count(entries: &mut Entries, key: &'static str) -> Result<usize, Fault> {
+    let text = take(entries, key)?;
+    text.parse().ok().filter(|count: &usize| count.to_string() == text).ok_or_else(|| Fault::Entry {
+        key,
+        wanted: "a whole number".to_owned(),
+        got: shown(text.as_bytes()),
+    })
+}
+
+fn choice<T: Copy>(entries: &mut Entries, key: &'static str, named: &[(&str, T)]) -> Result<T, Fault> {
+    let text = take(entries, key)?;
+    named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning).ok_or_else(|| Fault::Entry {
+        key,
+        wanted: listed(named),
+        got: shown(text.as_bytes()),
+    })
+}
+
+/// The tensors of a file, all of known names.
+struct Tensors<'a>(SafeTensors<'a>);
+
+impl<'a> Tensors<'a> {
+    fn new(tensors: SafeTensors<'a>) -> Result<Self, Fault> {
+        let mut names = tensors.names();
+        names.sort_unstable();
+        match names.into_iter().find(|name| !(REQUIRED.contains(name) || OPTIONAL.contains(name))) {
+            Some(name) => Err(Fault::UnknownTensor { name: shown(name.as_bytes()) }),
+            None => Ok(Self(tensors)),
+        }
+    }
+
+    fn optional(&self, name: &'static str) -> Result<Option<Tensor<'a>>, Fault> {
+        let Ok(view) = self.0.tensor(name) else { return Ok(None) };
+        header::check_dtype(name, view.dtype())?;
+        Ok(Some(Tensor::from_bytes(view.shape().to_vec(), view.data())))
+    }
+
+    fn required(&self, name: &'static str) -> Result<Tensor<'a>, Fault> {
+        self.optional(name)?.ok_or(Fault::MissingTensor { name })
+    }
+}

@@ -1,0 +1,84 @@
+//! The feature specification as JSON.
+
+use serde_json::{json, Value};
+
+use super::json::{self, Json};
+use crate::features::Initial;
+use crate::histogram::Outside;
+use crate::model::fault::Fault;
+use crate::names::listed;
+use crate::FeatureSpec;
+
+/// The specification as one line, names in order.
+pub(super) fn write(spec: &FeatureSpec) -> String {
+    let ranges: Vec<Value> = spec.bin_ranges.iter().map(|(low, high)| json!([low, high])).collect();
+    json!({
+        "bin_range": ranges,
+        "cutoff_hz": spec.cutoff_hz,
+        "density": spec.density,
+        "hfmh": spec.hfmh,
+        "initial": spec.initial.name(),
+        "n_bins": spec.n_bins,
+        "order": spec.order,
+        "outside": spec.outside.name(),
+        "rate_hz": spec.rate_hz,
+        "raw": spec.raw,
+    })
+    .to_string()
+}
+
+/// The specification that a text describes, nothing left out and nothing added. Whether it makes sense is not asked here.
+pub(super) fn read(text: &str) -> Result<FeatureSpec, Fault> {
+    let mut object = json::object("feature_spec", text)?;
+    let spec = FeatureSpec {
+        bin_ranges: object.take("bin_range", "a list of pairs of numbers", ranges)?,
+        cutoff_hz: object.take("cutoff_hz", "a number", number)?,
+        density: object.take("density", "true or false", flag)?,
+        hfmh: object.take("hfmh", "true or false", flag)?,
+        initial: object.take("initial", &listed(&Initial::NAMED), |value| choice(value, &Initial::NAMED))?,
+        n_bins: object.take("n_bins", "a whole number", count)?,
+        order: object.take("order", "a whole number", count)?,
+        outside: object.take("outside", &listed(&Outside::NAMED), |value| choice(value, &Outside::NAMED))?,
+        rate_hz: object.take("rate_hz", "a number", number)?,
+        raw: object.take("raw", "true or false", flag)?,
+    };
+    object.end()?;
+    Ok(spec)
+}
+
+fn number(value: Json) -> Option<f64> {
+    match value {
+        Json::Number(number) => Some(number),
+        _ => None,
+    }
+}
+
+fn flag(value: Json) -> Option<bool> {
+    match value {
+        Json::Flag(flag) => Some(flag),
+        _ => None,
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole and small enough to be exact
+fn count(value: Json) -> Option<usize> {
+    number(value)
+        .filter(|count| count.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(count))
+        .map(|count| count as usize)
+}
+
+fn choice<T: Copy>(value: Json, named: &[(&str, T)]) -> Option<T> {
+    let text = value.text()?;
+    named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning)
+}
+
+fn ranges(value: Json) -> Option<Vec<(f64, f64)>> {
+    let Json::List(list) = value else { return None };
+    list.into_iter()
+        .map(|pair| {
+            let Json::List(pair) = pair else { return None };
+            let [low, high]: [Json; 2] = pair.try_into().ok()?;
+            Some((number(low)?, number(high)?))
+        })
+        .collect()
+}

@@ -1,0 +1,167 @@
+//! From recordings to scores, losses and answers.
+
+use super::trained::Model;
+use super::weights::add;
+use crate::error::{Error, Result};
+use crate::extract::{finite, in_tasks, not_finite};
+use crate::BatchShape;
+
+/// Recordings that share each row of weights on its way through the caches.
+const TEAM: usize = 4;
+
+/// What a model says of one recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// Index of the class with the smallest loss; the first of equal ones.
+    pub best: usize,
+    /// Score of each learner.
+    pub scores: Vec<f64>,
+    /// Mean loss of each class.
+    pub losses: Vec<f64>,
+}
+
+impl Answer {
+    /// Classes by their loss, the smallest first; of equal ones the first.
+    #[must_use]
+    pub fn ranking(&self) -> Vec<usize> {
+        let mut order: Vec<_> = (0..self.losses.len()).collect();
+        order.sort_by(|a, b| self.losses[*a].total_cmp(&self.losses[*b]));
+        order
+    }
+
+    /// By how much the second loss is larger than the first.
+    #[must_use]
+    pub fn margin(&self) -> f64 {
+        match self.ranking()[..] {
+            [first, second, ..] => self.losses[second] - self.losses[first],
+            _ => 0.0,
+        }
+    }
+}
+
+impl Model {
+    /// The size of a batch for this model.
+    #[must_use]
+    pub fn batch(&self, n_recordings: usize) -> BatchShape {
+        BatchShape { n_recordings, n_samples: self.n_samples, n_axes: self.n_axes }
+    }
+
+    /// Scores of all learners into `out`, one row per recording of `wrench`
+    /// (`[(recording * n_samples + sample) * n_axes + axis]`). 1 and n threads give the same bits.
+    ///
+    /// On an error `out` holds unspecified numbers.
+    pub fn scores_into(
+        &self,
+        wrench: &[f64],
+        n_recordings: usize,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let shape = self.batch(n_recordings);
+        self.extractor.check(wrench, shape)?;
+        in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
+            let counts = match &self.histograms {
+                Some(histograms) => histograms.extract(wrench, shape, 1)?,
+                None if finite(wrench) => Vec::new(),
+                None => return Err(not_finite(wrench, shape)),
+            };
+            let n_counts = counts.len() / shape.n_recordings;
+            let mut sums = vec![0.0; 2 * TEAM * self.lanes()];
+            let teams =
+                wrench.chunks(TEAM * shape.recording_len()).zip(out.chunks_mut(TEAM * self.n_learners()));
+            for (team, (wrench, out)) in teams.enumerate() {
+                let first = team * TEAM;
+                let counts = counts.get(first * n_counts..).unwrap_or_default();
+                self.team(wrench, counts, n_counts, &mut sums, out);
+            }
+            self.all_finite(out)
+        })
+    }
+
+    /// Scores of all learners, one row per recording.
+    pub fn scores(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<f64>> {
+        self.extractor.check(wrench, self.batch(n_recordings))?;
+        let mut out = vec![0.0; n_recordings * self.n_learners()];
+        self.scores_into(wrench, n_recordings, threads, &mut out)?;
+        Ok(out)
+    }
+
+    /// Scores of a few recordings, each row of weights read once.
+    fn team(&self, wrench: &[f64], counts: &[f64], n_counts: usize, sums: &mut [f64], out: &mut [f64]) {
+        let (lanes, len) = (self.lanes(), self.n_samples * self.n_axes);
+        let (raw_rows, count_rows) = self.weights.blocks();
+        let (raw, hist) = sums.split_at_mut(TEAM * lanes);
+        raw.fill(0.0);
+        hist.fill(0.0);
+        for (place, weights) in raw_rows.chunks_exact(lanes).enumerate() {
+            for (sums, wrench) in raw.chunks_exact_mut(lanes).zip(wrench.chunks_exact(len)) {
+                add(sums, weights, wrench[place]);
+            }
+        }
+        for (feature, weights) in count_rows.chunks_exact(lanes).enumerate() {
+            for (sums, counts) in hist.chunks_exact_mut(lanes).zip(counts.chunks_exact(n_counts)) {
+                if counts[feature] != 0.0 {
+                    add(sums, weights, counts[feature]);
+                }
+            }
+        }
+        let sums = raw.chunks_exact(lanes).zip(hist.chunks_exact(lanes));
+        for (out, (raw, hist)) in out.chunks_exact_mut(self.n_learners()).zip(sums) {
+            for (((score, intercept), raw), hist) in out.iter_mut().zip(self.intercept()).zip(raw).zip(hist) {
+                *score = (intercept + raw) + hist;
+            }
+        }
+    }
+
+    /// Refuses scores that are NaN or infinite, one row per recording.
+    fn all_finite(&self, scores: &[f64]) -> Result<()> {
+        match scores.iter().position(|score| !score.is_finite()) {
+            None => Ok(()),
+            Some(index) => Err(Error::Score {
+                recording: index / self.n_learners(),
+                learner: index % self.n_learners(),
+                value: scores[index],
+            }),
+        }
+    }
+
+    /// Mean loss of each class from the scores of all learners; the smallest wins, the first of equal ones. Allocates
+    /// nothing.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for another number of scores than learners or of losses than classes, [`Error::Score`] for a score
+    /// that is not finite.
+    pub fn decode(&self, scores: &[f64], losses: &mut [f64]) -> Result<()> {
+        let lengths =
+            [("scores", self.n_learners(), scores.len()), ("losses", self.classes.len(), losses.len())];
+        for (what, expected, got) in lengths {
+            if got != expected {
+                return Err(Error::Length { what, expected, got });
+            }
+        }
+        self.all_finite(scores)?;
+        self.codes.mean_losses(self.loss, scores, losses);
+        Ok(())
+    }
+
+    /// The answers for a batch of recordings.
+    pub fn identify_batch(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<Answer>> {
+        let scores = self.scores(wrench, n_recordings, threads)?;
+        let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
+            let mut losses = vec![0.0; self.classes.len()];
+            self.decode(scores, &mut losses)?;
+            let best = losses
+                .iter()
+                .enumerate()
+                .fold(0, |best, (class, loss)| if *loss < losses[best] { class } else { best });
+            Ok(Answer { best, scores: scores.to_vec(), losses })
+        });
+        answers.collect()
+    }
+
+    /// The answer for one recording of `n_samples * n_axes` values, sample by sample.
+    pub fn identify(&self, wrench: &[f64]) -> Result<Answer> {
+        let mut answers = self.identify_batch(wrench, 1, 1)?;
+        answers.pop().ok_or(Error::Empty { what: "wrench", shape: vec![0] })
+    }
+}
