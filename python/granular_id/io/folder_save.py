@@ -145,7 +145,7 @@ def indexed_folder(
             index = csv.writer(file, lineterminator="\n")
             index.writerow(INDEX_COLUMNS)
             for number, recording in enumerate(dataset, start=1):
-                part = _safe_name(recording.label)
+                part = safe_name(recording.label)
                 (partial / part).mkdir(exist_ok=True)
                 name = f"{part}/{part}_{number:0{digits}d}{suffix}"
                 write(recording, partial / name)
@@ -169,7 +169,7 @@ def _index_row(file: str, recording: Recording) -> list[str]:
     ]
 
 
-def _safe_name(label: str | None) -> str:
+def safe_name(label: str | None) -> str:
     """Make a file name of a label that no system takes for anything else; it need not be unique."""
     if label is None:
         return "unlabelled"
