@@ -19,12 +19,20 @@ from granular_id.recording._values import checked_number
 if TYPE_CHECKING:
     from granular_id.live.snapshot import Snapshot
 
-__all__ = ["MAX_HZ", "BackgroundView", "View", "Views"]
+__all__ = ["MAX_HZ", "BackgroundView", "View", "Views", "checked_max_hz"]
 
 MAX_HZ = 30.0
 """No view is updated more often: the eye gains nothing, and the capture needs the processor."""
 
 _PATIENCE_S = 2.0  # for a last picture; a terminal that is stopped must not keep the program alive
+
+
+def checked_max_hz(value: object) -> float:
+    """Return a number of updates per second that a view may have, or say which it may."""
+    rate = checked_number(value, "max_hz")
+    if not 0 < rate <= MAX_HZ:
+        raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
+    return rate
 
 
 class View(Protocol):
@@ -54,15 +62,12 @@ class BackgroundView(ABC):
     """
 
     def __init__(self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1) -> None:
-        rate = checked_number(max_hz, "max_hz")
-        if not 0 < rate <= MAX_HZ:
-            raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
         self.name = name
         self.dropped = 0
         """Snapshots that came too fast for this view."""
         self.failure: Exception | None = None
         """What ended the view, if something did."""
-        self._period_s = 1.0 / rate
+        self._period_s = 1.0 / checked_max_hz(max_hz)
         self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
         self._published = 0
         self._handled = 0
@@ -154,11 +159,8 @@ class Views:
     """
 
     def __init__(self, views: Iterable[View], *, max_hz: float = MAX_HZ) -> None:
-        rate = checked_number(max_hz, "max_hz")
-        if not 0 < rate <= MAX_HZ:
-            raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
         self._views = list(views)
-        self._period_s = 1.0 / rate
+        self._period_s = 1.0 / checked_max_hz(max_hz)
         self._next_s = -float("inf")
         self.complaints: tuple[str, ...] = ()
         """What ended views. The others show it; where there are none, whoever made them has to."""
