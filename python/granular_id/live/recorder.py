@@ -1,0 +1,192 @@
+"""Recordings into files: one push after another, one file each, whole or absent."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from granular_id._files import check_target, made_folder
+from granular_id.io.folder_save import safe_name
+from granular_id.io.npz.npz import save_npz
+from granular_id.live.capture import Capture
+from granular_id.live.drive import Step, drive, motion_duration_s
+from granular_id.live.robot import Motion, Robot, checked_move
+from granular_id.live.robots import ManualRobot
+from granular_id.live.stream import Stream
+from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
+from granular_id.recording import Dataset, Recording
+from granular_id.recording._values import checked_text, thaw
+
+__all__ = ["Recorded", "Recorder"]
+
+_POLL_S = 0.005
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording and the file it is in."""
+
+    recording: Recording
+    path: Path
+
+
+class Recorder:
+    """Records one push after another into ``folder/label/label_<time>_<k>.npz``.
+
+    `granular_id.load` reads the folder. A file appears under its name when it is whole; what a killed process
+    leaves is a hidden file that nothing reads. Nothing is ever overwritten.
+
+    Parameters
+    ----------
+    stream : Stream
+        From `opened`.
+    robot : Robot or None
+        None: somebody else moves, and the trigger notices (give one).
+    folder : path-like
+        Made when missing.
+    session : str, optional
+        Stored with every recording: what is recorded in one go. Default: the time of day at which this recorder
+        was made, so that an evaluation can keep what belongs together on one side.
+    trigger : callable, optional
+        Makes the trigger of each recording. Default: `MotionTrigger`; `ForceTrigger` for a `ManualRobot` and
+        without a robot.
+    direction, speed_m_s
+        See `Robot.move_line`; the paper's 0.03 m/s.
+    on_step : callable, optional
+        Called as ``on_step(step, capture)`` many times a second, for views; see `drive`.
+    **limits
+        `n_samples`, `pre_s`, `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`,
+        `timeout_s` of `Capture`.
+
+    Raises
+    ------
+    OSError
+        The folder cannot be written to: found out before anything moves.
+    TypeError, ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import granular_id as gid
+    >>> from granular_id.live.recorder import Recorder
+    >>> from granular_id.live.stream import opened
+    >>> with tempfile.TemporaryDirectory() as folder, opened("sim:rice?seed=1&speed=20") as stream:
+    ...     recorder = Recorder(stream, stream.source.robot(), folder, session="Monday")
+    ...     recorded = recorder.record("rice")
+    ...     gid.load(folder).y.tolist(), recorded.recording.trigger_index
+    (['rice'], 125)
+    """
+
+    def __init__(
+        self,
+        stream: Stream,
+        robot: Robot | None,
+        folder: str | os.PathLike[str],
+        *,
+        session: str | None = None,
+        trigger: Callable[[], Trigger] | None = None,
+        direction: Sequence[float] = (1.0, 0.0, 0.0),
+        speed_m_s: float = 0.03,
+        on_step: Callable[[Step, Capture], object] | None = None,
+        **limits: Any,
+    ) -> None:
+        if robot is not None and not isinstance(robot, Robot):
+            raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
+        if trigger is None:
+            trigger = ForceTrigger if robot is None or isinstance(robot, ManualRobot) else MotionTrigger
+        self.session = checked_text(
+            _stamp(time.time()) if session is None else session, "session", spaced=False
+        )
+        self.folder = Path(folder)
+        self.last: Recording | None = None
+        self._stream, self._robot, self._trigger = stream, robot, trigger
+        self._direction, self._speed_m_s = direction, speed_m_s
+        self._on_step, self._limits = on_step, limits
+        self._n_recorded = 0
+        checked_move(direction, speed_m_s, motion_duration_s(self._new_capture()))
+        with made_folder(self.folder):
+            check_target(self.folder / "recording.npz")
+
+    def record(self, label: str) -> Recorded:
+        """Wait for rest, push, and store what the sensor saw.
+
+        Parameters
+        ----------
+        label : str
+            Name of the material.
+
+        Returns
+        -------
+        Recorded
+
+        Raises
+        ------
+        CaptureError
+            There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped.
+        OSError
+            The file cannot be written (disk full ...); the recording is still in `last`.
+        KeyboardInterrupt
+            On Ctrl-C; the robot was stopped.
+        """
+        label = checked_text(label, "label", spaced=False)
+        capture = self._new_capture()
+        motion: Motion | None = None
+        steps = drive(
+            self._stream, capture, robot=self._robot, direction=self._direction, speed_m_s=self._speed_m_s
+        )
+        with closing(steps):
+            for step in steps:
+                motion = step.motion
+                if self._on_step is not None:
+                    self._on_step(step, capture)
+        capture.raise_failure()
+        self._n_recorded += 1
+        stem = f"{safe_name(label)}_{_stamp(time.time())}_{self._n_recorded}"
+        self.last = capture.recording(
+            label, session=self.session, name=stem, meta=self._facts(motion, motion_duration_s(capture))
+        )
+        return Recorded(self.last, self._write(self.last, safe_name(label), stem))
+
+    def _new_capture(self) -> Capture:
+        info = self._stream.info
+        return Capture(
+            info.rate_hz,
+            trigger=self._trigger(),
+            info=info,
+            utc_at_zero_s=self._stream.utc_at_zero_s,
+            **self._limits,
+        )
+
+    def _facts(self, motion: Motion | None, longest_s: float) -> dict[str, Any]:
+        """Wait for the end of the motion, and gather what is worth keeping."""
+        facts: dict[str, Any] = {}
+        truth = getattr(self._stream.source, "truth", None)
+        if truth is not None:
+            facts["truth"] = truth
+        if motion is None or self._robot is None:
+            return facts
+        deadline_s = time.monotonic() + longest_s
+        while not motion.finished() and time.monotonic() < deadline_s:
+            time.sleep(_POLL_S)
+        report = thaw(dict(motion.report()))
+        return {**facts, "robot": {**report, "finished": motion.finished(), "error": motion.error}}
+
+    def _write(self, recording: Recording, folder: str, stem: str) -> Path:
+        with made_folder(self.folder / folder) as place:
+            path = place / f"{stem}.npz"
+            again = 1
+            while os.path.lexists(path):
+                again += 1
+                path = place / f"{stem}-{again}.npz"
+            return save_npz(Dataset([recording]), path)
+
+
+def _stamp(utc_s: float) -> str:
+    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y%m%dT%H%M%SZ")

@@ -1,0 +1,140 @@
+"""Recordings played again, as if the sensor were there."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from bisect import bisect_right
+from typing import Any
+
+import numpy as np
+
+from granular_id.io import load
+from granular_id.live.clock import host_ns
+from granular_id.live.source import SourceInfo, WrenchSink
+from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source_url import SourceUrl
+from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
+from granular_id.recording import AXES, Dataset
+from granular_id.recording._values import thaw
+from granular_id.synthetic._checks import non_negative, positive
+
+__all__ = ["ReplaySource", "open_url"]
+
+_PERIOD_S = 0.004
+
+
+class ReplaySource(ThreadedSource):
+    """Plays the recordings of a data set, one after another, with a silence between them.
+
+    Parameters
+    ----------
+    recordings : Dataset
+        All of one rate, with the axes fx fy fz tx ty tz.
+    speed : float, default 1
+        Device seconds per second.
+    pause_s : float, default 1
+        Device time between two recordings in which no sample comes.
+
+    Raises
+    ------
+    ValueError
+        Recordings are irregular or of different rates: resample them first.
+
+    Examples
+    --------
+    >>> import granular_id as gid
+    >>> from granular_id.live.replay import ReplaySource
+    >>> ReplaySource(gid.synthesize(["rice"], n_per_class=2)).info.synthetic
+    True
+    """
+
+    def __init__(self, recordings: Dataset, *, speed: float = 1.0, pause_s: float = 1.0) -> None:
+        rate_hz = _common_rate(recordings)
+        self.speed = positive("speed", speed)
+        # Whole samples, so that every sample stands where it would in one long recording.
+        pause = max(1, round(non_negative("pause_s", pause_s) * rate_hz))
+        self._recordings = list(recordings)
+        lengths = [recording.n_samples for recording in self._recordings]
+        self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]
+        known = thaw(self._recordings[0].meta)
+        measured = known.get("source", known)
+        super().__init__(
+            SourceInfo(
+                f"replay of {len(recordings)} recordings",
+                rate_hz,
+                device_clock=True,
+                frame=_text(measured.get("frame")),
+                sign=_text(measured.get("sign")),
+                synthetic=any(bool(recording.meta.get("synthetic")) for recording in self._recordings),
+                meta={
+                    "speed": self.speed,
+                    "labels": sorted({str(r.label) for r in self._recordings if r.label}),
+                },
+            )
+        )
+        self._tick = 0
+
+    @property
+    def truth(self) -> str | None:
+        """Label of the recording that is played, or was played last."""
+        return self._recordings[max(bisect_right(self._starts, self._tick - 1) - 1, 0)].label
+
+    def trigger(self) -> Trigger:
+        """Return a trigger that fires where the recordings say that the motion began; by force where they do not."""
+        times_s = [
+            (start + recording.trigger_index) / self.info.rate_hz
+            for start, recording in zip(self._starts, self._recordings, strict=True)
+            if recording.trigger_index is not None
+        ]
+        return TimeTrigger(times_s) if len(times_s) == len(self._recordings) else ForceTrigger()
+
+    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+        """Write samples as they fall due."""
+        start_ns = host_ns()
+        rate_hz = self.info.rate_hz
+        for start, recording in zip(self._starts, self._recordings, strict=True):
+            sent = 0
+            while sent < recording.n_samples:
+                due = math.floor(1e-9 * (host_ns() - start_ns) * self.speed * rate_hz) + 1 - start
+                end = min(max(due, sent), recording.n_samples)
+                if end > sent:
+                    flags = None if recording.flags is None else recording.flags[sent:end]
+                    times_s = np.arange(start + sent, start + end) / rate_hz
+                    self._tick = start + end
+                    buffer.push_block(recording.wrench[sent:end], times_s, flags=flags)
+                    sent = end
+                if stopping.wait(_PERIOD_S):
+                    return
+
+
+def _common_rate(recordings: Dataset) -> float:
+    rates = {recording.rate_hz for recording in recordings}
+    if None in rates:
+        raise ValueError("recordings are irregular; resample them first: .resample(500)")
+    if len(rates) > 1:
+        raise ValueError(
+            f"recordings have the rates {sorted(map(str, rates))}; resample them first: .resample(500)"
+        )
+    other = next((r for r in recordings if r.axes != AXES), None)
+    if other is not None:
+        raise ValueError(
+            f"recording {other.name!r} has the axes {' '.join(other.axes)}; wanted {' '.join(AXES)}"
+        )
+    return float(next(iter(rates)))  # type: ignore[arg-type]
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def open_url(url: SourceUrl) -> ReplaySource:
+    """Make the source of ``replay:PATH``. Options: ``speed``, ``pause_s``."""
+    url.allow("speed", "pause_s")
+    speed, pause_s = url.number("speed", 1.0), url.number("pause_s", 1.0, positive=False)
+    path: str | os.PathLike[str] = url.path
+    try:
+        return ReplaySource(load(path), speed=speed, pause_s=pause_s)
+    except ValueError as error:
+        raise ValueError(f"url {url.text!r}: {error}") from error

@@ -1,0 +1,160 @@
+"""Robots that need no library: a person, and whatever the user's own functions move."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TextIO
+
+from granular_id.live.clock import host_ns
+from granular_id.live.robot import Pose, TimedMotion, checked_move
+from granular_id.synthetic._checks import non_negative
+
+__all__ = ["CallbackRobot", "ManualRobot"]
+
+_POLL_S = 0.02
+
+
+class ManualRobot:
+    """A person who pushes the tool, told when.
+
+    The motion is taken to begin at the end of the countdown. People are some tenths of a second off, so the
+    recorder waits for the force instead, unless another trigger is asked for.
+
+    Parameters
+    ----------
+    countdown_s : float, default 3
+        From the command to "push"; a line is printed for each second.
+    console : text file, optional
+        Where to print; default: standard error.
+    """
+
+    def __init__(self, countdown_s: float = 3.0, console: TextIO | None = None) -> None:
+        self._countdown_s = non_negative("countdown_s", countdown_s)
+        self._console = console
+        self._motion: TimedMotion | None = None
+        self._stopped = threading.Event()
+
+    def tcp_pose(self) -> Pose | None:
+        """Return None: nobody knows."""
+        return None
+
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> TimedMotion:
+        """Count down; says how fast, and for how long."""
+        _, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        start_ns = host_ns() + round(1e9 * self._countdown_s)
+        self._motion = TimedMotion(
+            start_ns, duration_s, {"robot": "manual", "countdown_s": self._countdown_s}
+        )
+        self._stopped = threading.Event()
+        words = f"push: {speed_m_s * 1e3:g} mm/s for {duration_s:.1f} s"
+        threading.Thread(target=self._count_down, args=(start_ns, words, self._stopped), daemon=True).start()
+        return self._motion
+
+    def stop(self) -> None:
+        """End the countdown and the motion."""
+        self._stopped.set()
+        if self._motion is not None and not self._motion.finished():
+            self._motion.cancel()
+            self._say("stop")
+
+    def _count_down(self, start_ns: int, words: str, stopped: threading.Event) -> None:
+        said = None
+        while (left_s := 1e-9 * (start_ns - host_ns())) > 0:
+            second = int(left_s) + 1
+            if second != said:
+                self._say(f"{second} ...")
+                said = second
+            if stopped.wait(min(left_s, _POLL_S)):
+                return
+        if not stopped.is_set():
+            self._say(words)
+
+    def _say(self, line: str) -> None:
+        print(line, file=sys.stderr if self._console is None else self._console, flush=True)
+
+
+class CallbackMotion(TimedMotion):
+    """A motion that runs in the user's function."""
+
+    def __init__(self, duration_s: float, report: Mapping[str, Any], work: Callable[[], object]) -> None:
+        super().__init__(host_ns(), duration_s, report)
+        self._thread = threading.Thread(target=self._work, args=(work,), daemon=True)
+        self._thread.start()
+
+    def finished(self) -> bool:
+        """Tell whether the function has returned and the time is over."""
+        return not self._thread.is_alive() and (self.error is not None or super().finished())
+
+    def _work(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except Exception as error:  # whatever the user's robot raises: `error` tells it
+            self.error = f"{type(error).__name__}: {error}"
+
+
+class CallbackRobot:
+    """Any robot that two functions can move.
+
+    Parameters
+    ----------
+    move : callable
+        Called as ``move(direction, speed_m_s, duration_s)`` in a thread of its own; it may return at once or when
+        the motion is over. What it raises fails the capture.
+    stop : callable
+        Called as ``stop()`` on every failure and on Ctrl-C, also when nothing moves.
+    pose : callable, optional
+        Returns x y z (m) rx ry rz (rad).
+    name : str, default "callback"
+        Stored with the recordings.
+
+    Examples
+    --------
+    >>> from granular_id.live.robots import CallbackRobot
+    >>> robot = CallbackRobot(move=lambda direction, speed_m_s, duration_s: None, stop=lambda: None)
+    >>> robot.move_line((1, 0, 0), 0.03, 3.0).error is None
+    True
+    """
+
+    def __init__(
+        self,
+        move: Callable[[tuple[float, float, float], float, float], object],
+        stop: Callable[[], object],
+        pose: Callable[[], Sequence[float]] | None = None,
+        name: str = "callback",
+    ) -> None:
+        for role, function in (
+            ("move", move),
+            ("stop", stop),
+            *([("pose", pose)] if pose is not None else []),
+        ):
+            if not callable(function):
+                raise TypeError(f"{role} must be callable, got {type(function).__name__}")
+        self._move, self._stop, self._pose, self._name = move, stop, pose, name
+        self._motion: CallbackMotion | None = None
+
+    def tcp_pose(self) -> Pose | None:
+        """Return what the user's function says."""
+        if self._pose is None:
+            return None
+        x, y, z, rx, ry, rz = (float(value) for value in self._pose())
+        return (x, y, z, rx, ry, rz)
+
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> CallbackMotion:
+        """Call the user's function in a thread; the motion begins now."""
+        ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        report = {
+            "robot": self._name,
+            "direction": list(ahead),
+            "speed_m_s": speed_m_s,
+            "duration_s": duration_s,
+        }
+        self._motion = CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
+        return self._motion
+
+    def stop(self) -> None:
+        """Call the user's function."""
+        self._stop()
+        if self._motion is not None:
+            self._motion.cancel()

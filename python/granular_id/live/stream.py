@@ -1,0 +1,110 @@
+"""A source at work: opened, its rows in a buffer, and stopped whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from granular_id._core import WrenchBuffer
+from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
+
+__all__ = ["Stream", "opened"]
+
+_POLL_S = 0.05
+
+
+class Stream:
+    """A started source and the buffer it writes into; made by `opened`.
+
+    Attributes
+    ----------
+    source : WrenchSource
+    buffer : WrenchBuffer
+    """
+
+    def __init__(self, source: WrenchSource, buffer: WrenchBuffer) -> None:
+        self.source = source
+        self.buffer = buffer
+        self._opened_utc_s = time.time()
+
+    @property
+    def info(self) -> SourceInfo:
+        """What the source measures."""
+        return self.source.info
+
+    def health(self) -> Health:
+        """How the source is, with the counts of the buffer beside its own."""
+        health = self.source.health()
+        return Health(
+            health.running, health.error, health.finished, {**self.buffer.stats(), **health.counters}
+        )
+
+    @property
+    def utc_at_zero_s(self) -> float | None:
+        """Time of day at device time 0, where device time runs at a speed of its own; None: as rows come in."""
+        return None if self.info.speed == 1 else self._opened_utc_s
+
+    def lag_s(self) -> float:
+        """How late the newest row is; 0 where device time runs at a speed of its own and says nothing of it."""
+        return self.buffer.lag_s() if self.info.speed == 1 else 0.0
+
+
+@contextmanager
+def opened(
+    source: str | WrenchSource, seconds: float = 30.0, *, reorder_depth: int = 0, first_row_s: float = 5.0
+) -> Iterator[Stream]:
+    """Start a source for the length of a block.
+
+    Parameters
+    ----------
+    source : str or WrenchSource
+        A URL (see `open_source`) or a source that is not started yet.
+    seconds : float, default 30
+        Length of the buffer: so far back can a reader fall.
+    reorder_depth : int, default 0
+        See `WrenchBuffer`.
+    first_row_s : float, default 5
+        How long the first row may take.
+
+    Yields
+    ------
+    Stream
+        Its first row is there.
+
+    Raises
+    ------
+    TimeoutError
+        No row came.
+    ConnectionError
+        The source died before its first row; says why.
+    ValueError, ImportError, OSError
+        As `open_source`.
+
+    Examples
+    --------
+    >>> from granular_id.live.stream import opened
+    >>> with opened("sim:rice?seed=1") as stream:
+    ...     stream.info.rate_hz, stream.health().running
+    (500.0, True)
+    """
+    chosen = open_source(source) if isinstance(source, str) else source
+    if not isinstance(chosen, WrenchSource):
+        raise TypeError(
+            f"source must be a URL or have info, start, stop and health, got {type(source).__name__}"
+        )
+    info = chosen.info
+    buffer = WrenchBuffer(seconds, rate_hz=info.rate_hz, tick_hz=info.tick_hz, reorder_depth=reorder_depth)
+    first = buffer.reader(from_oldest=True)
+    try:
+        chosen.start(buffer)
+        deadline_s = time.monotonic() + first_row_s
+        while not first.wait(_POLL_S):
+            health = chosen.health()
+            if health.error is not None:
+                raise ConnectionError(f"{info.name}: {health.error}")
+            if time.monotonic() > deadline_s:
+                raise TimeoutError(f"{info.name} delivered nothing within {first_row_s:g} s")
+        yield Stream(chosen, buffer)
+    finally:
+        chosen.stop()
