@@ -68,6 +68,8 @@ class Capture:
         Rows before the trigger.
     trigger_time_s : float or None
         Device time of the first row of the motion.
+    max_lag_s : float
+        As given.
 
     Examples
     --------
@@ -106,7 +108,7 @@ class Capture:
         self._max_gap = count("max_gap", max_gap, minimum=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = non_negative("rate_tolerance", rate_tolerance)
-        self._max_lag_s = non_negative("max_lag_s", max_lag_s)
+        self.max_lag_s = non_negative("max_lag_s", max_lag_s)
         self._patience_s = non_negative("lag_patience_s", lag_patience_s)
         self._timeout_s = non_negative("timeout_s", timeout_s)
         self._utc_at_zero_s = utc_at_zero_s
@@ -298,11 +300,9 @@ class Capture:
             self.state = CaptureState.COMPLETE
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
-        self._n_late = self._n_late + n_rows if lag_s > self._max_lag_s else 0
+        self._n_late = self._n_late + n_rows if lag_s > self.max_lag_s else 0
         if self.state is not CaptureState.TRIGGERED or not self._n_late:
             return
-        if self._n_late >= self._patience_s * self.rate_hz or lag_s > self._max_lag_s + self._patience_s:
-            wanted = (
-                f"at most {1e3 * self._max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
-            )
+        if self._n_late >= self._patience_s * self.rate_hz or lag_s > self.max_lag_s + self._patience_s:
+            wanted = f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
             self.fail(FailureReason.LAG, f"rows came in {1e3 * lag_s:.0f} ms late; wanted {wanted}")

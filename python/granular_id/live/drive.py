@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import WrenchReader
 from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
@@ -74,13 +75,15 @@ def drive(
         See `Robot.move_line`; the paper's 0.03 m/s.
     rows_timeout_s : float, default 1
         A source that delivers nothing for so long has failed.
+    reader : WrenchReader, optional
+        Read on from there. Default: a new one, which begins with the rows that come in from now on.
 
     Yields
     ------
     Step
         Some fifty times a second, or as rows come in. When the last one was given, `capture` is over.
     """
-    reader = stream.buffer.reader()
+    reader = stream.buffer.reader() if reader is None else reader
     motion: Motion | None = None
     newest_s = time.monotonic()
     try:
