@@ -58,6 +58,7 @@ def drive(
     direction: Sequence[float] = (1.0, 0.0, 0.0),
     speed_m_s: float = 0.03,
     rows_timeout_s: float = 1.0,
+    reader: WrenchReader | None = None,
 ) -> Generator[Step, None, None]:
     """Feed a capture until it is over; the robot is set in motion as soon as the rest is there.
 

@@ -1,0 +1,110 @@
+"""Who moves the tool, and what starts a capture: chosen by name, or as the source suggests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from granular_id.live.robot import Robot
+from granular_id.live.robots import ManualRobot
+from granular_id.live.source import WrenchSource
+from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, Trigger
+
+__all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of"]
+
+ROBOTS = ("auto", "none", "manual")
+"""Robots by name; "auto" is the one that belongs to the source, a simulation's."""
+
+TRIGGERS = ("auto", "motion", "force", "manual")
+"""Triggers by name."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Who moves, and what starts a capture.
+
+    Attributes
+    ----------
+    robot : Robot or None
+        None: somebody else moves, and the trigger notices.
+    trigger : callable
+        Makes the trigger of each capture.
+    """
+
+    robot: Robot | None
+    trigger: Callable[[], Trigger]
+
+
+def setup_of(
+    source: WrenchSource,
+    robot: str | Robot | None = "auto",
+    trigger: str | Callable[[], Trigger] = "auto",
+    *,
+    threshold_n: float = 0.5,
+) -> Setup:
+    """Choose robot and trigger for a source.
+
+    Parameters
+    ----------
+    source : WrenchSource
+    robot : {"auto", "none", "manual"}, Robot or None, default "auto"
+        "auto": the simulated robot of a simulated sensor, nobody for other sources. "manual": a person who is told
+        when to push.
+    trigger : {"auto", "motion", "force", "manual"} or callable, default "auto"
+        "motion": where the robot's motion begins. "force": where the force leaves its level at rest. "manual": a
+        `ManualTrigger`, which somebody must fire. "auto": what the source knows of itself (recordings played again
+        say where their motion begins), else the motion of a robot, else the force.
+    threshold_n : float, default 0.5
+        Of "force", see `ForceTrigger`.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    TypeError, ValueError
+        An unknown name, no robot, or the motion of a robot that is not there or is a person.
+
+    Examples
+    --------
+    >>> from granular_id.live.sim import SimSource
+    >>> from granular_id.live.setup import setup_of
+    >>> setup_of(SimSource("rice", seed=1)).trigger().name
+    'motion'
+    >>> setup_of(SimSource("rice", seed=1), robot=None).trigger().name
+    'force'
+    """
+    mover = _robot_of(source, robot)
+    if callable(trigger):
+        return Setup(mover, trigger)
+    if trigger not in TRIGGERS:
+        raise ValueError(f"trigger must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
+    exact = mover is not None and not isinstance(mover, ManualRobot)
+    if trigger == "motion" and not exact:
+        who = "there is no robot" if mover is None else "a person's motion has no exact start"
+        raise ValueError(f"trigger='motion' needs a robot: {who}; use trigger='force'")
+    if trigger == "manual":
+        return Setup(mover, ManualTrigger)
+    own: Callable[[], Trigger] | None = getattr(source, "trigger", None)
+    if trigger == "auto" and mover is None and own is not None:
+        return Setup(None, own)
+    if trigger == "motion" or (trigger == "auto" and exact):
+        return Setup(mover, MotionTrigger)
+    ForceTrigger(threshold_n)  # refused now, not when the first capture begins
+    return Setup(mover, lambda: ForceTrigger(threshold_n))
+
+
+def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
+    if robot is None or robot == "none":
+        return None
+    if robot == "auto":
+        own: Callable[[], Robot] | None = getattr(source, "robot", None)
+        return None if own is None else own()
+    if robot == "manual":
+        return ManualRobot()
+    if isinstance(robot, Robot):
+        return robot
+    if isinstance(robot, str):
+        raise ValueError(f"robot must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")
+    raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
