@@ -105,6 +105,6 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return ManualRobot()
     if isinstance(robot, Robot):
         return robot
-    if isinstance(robot, str):
-        raise ValueError(f"robot must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")
-    raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
+    if not isinstance(robot, str):
+        raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
+    raise ValueError(f"robot must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")
