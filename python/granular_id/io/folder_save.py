@@ -25,6 +25,7 @@ __all__ = [
     "history_json",
     "indexed_folder",
     "new_folder",
+    "safe_name",
     "write_history",
 ]
 

@@ -65,7 +65,8 @@ class SourceUrl:
         if place.startswith("//"):
             try:
                 split = urlsplit(place)
-                host, port, path = split.hostname or "", split.port, unquote(split.path)
+                port, path = split.port, unquote(split.path)
+                host = split.netloc if port is None else split.netloc.rpartition(":")[0]
             except ValueError as error:
                 raise ValueError(f"url {url!r} has no proper host and port: {error}") from error
         return cls(url, scheme.lower(), host, port, path, _merged(url, query, options))
