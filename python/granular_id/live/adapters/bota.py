@@ -1,0 +1,111 @@
+"""Bota Systems sensors through ``bota-driver``, configured by the JSON file that Bota ships.
+
+Not run on hardware, but against the dummy sensor that the driver brings. Written against bota-driver 1.1:
+https://code.botasys.com
+"""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+from granular_id.live.adapters import NOT_RUN
+from granular_id.live.adapters.polling import library
+from granular_id.live.source import SourceInfo, WrenchSink
+from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source_url import SourceUrl
+from granular_id.recording import SampleFlag
+
+__all__ = ["BotaSource", "open_url"]
+
+_PACKAGE = "bota-driver"
+_TICK_HZ = 1e6
+
+
+class BotaSource(ThreadedSource):
+    """A Bota sensor.
+
+    Parameters
+    ----------
+    config : str, path or bota_driver.BotaDriverConfig
+        The driver's configuration: its JSON file, or an object of the library.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file.
+    ConnectionError
+        The sensor cannot be configured.
+
+    Notes
+    -----
+    The sensor is not set to zero: do that yourself, before recording, with the driver's ``tare``.
+    """
+
+    def __init__(self, config: Any) -> None:
+        driver = library("bota_driver", _PACKAGE)
+        if isinstance(config, str | Path):
+            if not Path(config).is_file():
+                raise FileNotFoundError(f"{config}: no such configuration of a Bota sensor")
+            config = str(config)
+        self._driver = driver.BotaDriver(config)
+        if not self._driver.configure():
+            raise ConnectionError("the Bota sensor could not be configured: see what its driver printed")
+        self._n_throttled = 0
+        super().__init__(
+            SourceInfo(
+                "Bota sensor",
+                1e6 / self._driver.get_expected_timestep_us(),
+                tick_hz=_TICK_HZ,
+                device_clock=True,
+                frame="the sensor's own",
+                sign="as the sensor tells it",
+                compensated=False,
+                meta={
+                    "status": NOT_RUN,
+                    "driver": f"{_PACKAGE} {self._driver.get_driver_version_string()}",
+                },
+            )
+        )
+
+    def start(self, buffer: WrenchSink) -> None:
+        """Activate the sensor, and begin to write rows.
+
+        Raises
+        ------
+        ConnectionError
+            It does not become active.
+        """
+        if not self._driver.activate():
+            raise ConnectionError("the Bota sensor could not be activated: see what its driver printed")
+        super().start(buffer)
+
+    def stop(self) -> None:
+        """End the thread and shut the driver down."""
+        super().stop()
+        if self._driver is not None:
+            self._driver.deactivate()
+            self._driver.shutdown()
+            self._driver = None
+
+    def counters(self) -> dict[str, int]:
+        """Return how many frames said that others were left out."""
+        return {"throttled": self._n_throttled}
+
+    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+        """Write every frame as it comes."""
+        while not stopping.is_set():
+            frame = self._driver.read_frame_blocking()
+            status = frame.status
+            flags = (SampleFlag.BAD_STATUS if status.invalid else 0) | (
+                SampleFlag.SATURATED if status.overrange else 0
+            )
+            self._n_throttled += bool(status.throttled)
+            buffer.push([*frame.force, *frame.torque], frame.timestamp / _TICK_HZ, flags=int(flags))
+
+
+def open_url(url: SourceUrl) -> BotaSource:
+    """Make the source of ``bota:CONFIG.json``."""
+    url.allow()
+    return BotaSource(url.path)

@@ -1,0 +1,54 @@
+"""What adapters share: finding a library, and asking a driver for its newest sample."""
+
+from __future__ import annotations
+
+import threading
+from abc import abstractmethod
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from granular_id.live.source import WrenchSink
+from granular_id.live.source_thread import ThreadedSource
+
+__all__ = ["PollingSource", "library"]
+
+_PER_SAMPLE = 4
+"""How often a driver is asked per sample: it only knows its newest one, and none may pass unseen."""
+
+
+def library(module: str, package: str) -> Any:
+    """Import the library of a sensor or robot, or say how to get it.
+
+    Raises
+    ------
+    ImportError
+        It is not there.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ImportError(f"{package} is needed for this sensor or robot: pip install {package}") from error
+
+
+class PollingSource(ThreadedSource):
+    """A source whose driver only tells its newest sample: asked several times per period, kept when it is new."""
+
+    @abstractmethod
+    def newest(self) -> tuple[float, Any, int] | None:
+        """Return device time (s), wrench (6,) and flags of the newest sample; None where there is none yet."""
+
+    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+        """Ask, and write what is new."""
+        last_s: float | None = None
+        pause_s = 1.0 / (_PER_SAMPLE * self.info.rate_hz)
+        while not stopping.wait(pause_s):
+            sample = self.newest()
+            if sample is None or sample[0] == last_s:
+                continue
+            time_s, wrench, flags = sample
+            if last_s is not None and time_s < last_s:
+                buffer.new_epoch()  # its controller was started anew
+            last_s = time_s
+            buffer.push(np.asarray(wrench, dtype=np.float64), time_s, flags=flags)

@@ -1,0 +1,172 @@
+"""Universal Robots arms (e-Series, CB3) through ``ur-rtde``: the force at the tool, and straight pushes.
+
+Not run on hardware. Written against ur-rtde 1.6: https://sdurobotics.gitlab.io/ur_rtde/
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from granular_id.live.adapters import NOT_RUN
+from granular_id.live.adapters.polling import PollingSource, library
+from granular_id.live.clock import host_ns
+from granular_id.live.robot import Pose, checked_move
+from granular_id.live.source import SourceInfo, WrenchSink
+from granular_id.live.source_url import SourceUrl
+from granular_id.synthetic._checks import positive
+
+__all__ = ["URRobot", "URSource", "open_url"]
+
+_PACKAGE = "ur-rtde"
+
+
+class URSource(PollingSource):
+    """The force that the arm measures or estimates at its tool.
+
+    Parameters
+    ----------
+    host : str
+        Address of the controller.
+    rate_hz : float, default 500
+        Of the e-Series; 125 for CB3.
+
+    Notes
+    -----
+    e-Series arms have a sensor at the flange; CB3 arms estimate the force from motor currents, too coarse for
+    grains. The controller takes the payload's weight off and refers the force to the base frame: set the payload,
+    and push along a fixed direction. Time is the controller's own, and `URRobot` knows it.
+    """
+
+    def __init__(self, host: str, rate_hz: float = 500.0) -> None:
+        self._receive_module = library("rtde_receive", _PACKAGE)
+        self._host = host
+        self._receive: Any = None
+        super().__init__(
+            SourceInfo(
+                f"UR {host}",
+                rate_hz,
+                device_clock=True,
+                frame="base frame of the robot, about the TCP",
+                sign="as getActualTCPForce tells it",
+                compensated=True,
+                meta={"status": NOT_RUN, "driver": _PACKAGE},
+            )
+        )
+
+    def start(self, buffer: WrenchSink) -> None:
+        """Connect, and begin to write rows.
+
+        Raises
+        ------
+        RuntimeError
+            The controller does not answer, as ur-rtde says it.
+        """
+        self._receive = self._receive_module.RTDEReceiveInterface(self._host, self.info.rate_hz)
+        super().start(buffer)
+
+    def stop(self) -> None:
+        """End the thread and the connection."""
+        super().stop()
+        if self._receive is not None:
+            self._receive.disconnect()
+            self._receive = None
+
+    def newest(self) -> tuple[float, Any, int] | None:
+        """Return the newest sample, all of one cycle."""
+        receive = self._receive
+        if not receive.isConnected():
+            raise ConnectionError(f"the connection to {self._host} is lost")
+        before_s = receive.getTimestamp()
+        wrench = receive.getActualTCPForce()
+        # Time and force are two calls: a packet may have come in between.
+        return (before_s, wrench, 0) if receive.getTimestamp() == before_s else None
+
+
+class URMotion:
+    """A linear motion that runs on the controller."""
+
+    error: str | None = None
+
+    def __init__(self, control: Any, start_time_s: float, report: Mapping[str, Any]) -> None:
+        self._control = control
+        self._report = dict(report)
+        self._done = False
+        self.start_time_s: float | None = start_time_s
+        self.start_host_ns = host_ns()
+
+    def finished(self) -> bool:
+        """Tell whether the controller has ended the motion."""
+        if not self._done:
+            self._done = not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
+        return self._done
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what was commanded."""
+        return self._report
+
+
+class URRobot:
+    """A UR arm that pushes with ``moveL``.
+
+    Parameters
+    ----------
+    host : str
+        Address of the controller, in remote control.
+    acceleration_m_s2 : float, default 1.2
+        Of the ramps; ur-rtde's own default.
+
+    Notes
+    -----
+    The start is the controller's time at the command, some cycles before the tool moves.
+    """
+
+    def __init__(self, host: str, acceleration_m_s2: float = 1.2) -> None:
+        self._acceleration = positive("acceleration_m_s2", acceleration_m_s2)
+        self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
+        self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
+
+    def tcp_pose(self) -> Pose:
+        """Return where the tool is, by the controller."""
+        x, y, z, rx, ry, rz = (float(value) for value in self._receive.getActualTCPPose())
+        return (x, y, z, rx, ry, rz)
+
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> URMotion:
+        """Move straight on in the base frame.
+
+        Raises
+        ------
+        RuntimeError
+            The controller refuses the motion.
+        """
+        ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        pose = self.tcp_pose()
+        # Two ramps take the time of one: the tool covers speed * (duration - one ramp).
+        length_m = speed_m_s * max(duration_s - speed_m_s / self._acceleration, 0.5 * duration_s)
+        target = [place + length_m * part for place, part in zip(pose[:3], ahead, strict=True)] + list(
+            pose[3:]
+        )
+        start_time_s = self._receive.getTimestamp()
+        if not self._control.moveL(target, speed_m_s, self._acceleration, True):
+            raise RuntimeError("the controller refused moveL: is the arm in remote control and released?")
+        return URMotion(
+            self._control,
+            start_time_s,
+            {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s},
+        )
+
+    def stop(self) -> None:
+        """Brake."""
+        self._control.stopL(self._acceleration)
+
+    def close(self) -> None:
+        """End the script on the controller and both connections."""
+        self._control.stopScript()
+        self._control.disconnect()
+        self._receive.disconnect()
+
+
+def open_url(url: SourceUrl) -> URSource:
+    """Make the source of ``ur://HOST``. Options: ``rate_hz``."""
+    url.allow("rate_hz")
+    return URSource(url.need_host(), url.number("rate_hz", 500.0))
