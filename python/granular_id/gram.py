@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from granular_id._arrays import float_array
 
-__all__ = ["linear_gram"]
+__all__ = ["check_symmetric", "linear_gram"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -83,6 +83,19 @@ def linear_gram(
             f"{arguments} must be finite (no NaN, no inf), with scalar products in the range of float64"
         )
     return gram
+
+
+def check_symmetric(gram: FloatArray) -> None:
+    """Refuse scalar products, shape (n, n), that are no more alike across the diagonal than rounding leaves them.
+
+    Raises
+    ------
+    ValueError
+        Two of them differ by more than 1e-9 of the largest.
+    """
+    # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
+    if not np.array_equal(gram, gram.T) and np.abs(gram - gram.T).max() > 1e-9 * np.abs(gram).max():
+        raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
 
 
 def _rows(argument: str, values: npt.ArrayLike) -> FloatArray:

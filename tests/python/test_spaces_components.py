@@ -142,12 +142,21 @@ def test_bad_rows():
         PrincipalComponents().fit([[1e200, 0.0], [-1e200, 1.0]])
 
 
+def test_products_that_are_symmetric_up_to_rounding_are_welcome():
+    gram = linear_gram(walk(6, 20))
+    gram[0, 1] *= 1 + 1e-15
+    assert not np.array_equal(gram, gram.T)
+    assert PrincipalComponents().fit_gram(gram).n_components_ == 5
+
+
 def test_bad_products():
     for gram in (np.ones((2, 3)), np.ones(4), np.ones((1, 1))):
         with pytest.raises(ValueError, match=r"gram must have shape \(n, n\) with n >= 2, got"):
             PrincipalComponents().fit_gram(gram)
     with pytest.raises(ValueError, match="gram must be finite"):
         PrincipalComponents().fit_gram([[1.0, np.nan], [np.nan, 1.0]])
+    with pytest.raises(ValueError, match="gram must be symmetric: element"):
+        PrincipalComponents().fit_gram([[1.0, 0.5], [0.4, 1.0]])
     pca = PrincipalComponents().fit_gram(np.eye(4))
     with pytest.raises(ValueError, match=r"cross must have shape \(m, 4\)"):
         pca.transform_gram(np.ones((2, 3)))

@@ -14,6 +14,7 @@ from granular_id._arrays import float_array
 from granular_id._threads import in_threads
 from granular_id.ecoc.coding_matrix import CodingMatrix, check_coding_matrix
 from granular_id.ecoc.training import checked_weights
+from granular_id.gram import check_symmetric
 
 __all__ = ["Task", "checked_gram", "checked_task", "over_learners"]
 
@@ -133,10 +134,7 @@ def checked_gram(gram: npt.ArrayLike) -> FloatArray:
         raise ValueError(
             f"gram must be within {_LARGEST_PRODUCT:g}, got up to {largest:g}: give the features another unit"
         )
-    # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
-    symmetric = np.array_equal(products, products.T)
-    if not symmetric and np.abs(products - products.T).max() > 1e-9 * largest:
-        raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
+    check_symmetric(products)
     return products
 
 
