@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,12 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils import check_random_state, check_scalar
+from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._arrays import float_array
 from granular_id._blas import single_threaded_blas
+from granular_id._numbers import real_number, whole_number
 from granular_id._threads import in_threads
 from granular_id.rica_objective import CONTRASTS, Objective
 from granular_id.rica_search import REACHED_MAX_ITER, End, descend, unit_columns
@@ -218,13 +218,13 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
 
     def _checked_options(self) -> dict[str, float]:
         if self.n_components is not None:
-            check_scalar(self.n_components, "n_components", Integral, min_val=1)
-        check_scalar(self.n_init, "n_init", Integral, min_val=1)
-        check_scalar(self.max_iter, "max_iter", Integral, min_val=1)
+            whole_number("n_components", self.n_components)
+        whole_number("n_init", self.n_init)
+        whole_number("max_iter", self.max_iter)
         for name in ("alpha", "gtol", "tol"):
-            value = check_scalar(getattr(self, name), name, Real, min_val=0)
-            if not math.isfinite(value):
-                raise ValueError(f"{name} must be finite, got {value!r}")
+            number = real_number(name, getattr(self, name))
+            if not 0 <= number < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {number!r}")
         if not isinstance(self.standardize, (bool, np.bool_)):
             raise TypeError(f"standardize must be True or False, got {self.standardize!r}")
         if not isinstance(self.contrast, str) or self.contrast not in CONTRASTS:
@@ -257,7 +257,7 @@ def _signs(non_gaussianity: float | Sequence[float] | None, n_components: int) -
         raise ValueError(
             f"non_gaussianity must be one number or {n_components}, one per component, got shape {given.shape}"
         )
-    if not np.isin(given, (-1, 1)).all():
+    if given.dtype.kind == "b" or not np.isin(given, (-1, 1)).all():
         raise ValueError(f"non_gaussianity must hold 1 and -1 only, got {non_gaussianity!r}")
     return np.broadcast_to(given, n_components).astype(np.float64)
 

@@ -307,7 +307,7 @@ def test_bad_arguments(data):
         explain(model, "oat", "rice", X, y[:3])
     with pytest.raises(ValueError, match=r"X must have shape \(n, 400, 6\) as in fit"):
         explain(model, "oat", "rice", X[:, :300], y)
-    with pytest.raises(ValueError, match="n must not be negative"):
+    with pytest.raises(ValueError, match="n must be at least 0, got -1"):
         explain(model, "oat", "rice", X, y).regions(-1)
     with pytest.raises(TypeError, match=r"n must be a whole number, got 1\.5"):
         explain(model, "oat", "rice", X, y).top(1.5)

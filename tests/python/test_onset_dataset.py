@@ -99,7 +99,7 @@ def test_overruling(data):
             r"overrule\['rice_01'\] is 9 s; the recording lasts from 0 to 3.198 s",
         ),
         ({"rice_01": -0.1}, ValueError, r"overrule\['rice_01'\] is -0.1 s"),
-        ({"rice_01": "0.1"}, TypeError, r"overrule\['rice_01'\] must be a number, got str"),
+        ({"rice_01": "0.1"}, TypeError, r"overrule\['rice_01'\] must be a number, got '0.1'"),
         ({"rice_01": np.nan}, ValueError, r"overrule\['rice_01'\] must be finite"),
         ([("rice_01", 0.1)], TypeError, "overrule must map names of recordings to seconds, got list"),
     ],

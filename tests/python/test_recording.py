@@ -167,8 +167,9 @@ def test_survives_pickle_and_deepcopy_frozen():
         ({"rate_hz": np.inf}, ValueError, "rate_hz must be finite, got inf"),
         ({"rate_hz": 10**400}, ValueError, "rate_hz must be finite"),
         ({"rate_hz": 5e-324}, ValueError, "last for ever"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got str"),
-        ({"rate_hz": True}, TypeError, "rate_hz must be a number, got bool"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
+        ({"rate_hz": True}, TypeError, "rate_hz must be a number, got True"),
+        ({"rate_hz": 10**5000}, ValueError, "rate_hz must be finite, got inf"),  # too long for a text
         ({"rate_hz": None, "time_s": [0, 1, 2]}, ValueError, "time_s has shape (3,)"),
         ({"rate_hz": None, "time_s": [1, 2, 3, 4]}, ValueError, "time_s[0] is 1"),
         (

@@ -165,7 +165,7 @@ def flat_recordings():
     ("change", "error", "message"),
     [
         ({"n_outer": 1}, ValueError, "n_outer must be at least 2, got 1"),
-        ({"n_inner": 2.0}, TypeError, "n_inner must be a whole number, got float 2.0"),
+        ({"n_inner": 2.0}, TypeError, "n_inner must be a whole number, got 2.0"),
         (
             {"n_outer": 7},
             ValueError,

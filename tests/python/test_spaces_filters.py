@@ -36,6 +36,10 @@ def test_tare_rounds_to_whole_samples(n_tare, rate_hz):
         ({"tare_s": None}, TypeError, "tare_s must be a number of seconds, got None"),
         ({"rate_hz": None}, TypeError, "rate_hz must be a number of hertz, got None"),
         ({"rate_hz": -1}, ValueError, "rate_hz must be positive"),
+        ({"tare_s": 10**400}, ValueError, "tare_s must be positive and finite, got inf"),
+        ({"tare_s": -(10**5000)}, ValueError, "tare_s must be positive and finite, got -inf"),
+        ({"tare_s": np.True_}, TypeError, "tare_s must be a number of seconds"),
+        ({"rate_hz": 10**400}, ValueError, "rate_hz must be positive and finite, got inf"),
     ],
 )
 def test_bad_parameters_of_tare(parameters, error, message):

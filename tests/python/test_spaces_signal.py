@@ -148,6 +148,7 @@ def test_dft_of_one_recording_is_that_in_a_batch():
         ({"floor": 0.0}, ValueError, "floor must be positive and finite, got 0.0"),
         ({"floor": math.nan}, ValueError, "floor must be positive"),
         ({"floor": "low"}, TypeError, "floor must be a number, got 'low'"),
+        ({"floor": 10**400}, ValueError, "floor must be positive and finite, got inf"),
         ({"rate_hz": -500.0}, ValueError, "rate_hz must be positive and finite, got -500.0"),
         ({"rate_hz": math.inf}, ValueError, "rate_hz must be positive and finite, got inf"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number of hertz or None, got '500'"),

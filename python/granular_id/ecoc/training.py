@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from sklearn.utils.multiclass import check_classification_targets
 
 from granular_id._arrays import float_array
+from granular_id._numbers import real_number
 
 __all__ = ["checked_cost", "checked_flag", "checked_n_jobs", "checked_weights", "class_indices", "named"]
 
@@ -58,14 +58,9 @@ def checked_cost(C: object) -> float:
     ValueError
         `C` is not positive and finite.
     """
-    if isinstance(C, bool) or not isinstance(C, Real):
-        raise TypeError(f"C must be a number, got {C!r}")
-    try:
-        cost = float(C)
-    except OverflowError:  # a whole number beyond float64
-        cost = math.inf
-    if not (math.isfinite(cost) and cost > 0):
-        raise ValueError(f"C must be positive and finite, got {C!r}; for no limit hard_margin=True")
+    cost = real_number("C", C)
+    if not 0 < cost < math.inf:
+        raise ValueError(f"C must be positive and finite, got {cost!r}; for no limit hard_margin=True")
     return cost
 
 

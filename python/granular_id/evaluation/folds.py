@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id.evaluation.partition import Partition, positive_int, splittable_rows
+from granular_id._numbers import whole_number
+from granular_id.evaluation.partition import Partition, splittable_rows
 from granular_id.evaluation.protocol_names import block_name
 
 __all__ = ["block_partitions", "kfold_partitions", "lone_session", "session_partitions"]
@@ -155,7 +156,7 @@ def session_partitions(
     tue [1, 3]
     wed [4, 5]
     """
-    max_folds = positive_int("max_folds", max_folds, least=2)
+    max_folds = whole_number("max_folds", max_folds, least=2)
     rows = splittable_rows(y, "session")
     known = _checked_sessions(sessions, names)
     alone = lone_session(y, known)
@@ -196,7 +197,7 @@ def lone_session(y: ArrayLike, sessions: Sequence[str | None] | NDArray[Any]) ->
 
 
 def _checked_folds(n_folds: int, rows: dict[Any, Codes]) -> int:
-    n_folds = positive_int("n_folds", n_folds, least=2)
+    n_folds = whole_number("n_folds", n_folds, least=2)
     label, own = max(rows.items(), key=lambda item: item[1].size)
     if n_folds > own.size:
         raise ValueError(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PROTOCOLS", "Partition", "positive_int", "rows_of_class", "splittable_rows"]
+__all__ = ["PROTOCOLS", "Partition", "rows_of_class", "splittable_rows"]
 
 PROTOCOLS = {
     "paper": "random partitions, fixed counts per class",
@@ -40,15 +39,6 @@ class Partition:
     description: str
     train: NDArray[np.intp]
     test: NDArray[np.intp]
-
-
-def positive_int(name: str, value: Any, least: int = 1) -> int:
-    """Return `value` as an int, or say which argument is no whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be a whole number, got {type(value).__name__} {value!r}")
-    if value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}")
-    return int(value)
 
 
 def rows_of_class(y: ArrayLike) -> dict[Any, NDArray[np.intp]]:

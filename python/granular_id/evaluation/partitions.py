@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from granular_id._numbers import whole_number
 from granular_id.evaluation.folds import block_partitions, kfold_partitions, session_partitions
 from granular_id.evaluation.partition import (
     PROTOCOLS,
     Partition,
-    positive_int,
     rows_of_class,
     splittable_rows,
 )
@@ -34,7 +34,6 @@ __all__ = [
     "describe_order",
     "kfold_partitions",
     "paper_partitions",
-    "positive_int",
     "session_partitions",
 ]
 
@@ -85,9 +84,9 @@ def paper_partitions(
     >>> len(first.train), len(first.test)
     (6, 4)
     """
-    n_partitions = positive_int("n_partitions", n_partitions)
-    train_per_class = positive_int("train_per_class", train_per_class)
-    test_per_class = positive_int("test_per_class", test_per_class)
+    n_partitions = whole_number("n_partitions", n_partitions)
+    train_per_class = whole_number("train_per_class", train_per_class)
+    test_per_class = whole_number("test_per_class", test_per_class)
     of_class = rows_of_class(y)
     wanted = train_per_class + test_per_class
     short = {label: rows.size for label, rows in of_class.items() if rows.size < wanted}

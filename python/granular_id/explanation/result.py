@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import islice
-from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._numbers import whole_number
 from granular_id.explanation.regions import Region, regions_of
 from granular_id.spaces import FeatureBlock
 
@@ -107,10 +107,7 @@ class Explanation:
 
         What speaks against has no part in them: together they may hold more than the difference.
         """
-        if isinstance(n, bool) or not isinstance(n, Integral):
-            raise TypeError(f"n must be a whole number, got {n!r}")
-        if n < 0:
-            raise ValueError(f"n must not be negative, got {n}")
+        n = whole_number("n", n, least=0)
         every = [
             region for part in self.blocks for region in islice(regions_of(part.block, part.contributions), n)
         ]

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._numbers import real_number
+
 FloatArray = NDArray[np.float64]
 
 _PLAIN = frozenset((type(None), bool, int, str))
@@ -80,14 +82,9 @@ def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool 
 
 def checked_number(value: object, name: str) -> float:
     """Return a finite float, or say which argument is not one."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise TypeError(f"{name} must be a number, got {type(value).__name__}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
+    number = real_number(name, value)
     if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {value}")
+        raise ValueError(f"{name} must be finite, got {number:g}")
     return number
 
 

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._numbers import whole_number
 from granular_id.evaluation.folds import (
     block_partitions,
     kfold_partitions,
     lone_session,
     session_partitions,
 )
-from granular_id.evaluation.partition import Partition, positive_int, rows_of_class
+from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.evaluation.partitions import describe_order
 from granular_id.recording import Dataset
 
@@ -119,7 +120,7 @@ class _Splitter:
 
     def split(self, rows: Rows, argument: str, n_folds: int, seed: int) -> tuple[list[Partition], str, str]:
         """Return folds of some rows, what they hold out, and a line on why."""
-        n_folds = positive_int(argument, n_folds, least=2)
+        n_folds = whole_number(argument, n_folds, least=2)
         y, sessions = self._y[rows], self._sessions[rows]
         why_not = _why_no_sessions(y, sessions)
         if not why_not:

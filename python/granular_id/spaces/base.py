@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,6 +11,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._numbers import positive_number
 from granular_id.features import extract_features
 from granular_id.recording import Dataset
 from granular_id.spaces.blocks import FeatureBlock
@@ -210,11 +209,7 @@ def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
     """Refuse a rate that is no positive number."""
     if rate_hz is None and optional:
         return
-    if isinstance(rate_hz, bool) or not isinstance(rate_hz, Real):
-        wanted = "a number of hertz or None" if optional else "a number of hertz"
-        raise TypeError(f"rate_hz must be {wanted}, got {rate_hz!r}")
-    if not 0 < float(rate_hz) < math.inf:
-        raise ValueError(f"rate_hz must be positive and finite, got {rate_hz!r}")
+    positive_number("rate_hz", rate_hz, "a number of hertz or None" if optional else "a number of hertz")
 
 
 def _rank(X: Any) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._arrays import float_array
 from granular_id._blas import single_threaded_blas
-from granular_id.gram import linear_gram
+from granular_id._numbers import whole_number
+from granular_id.gram import check_symmetric, linear_gram
 from granular_id.spaces.base import check_input_names
 
 __all__ = ["PrincipalComponents"]
@@ -197,16 +197,12 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         return centred
 
     def _fit_products(self, gram: FloatArray, *, limit: int) -> None:
-        wanted = self.n_components
-        if isinstance(wanted, bool) or not isinstance(wanted, Integral):
-            raise TypeError(f"n_components must be a whole number, got {wanted!r}")
-        if wanted < 1:
-            raise ValueError(f"n_components must be at least 1, got {wanted}")
+        wanted = whole_number("n_components", self.n_components)
         n = len(gram)
         self._column_means = gram.mean(axis=1)  # symmetric: along rows numpy adds in pairs, and rounds less
         self._grand_mean = float(self._column_means.mean())
         centred = gram - self._column_means - self._column_means[:, np.newaxis] + self._grand_mean
-        keep = min(int(wanted), limit)
+        keep = min(wanted, limit)
         with single_threaded_blas():
             squares, vectors = scipy.linalg.eigh(centred, subset_by_index=[n - keep, n - 1])
         squares, vectors = squares[::-1], vectors[:, ::-1]
@@ -239,6 +235,7 @@ def _square(gram: npt.ArrayLike) -> FloatArray:
     products = _finite("gram", gram)
     if products.ndim != 2 or products.shape[0] != products.shape[1] or len(products) < 2:
         raise ValueError(f"gram must have shape (n, n) with n >= 2, got {products.shape}")
+    check_symmetric(products)
     return products
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from numbers import Real
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._numbers import positive_number
 from granular_id.features import feature_names
 from granular_id.spaces.base import RecordingTransformer, axis_series, check_rate
 from granular_id.spaces.blocks import FeatureBlock, axis_names
@@ -89,10 +89,7 @@ class DFT(RecordingTransformer):
     def _learn(self, recordings: FloatArray) -> None:  # noqa: ARG002
         if not isinstance(self.kind, str) or self.kind not in _KINDS:
             raise ValueError(f"kind must be one of {', '.join(map(repr, _KINDS))}, got {self.kind!r}")
-        if isinstance(self.floor, bool) or not isinstance(self.floor, Real):
-            raise TypeError(f"floor must be a number, got {self.floor!r}")
-        if not (math.isfinite(self.floor) and self.floor > 0):
-            raise ValueError(f"floor must be positive and finite, got {self.floor!r}")
+        positive_number("floor", self.floor)
         check_rate(self.rate_hz)
 
     def _features(self, recordings: FloatArray) -> FloatArray:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from numbers import Real
-
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._numbers import positive_number
 from granular_id.spaces.base import RecordingFilter, check_rate
 
 __all__ = ["Tare"]
@@ -57,12 +55,9 @@ class Tare(RecordingFilter):
 
     def _learn(self, recordings: FloatArray) -> None:
         check_rate(self.rate_hz, optional=False)
-        if isinstance(self.tare_s, bool) or not isinstance(self.tare_s, Real):
-            raise TypeError(f"tare_s must be a number of seconds, got {self.tare_s!r}")
-        if not (math.isfinite(self.tare_s) and self.tare_s > 0):
-            raise ValueError(f"tare_s must be positive and finite, got {self.tare_s!r}")
+        tare_s = positive_number("tare_s", self.tare_s, "a number of seconds")
         n_samples = recordings.shape[1]
-        n_tare = round(min(float(self.tare_s) * float(self.rate_hz), 1e300))  # infinity has no whole number
+        n_tare = round(min(tare_s * float(self.rate_hz), 1e300))  # infinity has no whole number
         if not 1 <= n_tare <= n_samples:
             raise ValueError(
                 f"tare_s={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare:g} samples, "

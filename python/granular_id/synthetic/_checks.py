@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from numbers import Integral, Real
+
+from granular_id._numbers import real_number
 
 
 def real(name: str, value: object) -> float:
     """Return ``value`` as float; raise unless it is a finite real number."""
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be a real number, got {value!r}")
-    number = float(value)
+    number = real_number(name, value, "a real number")
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite, got {number}")
     return number
@@ -41,14 +40,4 @@ def rate(name: str, value: object) -> float:
     number = positive(name, value)
     if number > MAX_RATE_HZ:
         raise ValueError(f"{name} must be at most {MAX_RATE_HZ:g}, got {number:g}")
-    return number
-
-
-def count(name: str, value: object, *, minimum: int) -> int:
-    """Return ``value`` as int; raise unless it is a whole number of at least ``minimum``."""
-    if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be a whole number, got {value!r}")
-    number = int(value)
-    if number < minimum:
-        raise ValueError(f"{name} must be at least {minimum}, got {number}")
     return number

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._numbers import whole_number
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import _checks
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
@@ -99,12 +100,12 @@ def synthesize(
     True
     """
     chosen = resolve_materials(PAPER_MATERIALS if materials is None else materials)
-    n_per_class = _checks.count("n_per_class", n_per_class, minimum=1)
+    n_per_class = whole_number("n_per_class", n_per_class)
     if sessions is None:
         sessions = min(DEFAULT_SESSIONS, n_per_class)
-    if _checks.count("sessions", sessions, minimum=1) > n_per_class:
+    if whole_number("sessions", sessions) > n_per_class:
         raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
-    seed = _checks.count("seed", seed, minimum=0)
+    seed = whole_number("seed", seed, least=0)
     rig, nuisance, sensor = rig or Rig(), nuisance or Nuisance(), sensor or Sensor()
     rate_hz = _checks.rate("rate_hz", rate_hz)
     duration_s = _checks.positive("duration_s", duration_s)

@@ -8,6 +8,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._numbers import whole_number
 from granular_id.synthetic import _checks
 from granular_id.synthetic.contacts import contact_breaks
 from granular_id.synthetic.drag import N_LAYERS, drag_profile, layers, mean_drag_n
@@ -48,7 +49,7 @@ def random_stream(seed: int | np.random.SeedSequence, *key: int) -> np.random.Se
     """
     if isinstance(seed, np.random.SeedSequence):
         return np.random.SeedSequence(entropy=seed.entropy, spawn_key=(*seed.spawn_key, *key))
-    return np.random.SeedSequence(entropy=_checks.count("seed", seed, minimum=0), spawn_key=key)
+    return np.random.SeedSequence(entropy=whole_number("seed", seed, least=0), spawn_key=key)
 
 
 def simulate_push(

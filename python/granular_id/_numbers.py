@@ -1,0 +1,71 @@
+"""Arguments that must be single numbers."""
+
+from __future__ import annotations
+
+import math
+from numbers import Integral, Real
+
+import numpy as np
+
+__all__ = ["positive_number", "real_number", "whole_number"]
+
+
+def real_number(name: str, value: object, wanted: str = "a number") -> float:
+    """Return an argument as a float, or name it in an error.
+
+    Parameters
+    ----------
+    name : str
+        Its name, for the message.
+    value : object
+        True and False are no numbers. A whole number beyond float64 becomes infinite: the caller, who knows the
+        range, refuses it as any other infinity.
+    wanted : str
+        What it must be, with its unit.
+
+    Raises
+    ------
+    TypeError
+        It is no real number.
+
+    Examples
+    --------
+    >>> from granular_id._numbers import real_number
+    >>> real_number("tare_s", 1), real_number("tare_s", 10**400)
+    (1.0, inf)
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise TypeError(f"{name} must be {wanted}, got {value!r:.60}")
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf  # type: ignore[operator]  # Real knows it, its stub does not
+
+
+def positive_number(name: str, value: object, wanted: str = "a number") -> float:
+    """Return an argument as a positive finite float, or name it in an error; see `real_number`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no real number; it is not positive and finite.
+    """
+    number = real_number(name, value, wanted)
+    if not 0 < number < math.inf:
+        raise ValueError(f"{name} must be positive and finite, got {number!r}")
+    return number
+
+
+def whole_number(name: str, value: object, least: int = 1) -> int:
+    """Return an argument as an int, or name it in an error.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no whole number; it is below `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise TypeError(f"{name} must be a whole number, got {value!r:.60}")
+    if value < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}")
+    return int(value)
