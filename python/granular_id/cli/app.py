@@ -11,8 +11,11 @@ from granular_id.cli.data import data
 from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
+from granular_id.cli.identify import identify
+from granular_id.cli.model import model
 from granular_id.cli.report import report
 from granular_id.cli.select import select
+from granular_id.cli.train import train
 
 __all__ = ["app"]
 
@@ -29,7 +32,10 @@ app.command()(evaluate)
 app.command()(select)
 app.command()(explain)
 app.command()(report)
+app.command()(train)
+app.command()(identify)
 app.command()(demo)
+app.add_typer(model, name="model")
 app.add_typer(data, name="data")
 
 

@@ -96,6 +96,15 @@ class Method:
             **self._options,
         )
 
+    def of_model(self) -> dict[str, Any]:
+        """Return the settings as `granular_id.identifier.Identifier.fit` takes them."""
+        if self._options["tare_s"] is not None:
+            raise ValueError(
+                "--tare-s is not for models, which take samples as they come: leave it out; --initial steady keeps an "
+                "offset of the sensor out of the histogram"
+            )
+        return {name: value for name, value in self._options.items() if name != "tare_s"}
+
     @property
     def n_jobs(self) -> int:
         """Threads of the work after the features."""

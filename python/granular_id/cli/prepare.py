@@ -12,7 +12,7 @@ from granular_id.cli.sentences import excluded_text, skipped_text
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport
 
-__all__ = ["Preparation", "prepare", "refuse_unequal", "with_onsets"]
+__all__ = ["Preparation", "prepare", "refuse_unequal", "told", "with_onsets"]
 
 Choice = Literal["raise", "skip"]
 
@@ -88,9 +88,9 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
         say(excluded_text(before, data), "")
     if wanted.rate_hz is not None and any(recording.rate_hz != wanted.rate_hz for recording in data):
         limit = None if math.isinf(wanted.max_gap_s) else wanted.max_gap_s
-        data = _told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
+        data = told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
     if wanted.begin_at == "onset":
-        data = _told(with_onsets(data, wanted), say)
+        data = told(with_onsets(data, wanted), say)
     if wanted.duration_s is not None or wanted.n_samples is not None:
         _refuse_unequal_rates(data)
         aligned = data.align(
@@ -101,7 +101,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
             on_short=wanted.on_short,
             on_missing=wanted.on_short,
         )
-        data = _told(aligned, say)
+        data = told(aligned, say)
     return data
 
 
@@ -117,7 +117,8 @@ def refuse_unequal(data: Dataset) -> None:
     _refuse_unequal_lengths(data)
 
 
-def _told(data: Dataset, say: Callable[[str, str], None]) -> Dataset:
+def told(data: Dataset, say: Callable[[str, str], None]) -> Dataset:
+    """Say what the last step of a data set did, and return the data set."""
     step = data.history[-1]
     say(_step_text(step), skipped_text(step))
     return data

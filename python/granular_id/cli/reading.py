@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,19 @@ from granular_id.cli.settings import positive
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
 
-__all__ = ["PANEL", "Handling", "Reading"]
+__all__ = [
+    "PANEL",
+    "Handling",
+    "MaxFileMb",
+    "OnError",
+    "OnTimeError",
+    "Reading",
+    "RecordedHz",
+    "Repair",
+    "Topic",
+    "load_settings",
+    "loaded",
+]
 
 PANEL = "Recordings"
 
@@ -37,6 +50,26 @@ class Repair(str, Enum):
     repair = "repair"
 
 
+OnError = Annotated[
+    Handling, option("--on-error", PANEL, "A file that cannot be read: refuse, or leave it out.")
+]
+OnTimeError = Annotated[
+    Repair,
+    option("--on-time-error", PANEL, "Time running backwards or repeated: refuse, or sort and merge."),
+]
+RecordedHz = Annotated[
+    float | None,
+    option(
+        "--recorded-hz", PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."
+    ),
+]
+Topic = Annotated[str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")]
+MaxFileMb = Annotated[
+    float | None,
+    option("--max-file-mb", PANEL, "Largest file to read. Default: 8 of text, 2048 of binary."),
+]
+
+
 class Reading:
     """Recordings to read, with every option checked."""
 
@@ -44,53 +77,50 @@ class Reading:
         self,
         path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or file of recordings.")],
         *,
-        on_error: Annotated[
-            Handling, option("--on-error", PANEL, "A file that cannot be read: refuse, or leave it out.")
-        ] = Handling.refuse,
-        on_time_error: Annotated[
-            Repair,
-            option(
-                "--on-time-error", PANEL, "Time running backwards or repeated: refuse, or sort and merge."
-            ),
-        ] = Repair.refuse,
-        recorded_hz: Annotated[
-            float | None,
-            option(
-                "--recorded-hz",
-                PANEL,
-                "Rate at which files without a clock were recorded (--rate-hz resamples).",
-            ),
-        ] = None,
-        topic: Annotated[
-            str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")
-        ] = None,
-        max_file_mb: Annotated[
-            float | None,
-            option("--max-file-mb", PANEL, "Largest file to read. Default: 8 of text, 2048 of binary."),
-        ] = None,
+        on_error: OnError = Handling.refuse,
+        on_time_error: OnTimeError = Repair.refuse,
+        recorded_hz: RecordedHz = None,
+        topic: Topic = None,
+        max_file_mb: MaxFileMb = None,
     ) -> None:
-        positive("--recorded-hz", recorded_hz)
-        positive("--max-file-mb", max_file_mb)
         self.path = path
-        self.settings: dict[str, Any] = {
-            "rate_hz": recorded_hz,
-            "on_error": on_error.value,
-            "on_time_error": on_time_error.value,
-            "topic": topic,
-            "max_file_bytes": None if max_file_mb is None else math.ceil(max_file_mb * 2**20),
-        }
+        self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
 
     def load(self, *, quiet: bool) -> Dataset:
         """Read the recordings and say what was read; when quiet, only what was skipped."""
-        from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
-
-        try:
-            data = load(self.path, progress=not quiet, **self.settings)
-        except ValueError as error:
-            skippable = isinstance(error, RecordingFileError) and error.skippable
-            hint = "; add --on-error skip to leave such files out" if skippable else ""
-            raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
+        data = loaded(self.path, self.settings, quiet=quiet)
         said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
         if said:
             Console(highlight=False).print(said, soft_wrap=True, markup=False)
         return data
+
+
+def load_settings(
+    on_error: Handling,
+    on_time_error: Repair,
+    recorded_hz: float | None,
+    topic: str | None,
+    max_file_mb: float | None,
+) -> dict[str, Any]:
+    """Check the options of reading, and return them as `granular_id.load` takes them."""
+    positive("--recorded-hz", recorded_hz)
+    positive("--max-file-mb", max_file_mb)
+    return {
+        "rate_hz": recorded_hz,
+        "on_error": on_error.value,
+        "on_time_error": on_time_error.value,
+        "topic": topic,
+        "max_file_bytes": None if max_file_mb is None else math.ceil(max_file_mb * 2**20),
+    }
+
+
+def loaded(path: Path, settings: Mapping[str, Any], *, quiet: bool) -> Dataset:
+    """Read one file or folder, with messages that name options."""
+    from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
+
+    try:
+        return load(path, progress=not quiet, **settings)
+    except ValueError as error:
+        skippable = isinstance(error, RecordingFileError) and error.skippable
+        hint = "; add --on-error skip to leave such files out" if skippable else ""
+        raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None

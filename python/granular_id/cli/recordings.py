@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,7 @@ from granular_id.cli.settings import length_of, names_in, onsets_in, positive
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
 
-__all__ = ["Steps", "equal_recordings"]
+__all__ = ["MaxGapS", "OnGap", "OnShort", "OnsetAt", "RateHz", "RestS", "Steps", "equal_recordings", "saying"]
 
 
 class Beginning(str, Enum):
@@ -26,26 +27,38 @@ class Beginning(str, Enum):
     onset = "onset"
 
 
+RateHz = Annotated[
+    float | None,
+    option(
+        "--rate-hz",
+        PANEL,
+        "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz.",
+    ),
+]
+MaxGapS = Annotated[float, option("--max-gap-s", PANEL, "Longest gap to fill when resampling; inf: any.")]
+OnGap = Annotated[Handling, option("--on-gap", PANEL, "A longer gap: refuse, or leave the recording out.")]
+RestS = Annotated[float, option("--rest-s", PANEL, "Rest at the start from which the onset is judged.")]
+OnsetAt = Annotated[
+    list[str] | None,
+    option("--onset-at", PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."),
+]
+OnShort = Annotated[
+    Handling,
+    option(
+        "--on-short", PANEL, "A recording too short, or without trigger or onset: refuse, or leave it out."
+    ),
+]
+
+
 class Steps:
     """What to do with recordings once they are read, with every option checked."""
 
     def __init__(
         self,
         *,
-        rate_hz: Annotated[
-            float | None,
-            option(
-                "--rate-hz",
-                PANEL,
-                "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz.",
-            ),
-        ] = None,
-        max_gap_s: Annotated[
-            float, option("--max-gap-s", PANEL, "Longest gap to fill when resampling; inf: any.")
-        ] = 0.25,
-        on_gap: Annotated[
-            Handling, option("--on-gap", PANEL, "A longer gap: refuse, or leave the recording out.")
-        ] = Handling.refuse,
+        rate_hz: RateHz = None,
+        max_gap_s: MaxGapS = 0.25,
+        on_gap: OnGap = Handling.refuse,
         begin_at: Annotated[
             Beginning,
             option(
@@ -57,27 +70,15 @@ class Steps:
         lead_s: Annotated[
             float, option("--lead-s", PANEL, "Seconds to keep ahead of trigger or onset.")
         ] = 0.0,
-        rest_s: Annotated[
-            float, option("--rest-s", PANEL, "Rest at the start from which the onset is judged.")
-        ] = 0.1,
-        onset_at: Annotated[
-            list[str] | None,
-            option("--onset-at", PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."),
-        ] = None,
+        rest_s: RestS = 0.1,
+        onset_at: OnsetAt = None,
         duration_s: Annotated[
             float | None, option("--duration-s", PANEL, "Keep this many seconds from there on.")
         ] = None,
         n_samples: Annotated[
             str | None, option("--n-samples", PANEL, "Keep this many samples, or: shortest.")
         ] = None,
-        on_short: Annotated[
-            Handling,
-            option(
-                "--on-short",
-                PANEL,
-                "A recording too short, or without trigger or onset: refuse, or leave it out.",
-            ),
-        ] = Handling.refuse,
+        on_short: OnShort = Handling.refuse,
         exclude: Annotated[
             str, option("--exclude", PANEL, "Materials to leave out, separated by commas.")
         ] = "",
@@ -116,14 +117,19 @@ class Steps:
         """
         if self.preparation.onset_at and self.preparation.begin_at != "onset" and not onsets:
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
-        console = Console(highlight=False)
+        return prepare(data, self.preparation, saying(quiet=quiet))
 
-        def say(text: str, always: str) -> None:
-            shown = always if quiet else text
-            if shown:
-                console.print(shown, soft_wrap=True, markup=False)
 
-        return prepare(data, self.preparation, say)
+def saying(*, quiet: bool) -> Callable[[str, str], None]:
+    """Return what prints the reports of steps: what each did or, when quiet, only what it left out."""
+    console = Console(highlight=False)
+
+    def say(text: str, always: str) -> None:
+        shown = always if quiet else text
+        if shown:
+            console.print(shown, soft_wrap=True, markup=False)
+
+    return say
 
 
 def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:

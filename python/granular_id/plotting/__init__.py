@@ -10,6 +10,7 @@ from granular_id.plotting.gap import plot_gap
 from granular_id.plotting.hfmh import plot_hfmh
 from granular_id.plotting.mean_forces import plot_mean_forces
 from granular_id.plotting.onset import plot_onsets
+from granular_id.plotting.over_time import plot_over_time
 from granular_id.plotting.recall import plot_recall
 from granular_id.plotting.recordings import plot_recordings
 from granular_id.plotting.residual import plot_residual
@@ -23,6 +24,7 @@ __all__ = [
     "plot_hfmh",
     "plot_mean_forces",
     "plot_onsets",
+    "plot_over_time",
     "plot_recall",
     "plot_recordings",
     "plot_residual",

@@ -1,0 +1,202 @@
+"""``granular-id identify``: name the materials in recordings, with a trained model."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
+from granular_id.cli.reading import (
+    PANEL,
+    Handling,
+    MaxFileMb,
+    OnError,
+    OnTimeError,
+    RecordedHz,
+    Repair,
+    Topic,
+    load_settings,
+)
+from granular_id.cli.recordings import MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
+from granular_id.cli.sentences import loaded_text, skipped_text
+from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.settings import onsets_in, positive
+from granular_id.cli.unnamed import load_all
+
+if TYPE_CHECKING:
+    from granular_id.identifier import Identifier
+    from granular_id.recording import Dataset
+
+__all__ = ["identify"]
+
+TEXT = """
+Name the material in each recording, with a model that `granular-id train` has written.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`; labels are not needed. Where recordings have some
+that the model knows, its answers are compared with them.
+
+Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length. Longer ones begin
+at their stored trigger, less the rest that the recordings of the training had before it; --begin-at says otherwise.
+
+Examples:
+
+`granular-id identify kitchen.safetensors fresh`
+
+`granular-id identify kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
+
+`granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
+"""
+
+OUTPUT = "Output"
+
+
+class Beginning(str, Enum):
+    """Choices of ``--begin-at``."""
+
+    auto = "auto"
+    first = "first"
+    trigger = "trigger"
+    onset = "onset"
+
+
+class Recordings:
+    """A model and the recordings to identify, with every option of reading checked."""
+
+    def __init__(
+        self,
+        model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+        paths: Annotated[
+            list[Path], typer.Argument(metavar="PATH...", help="Folders and files of recordings.")
+        ],
+        *,
+        on_error: OnError = Handling.refuse,
+        on_time_error: OnTimeError = Repair.refuse,
+        recorded_hz: RecordedHz = None,
+        topic: Topic = None,
+        max_file_mb: MaxFileMb = None,
+    ) -> None:
+        self.model = model
+        self.paths = paths
+        self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
+
+    def load(self, *, quiet: bool) -> Dataset:
+        """Read the recordings and say what was read; when quiet, only what was skipped."""
+        data = load_all(self.paths, self.settings, quiet=quiet)
+        said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
+        if said:
+            Console(highlight=False).print(said, soft_wrap=True, markup=False)
+        return data
+
+
+class Fitting:
+    """How recordings come to the rate and length of the model, with every option checked."""
+
+    def __init__(
+        self,
+        *,
+        rate_hz: RateHz = None,
+        max_gap_s: MaxGapS = 0.25,
+        on_gap: OnGap = Handling.refuse,
+        begin_at: Annotated[
+            Beginning,
+            option(
+                "--begin-at",
+                PANEL,
+                "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
+                "the forces; auto: the trigger, of longer recordings.",
+            ),
+        ] = Beginning.auto,
+        lead_s: Annotated[
+            float | None,
+            option("--lead-s", PANEL, "Seconds ahead of trigger or onset. Default: as in the training."),
+        ] = None,
+        rest_s: RestS = 0.1,
+        onset_at: OnsetAt = None,
+        on_short: OnShort = Handling.refuse,
+    ) -> None:
+        positive("--rate-hz", rate_hz)
+        positive("--max-gap-s", max_gap_s, infinite=True)
+        positive("--rest-s", rest_s)
+        if lead_s is not None and begin_at is Beginning.first:
+            raise ValueError("--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first")
+        onsets = onsets_in(onset_at or [])
+        if onsets and begin_at is not Beginning.onset:
+            raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
+        self.begin_at, self.lead_s, self.on_short = begin_at, lead_s, on_short
+        self.preparation = Preparation(
+            rate_hz=rate_hz,
+            max_gap_s=max_gap_s,
+            duration_s=None,
+            n_samples=None,
+            rest_s=rest_s,
+            onset_at=onsets,
+            on_gap=on_gap.value,
+        )
+
+    def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> Dataset:
+        """Bring recordings to the rate and length of a model, saying what each step did."""
+        from granular_id.identifier.fitting import fitted, refuse_others  # noqa: PLC0415 (slow to import)
+
+        say = saying(quiet=quiet)
+        data = prepare(data, self.preparation, say)
+        refuse_others(data, identifier.core)
+        if self.begin_at is Beginning.onset:
+            data = told(with_onsets(data, self.preparation), say)
+        cropped = fitted(
+            data,
+            identifier.core,
+            begin_at="trigger" if self.begin_at is Beginning.onset else self.begin_at.value,
+            lead_s=self.lead_s,
+            on_short=self.on_short.value,
+        )
+        return cropped if cropped is data else told(cropped, say)
+
+
+@guarded
+@taking(Recordings, Fitting)
+def identify(
+    recordings: Recordings,
+    fitting: Fitting,
+    *,
+    json: Annotated[Path | None, option("--json", OUTPUT, "Write answers with their rankings.")] = None,
+    csv: Annotated[Path | None, option("--csv", OUTPUT, "Write answers as a table.")] = None,
+    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print recording and answer only.")] = False,
+) -> None:
+    """Name the material in each recording; see `TEXT`."""
+    for path in (recordings.model, *recordings.paths):
+        check_targets(json, csv, source=path)
+
+    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    identifier = Identifier.load(recordings.model)
+    data = recordings.load(quiet=quiet)
+    data = fitting.taken(data, identifier, quiet=quiet)
+
+    from granular_id.cli.render import print_table  # noqa: PLC0415
+    from granular_id.identifier.batch import identify_all  # noqa: PLC0415
+
+    answers = identify_all(identifier, data)
+    console = Console(highlight=False)
+    if quiet:
+        for answer in answers:
+            console.print(f"{answer.name}\t{answer.label}", soft_wrap=True, markup=False)
+        if answers.synthetic:
+            Console(stderr=True).print(answers.synthetic, style="bold yellow")
+    else:
+        print_table(console, answers.table(), strong=bool(answers.synthetic))
+    if json is not None:
+        from granular_id._files import write_json  # noqa: PLC0415
+
+        write_json(json, answers.to_dict())
+    if csv is not None:
+        answers.to_csv(csv)
+    say_written(console, [path for path in (json, csv) if path is not None], None)
+
+
+identify.__doc__ = TEXT

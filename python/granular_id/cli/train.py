@@ -1,0 +1,162 @@
+"""``granular-id train``: a model that names materials, in one safe file."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.model import print_model
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps, equal_recordings
+from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.settings import at_least, positive
+
+if TYPE_CHECKING:
+    from granular_id.identifier.training import Training
+    from granular_id.recording import Dataset
+
+__all__ = ["train"]
+
+TEXT = """
+Train a model on all recordings and write it into one file, which `granular-id identify` and `granular-id live` use.
+
+What may be expected of it is measured on recordings that are held out, as strictly as they allow: whole sessions where
+every material has several; else halves in time order; else random folds. The output says which. On the same recordings
+it is found from which margin on an answer may be given before the push is over.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+Examples:
+
+`granular-id train recordings -o kitchen.safetensors`
+
+`granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
+
+`granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest --bin-range auto`
+"""
+
+METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
+
+
+class Space(str, Enum):
+    """Choices of ``--space``."""
+
+    both = "raw+hfmh"
+    hfmh = "hfmh"
+    raw = "raw"
+
+
+class Probabilities(str, Enum):
+    """Choices of ``--posterior``."""
+
+    none = "none"
+    kullback_leibler = "kullback_leibler"
+    wu_lin_weng = "wu_lin_weng"
+
+
+@guarded
+@taking(Reading, Steps, Method)
+def train(
+    reading: Reading,
+    steps: Steps,
+    method: Method,
+    *,
+    output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write (safetensors).")],
+    space: Annotated[
+        Space, option("--space", METHOD, "Feature space: those whose scores grow with each sample.")
+    ] = Space.both,
+    block_weights: BlockWeights = Weights.plain,
+    c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
+    coding: Annotated[
+        str, option("--coding", METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...")
+    ] = "onevsone",
+    posterior: Annotated[
+        Probabilities, option("--posterior", METHOD, "Also fit probabilities of the materials.")
+    ] = Probabilities.none,
+    target_error: Annotated[
+        float, option("--target-error", ESTIMATE, "Share of early answers that may be wrong.")
+    ] = 0.01,
+    early: Annotated[bool, option("--early/--no-early", ESTIMATE, "Allow answers before the end.")] = True,
+    folds: Annotated[
+        int, option("--folds", ESTIMATE, "Random folds, without sessions and order in time.")
+    ] = 5,
+    seed: Annotated[int, option("--seed", ESTIMATE, "Same seed, same bytes.")] = 0,
+    figure: Annotated[
+        Path | None, option("--figure", OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf.")
+    ] = None,
+    json: Annotated[
+        Path | None, option("--json", OUTPUT, "Write estimates, and accuracy against seconds seen.")
+    ] = None,
+    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the estimate only.")] = False,
+) -> None:
+    """Train, estimate, write; see `TEXT`."""
+    positive("--C", c)
+    if not 0 < target_error < 1:
+        raise ValueError(f"--target-error must lie between 0 and 1, got {target_error:g}")
+    at_least("--folds", folds, 2)
+    at_least("--seed", seed, 0)
+    method.fits(steps.preparation.rate_hz)
+    settings: dict[str, Any] = {
+        **method.of_model(),
+        "space": space.value,
+        "block_weights": None if block_weights is Weights.plain else block_weights.value,
+        "C": c,
+        "coding": coding,
+        "posterior": None if posterior is Probabilities.none else posterior.value,
+        "random_state": seed,
+    }
+    check_targets(output, figure, json, source=reading.path)
+    if figure is not None:
+        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
+
+        file_format(figure)
+    data = equal_recordings(reading, steps, quiet=quiet)
+
+    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
+    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415
+    from granular_id.identifier.training import train as fit  # noqa: PLC0415
+
+    training = fit(
+        data,
+        Recipe(**settings),
+        early=early,
+        target_error=target_error,
+        n_folds=folds,
+        threads=method.threads,
+        progress=not quiet,
+    )
+    console = Console(highlight=False)
+    identifier = Identifier(training.core)
+    print_model(console, identifier, brief=True)
+    written = [output, *_extras(training, data, figure, json)]
+    identifier.save(output)
+    say_written(console, written, None if quiet else repeated_command())
+
+
+train.__doc__ = TEXT
+
+
+def _extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> list[Path]:
+    """Write the figure and the JSON file that were asked for."""
+    from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.evaluation.describe import is_synthetic  # noqa: PLC0415
+    from granular_id.identifier.over_time import over_time  # noqa: PLC0415
+
+    course = None
+    if training.held is not None:
+        course = over_time(training.held, data.rate_hz, training.early, synthetic=is_synthetic(data))
+    if figure is not None:
+        from granular_id.plotting.over_time import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
+
+        if course is None:
+            raise ValueError(f"--figure shows held-out recordings, and there are none: {training.why_none}")
+        plot_over_time(course, path=figure)
+    if json is not None:
+        write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})
+    return [path for path in (figure, json) if path is not None]

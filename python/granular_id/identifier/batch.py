@@ -1,0 +1,207 @@
+"""Answers about many whole recordings at once, beside the truth where it is known."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from granular_id._files import whole_file
+from granular_id.evaluation.describe import is_synthetic
+from granular_id.evaluation.tables import Table, percent
+from granular_id.identifier.answers import Answers, probabilities
+from granular_id.identifier.building import fingerprint
+from granular_id.identifier.held_out import margins_of
+from granular_id.recording import Dataset, Recording, SampleFlag
+
+__all__ = ["Batch", "Named", "identify_all"]
+
+
+@dataclass(frozen=True)
+class Named:
+    """What a model says of one recording.
+
+    Attributes
+    ----------
+    name : str
+        Of the recording.
+    label : str
+        The answer.
+    margin : float
+        Second least mean loss minus the least: how far the runner-up is.
+    ranking : tuple of (str, float)
+        All labels with their mean losses, best first.
+    probability : float or None
+        Of the answer, where the model knows probabilities.
+    truth : str or None
+        Label of the recording; None where it has none.
+    warnings : tuple of str
+        What is wrong with samples of the recording.
+    """
+
+    name: str
+    label: str
+    margin: float
+    ranking: tuple[tuple[str, float], ...]
+    probability: float | None
+    truth: str | None
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Answers about recordings, in their order; iterate over them.
+
+    Attributes
+    ----------
+    each : tuple of Named
+    classes : tuple of str
+        Labels that the model knows.
+    synthetic : str
+        What is simulated, in words; empty where nothing is.
+    trained_on_these : bool
+        Whether the model was trained on exactly these recordings: its answers then say nothing about new ones.
+    """
+
+    each: tuple[Named, ...]
+    classes: tuple[str, ...]
+    synthetic: str
+    trained_on_these: bool
+
+    def __iter__(self) -> Iterator[Named]:
+        return iter(self.each)
+
+    def __len__(self) -> int:
+        return len(self.each)
+
+    @property
+    def judged(self) -> tuple[Named, ...]:
+        """Answers about recordings with a label that the model knows."""
+        return tuple(named for named in self.each if named.truth in self.classes)
+
+    @property
+    def accuracy(self) -> float | None:
+        """Share of right answers among `judged`; None where there are none."""
+        judged = self.judged
+        return sum(named.label == named.truth for named in judged) / len(judged) if judged else None
+
+    def table(self) -> Table:
+        """Return answers, margins and truth as a table with notes."""
+        title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
+        columns = {"recording": [n.name for n in self.each], "answer": [n.label for n in self.each]}
+        columns["margin"] = [f"{n.margin:.3f}" for n in self.each]
+        if any(n.probability is not None for n in self.each):
+            columns["probability"] = [percent(n.probability) for n in self.each]
+        if any(n.truth is not None for n in self.each):
+            columns["truth"] = [self._truth(n) for n in self.each]
+        if any(n.warnings for n in self.each):
+            columns["samples"] = [", ".join(n.warnings) for n in self.each]
+        rows = tuple(zip(*columns.values(), strict=True))
+        return Table(title, tuple(columns), rows, tuple(self._notes()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything in types that JSON knows."""
+        return {
+            "synthetic": self.synthetic,
+            "trained_on_these": self.trained_on_these,
+            "accuracy": self.accuracy,
+            "n_judged": len(self.judged),
+            "recordings": [
+                {
+                    "name": n.name,
+                    "label": n.label,
+                    "margin": n.margin,
+                    "probability": n.probability,
+                    "truth": n.truth,
+                    "warnings": list(n.warnings),
+                    "ranking": [{"label": label, "mean_loss": loss} for label, loss in n.ranking],
+                }
+                for n in self.each
+            ],
+        }
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one line for each recording, whole or not at all."""
+        with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(("recording", "label", "margin", "probability", "truth", "warnings"))
+            for n in self.each:
+                chance = "" if n.probability is None else repr(n.probability)
+                warned = "; ".join(n.warnings)
+                writer.writerow((n.name, n.label, repr(n.margin), chance, n.truth or "", warned))
+
+    def _truth(self, named: Named) -> str:
+        if named.truth is None:
+            return ""
+        return named.truth if named.truth == named.label else f"{named.truth} (!)"
+
+    def _notes(self) -> Iterator[str]:
+        judged, accuracy = self.judged, self.accuracy
+        if accuracy is not None:
+            right = sum(named.label == named.truth for named in judged)
+            yield f"{right} of {len(judged)} recordings with a known material named rightly: {percent(accuracy)}"
+            mistakes = Counter((n.truth, n.label) for n in judged if n.label != n.truth)
+            if mistakes:
+                said = (f"{truth} for {label} ({count})" for (truth, label), count in mistakes.most_common(5))
+                yield f"mistakes (true for said): {', '.join(said)}"
+        others = Counter(n.truth for n in self.each if n.truth is not None and n.truth not in self.classes)
+        if others:
+            named_others = ", ".join(f"{label} ({count})" for label, count in others.most_common(5))
+            yield f"labels that the model does not know, not counted: {named_others}"
+        if self.trained_on_these:
+            yield "the model was trained on exactly these recordings: this says nothing about new ones"
+
+
+def identify_all(model: Answers, data: Dataset) -> Batch:
+    """Name the material of every recording of a data set.
+
+    Parameters
+    ----------
+    model : Identifier
+    data : Dataset
+        Of the length, rate and axes of the model, see `granular_id.identifier.fitting`.
+
+    Returns
+    -------
+    Batch
+    """
+    scores = model.scores(data.X)
+    losses = model.core.losses(scores)
+    chances = None if model.core.sigmoid is None else probabilities(model.core, scores)
+    margins = margins_of(losses)
+    each = []
+    for i, recording in enumerate(data):
+        order = np.argsort(losses[i], kind="stable")  # of equal losses the first label, as everywhere
+        ranking = tuple((model.classes[k], float(losses[i, k])) for k in order.tolist())
+        chance = None if chances is None else float(chances[i, order[0]])
+        warned = _warnings(recording)
+        each.append(
+            Named(recording.name, ranking[0][0], float(margins[i]), ranking, chance, recording.label, warned)
+        )
+    simulated = [
+        *(["a model of SYNTHETIC recordings"] if model.synthetic else []),
+        *(["SYNTHETIC recordings"] if is_synthetic(data) else []),
+    ]
+    return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data))
+
+
+def _warnings(recording: Recording) -> tuple[str, ...]:
+    if recording.flags is None:
+        return ()
+    flags = recording.flags
+    counts = {flag: int((flags & flag > 0).sum()) for flag in SampleFlag}
+    return tuple(
+        f"{count} {(flag.name or '').lower().replace('_', ' ')}" for flag, count in counts.items() if count
+    )
+
+
+def _trained_on(model: Answers, data: Dataset) -> bool:
+    mark, settings = model.core.metadata["training_sha256"], model.trained.get("settings")
+    if not mark or settings is None or None in {recording.label for recording in data}:
+        return False
+    return fingerprint(data, settings) == mark

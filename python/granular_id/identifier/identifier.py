@@ -1,0 +1,292 @@
+"""``Identifier``: a trained model that names materials, and fits into one safe file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id import _core
+from granular_id._files import whole_file
+from granular_id._progress import ProgressCallback
+from granular_id.identifier.answers import Answers
+from granular_id.identifier.building import MAX_FILE_BYTES, core_of
+from granular_id.identifier.fitting import Begin, fitted, refuse_others
+from granular_id.identifier.parts import parts_of
+from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.training import train
+from granular_id.recording import Dataset, Recording
+from granular_id.spaces.blocks import axis_names, axis_units
+from granular_id.spaces.hfmh import DEFAULT_RANGE, BinRange
+from granular_id.spaces.weights import BlockWeights
+
+if TYPE_CHECKING:
+    from granular_id.identifier.decision import Decision
+
+__all__ = ["Identifier"]
+
+
+class Identifier(Answers):
+    """A trained model that names materials: features, linear learners, classes and what is known of their making.
+
+    Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object
+    that the Rust crate and the streaming identification use: the same labels and scores, to the last bit, from whole
+    recordings and from streams.
+
+    Parameters
+    ----------
+    core : granular_id._core.Model
+        The model.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import granular_id as gid
+    >>> from granular_id.identifier import Identifier
+    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> identifier = Identifier.fit(data, "hfmh")
+    >>> identifier
+    Identifier('hfmh', 2 classes, 250 samples at 500 Hz, trained on SYNTHETIC recordings)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "kitchen.safetensors"
+    ...     identifier.save(file)
+    ...     same = Identifier.load(file)
+    >>> bool((same.predict(data.X) == identifier.predict(data.X)).all())
+    True
+    """
+
+    @classmethod
+    def fit(
+        cls,
+        data: Dataset,
+        space: str = "raw+hfmh",
+        *,
+        cutoff_hz: float = 23.0,
+        order: int = 8,
+        n_bins: int = 100,
+        bin_range: BinRange = DEFAULT_RANGE,
+        outside: str = "drop",
+        density: bool = False,
+        initial: str = "zero",
+        block_weights: BlockWeights = None,
+        C: float = 1.0,
+        coding: str | npt.ArrayLike = "onevsone",
+        loss: str = "auto",
+        decoding: str = "loss_weighted",
+        posterior: str | None = None,
+        estimate: bool = True,
+        early: bool = True,
+        target_error: float = 0.01,
+        n_folds: int = 5,
+        random_state: int = 0,
+        max_file_bytes: int = MAX_FILE_BYTES,
+        threads: int | None = None,
+        progress: bool | ProgressCallback | None = None,
+    ) -> Identifier:
+        """Train on all recordings of a data set; the estimates in `trained` come from recordings held out.
+
+        Parameters
+        ----------
+        data : Dataset
+            Recordings of equal length and rate with a label each.
+        space : {"raw+hfmh", "hfmh", "raw"}
+            Feature space; the others of the paper do not grow sample by sample.
+        cutoff_hz, order, n_bins, bin_range, outside, density, initial, block_weights
+            As in `granular_id.RawHFMH`; weights of blocks end in those of the learners.
+        C, coding, loss, decoding, posterior
+            As in `granular_id.ECOCClassifier`; `posterior` gives `predict_proba`.
+        estimate : bool, default True
+            Hold recordings out to measure the accuracy: whole sessions where every class has several, else halves
+            in time order, else random folds. Costs a training for each partition. Without it there is no early rule.
+        early : bool, default True
+            Calibrate on them from which margin on an answer may be given before the recording ends.
+        target_error : float, default 0.01
+            Share of early answers that may be wrong; ``1 / target_error - 1`` recordings at least can show it.
+        n_folds : int, default 5
+            Random folds, where neither sessions nor an order in time are known.
+        random_state : int, default 0
+            Draws random codings, random folds and those of `posterior`. Same data and settings, same bytes.
+        max_file_bytes : int, default 16 MiB
+            Largest model file.
+        threads : int, optional
+            Threads of the extraction; no bit depends on it. Default: all cores.
+        progress : bool or callable, optional
+            As in `granular_id.evaluate`; None is silent.
+
+        Returns
+        -------
+        Identifier
+
+        Raises
+        ------
+        TypeError
+            `data` is not a `Dataset`, or a setting has the wrong type.
+        ValueError
+            Lengths or rates differ, a recording has no label, there is one class only, a space that does not work
+            here, a setting out of range, or a model too large: the message names ways out.
+        """
+        recipe = Recipe(
+            space=space,
+            cutoff_hz=cutoff_hz,
+            order=order,
+            n_bins=n_bins,
+            bin_range=bin_range,
+            outside=outside,
+            density=density,
+            initial=initial,
+            block_weights=block_weights,
+            C=C,
+            coding=coding,
+            loss=loss,
+            decoding=decoding,
+            posterior=posterior,
+            random_state=random_state,
+        )
+        training = train(
+            data,
+            recipe,
+            estimate=estimate,
+            early=early,
+            target_error=target_error,
+            n_folds=n_folds,
+            max_file_bytes=max_file_bytes,
+            threads=threads,
+            progress=progress,
+        )
+        return cls(training.core)
+
+    @classmethod
+    def from_classifier(
+        cls,
+        pipeline: Any,
+        *,
+        rate_hz: float | None = None,
+        axes: Sequence[str] | None = None,
+        lead_s: float | None = None,
+        samples: npt.NDArray[np.float64] | None = None,
+    ) -> Identifier:
+        """Take over a scikit-learn pipeline that was fitted on recordings.
+
+        Parameters
+        ----------
+        pipeline : Pipeline
+            Fitted: `RawSignal`, `HFMH` or `RawHFMH`, then an `ECOCClassifier` of linear learners, on labels of text.
+        rate_hz : float, optional
+            Rate of the recordings, Hz, where the feature space does not know it (`RawSignal` need not).
+        axes : sequence of str, optional
+            Names of the axes; default: fx fy fz tx ty tz where there are six, else axis0, axis1 ...
+        lead_s : float, optional
+            Seconds of rest ahead of the trigger in the recordings.
+        samples : ndarray, shape (n, T, C), optional
+            The recordings of the training. Provisional answers of models on raw samples take their mean for what
+            has not been seen, and zero without them.
+
+        Returns
+        -------
+        Identifier
+            Without estimates and without an early rule.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Another kind of pipeline, not fitted, learners that are not linear, no rate, labels that are no text.
+
+        Examples
+        --------
+        >>> import granular_id as gid
+        >>> from sklearn.pipeline import make_pipeline
+        >>> from granular_id.identifier import Identifier
+        >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.5)
+        >>> pipeline = make_pipeline(gid.RawHFMH(), gid.ECOCClassifier()).fit(data.X, data.y)
+        >>> identifier = Identifier.from_classifier(pipeline, samples=data.X)
+        >>> bool((identifier.predict(data.X) == pipeline.predict(data.X)).all())
+        True
+        """
+        parts = parts_of(pipeline, rate_hz)
+        names = axis_names(parts.n_axes) if axes is None else tuple(axes)
+        units = axis_units(parts.n_axes) if axes is None else None
+        raw = samples if parts.spec.raw else None
+        return cls(core_of(parts, axes=names, units=units, lead_s=lead_s, samples=raw))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], *, max_file_bytes: int = MAX_FILE_BYTES) -> Identifier:
+        """Read a model file. Nothing in it is executed; what is not exactly a model is refused.
+
+        Parameters
+        ----------
+        path : path-like
+            Written by `save`.
+        max_file_bytes : int, default 16 MiB
+            Largest file to read.
+
+        Raises
+        ------
+        FileNotFoundError, OSError
+            There is no such file, or it cannot be read.
+        ValueError
+            (`granular_id._core.ModelFileError`) The file is no model, is damaged or too large: the first fault.
+        """
+        return cls(_core.Model.read(path, max_file_bytes=max_file_bytes))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model into one file (safetensors), whole or not at all.
+
+        Raises
+        ------
+        OSError
+            It cannot be written.
+        """
+        with whole_file(path) as draft:
+            draft.write_bytes(self.core.to_bytes())
+
+    def identify(
+        self,
+        recording: Recording | npt.ArrayLike,
+        *,
+        begin_at: Begin = "auto",
+        lead_s: float | None = None,
+    ) -> Decision:
+        """Name the material of one recording.
+
+        Parameters
+        ----------
+        recording : Recording, or array-like of shape (T, C)
+            An array has the length, rate and axes of the training. A recording may be longer.
+        begin_at : {"auto", "first", "trigger"}, default "auto"
+            Where to begin in a recording: automatically at the first sample where it has the length of the model,
+            at its trigger (less the lead) where it is longer.
+        lead_s : float, optional
+            Seconds kept ahead of the trigger; default: as in the training.
+
+        Returns
+        -------
+        Decision
+            Final, with label, ranking and margin; with a probability where the model has them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Another rate, other axes, a recording too short, or nothing says where to begin.
+        """
+        from granular_id.identifier.streaming import StreamingIdentifier  # noqa: PLC0415 (it imports this module)
+
+        if isinstance(recording, Recording):
+            data = Dataset([recording])
+            refuse_others(data, self.core)
+            wrench = fitted(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
+        else:
+            wrench = np.asarray(recording, dtype=np.float64)
+            wanted = (self.n_samples, len(self.axes))
+            if wrench.shape != wanted:
+                raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")
+        stream = StreamingIdentifier(self)
+        stream.push(wrench)
+        return stream.decision()
+
+    def __repr__(self) -> str:
+        on = ", trained on SYNTHETIC recordings" if self.synthetic else ""
+        size = f"{self.n_samples} samples at {self.rate_hz:g} Hz"
+        return f"Identifier({self.space!r}, {len(self.classes)} classes, {size}{on})"

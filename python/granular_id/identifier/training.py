@@ -1,0 +1,173 @@
+"""Training: a model of all recordings, and what can honestly be said about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id import _core
+from granular_id._blas import single_threaded_blas
+from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id.evaluation.complaints import heard_complaints
+from granular_id.evaluation.describe import warnings_in
+from granular_id.evaluation.partition import Partition, rows_of_class
+from granular_id.identifier.about import described, estimate_of
+from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
+from granular_id.identifier.early import EarlyRule, calibrate
+from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
+from granular_id.identifier.parts import Parts, parts_of
+from granular_id.identifier.recipe import Recipe
+from granular_id.recording import Dataset
+from granular_id.recording.axes import unit_of
+
+__all__ = ["Training", "train"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Training:
+    """A trained model and what is known about it.
+
+    Attributes
+    ----------
+    core : granular_id._core.Model
+        Of all recordings; keeps `trained` and the early rule.
+    trained : dict
+        What it was trained on and how, and the estimates, in types that JSON knows.
+    held : HeldOut or None
+        Answers about held-out recordings; None where there are none, `why_none` says why.
+    early : EarlyRule or None
+        None when it was not asked for, or nothing was held out.
+    why_none : str
+    """
+
+    core: _core.Model
+    trained: dict[str, Any]
+    held: HeldOut | None
+    early: EarlyRule | None
+    why_none: str = ""
+
+
+def train(
+    data: Dataset,
+    recipe: Recipe,
+    *,
+    estimate: bool = True,
+    early: bool = True,
+    target_error: float = 0.01,
+    n_folds: int = 5,
+    max_file_bytes: int = MAX_FILE_BYTES,
+    threads: int | None = None,
+    progress: bool | ProgressCallback | None = None,
+) -> Training:
+    """Train a model on all recordings, and measure on models of parts of them what may be expected of it.
+
+    Parameters
+    ----------
+    data : Dataset
+        Recordings of equal length and rate with a label each.
+    recipe : Recipe
+        Settings of features and classifier.
+    estimate : bool, default True
+        Hold recordings out, as strictly as they allow, and measure the accuracy. Costs a training for each
+        partition. Without it there is no early rule.
+    early : bool, default True
+        Calibrate an early rule on the held-out recordings.
+    target_error : float, default 0.01
+        Share of early answers that may be wrong.
+    n_folds : int, default 5
+        Random folds, where neither sessions nor an order in time are known.
+    max_file_bytes : int, default 16 MiB
+        Largest model file.
+    threads : int, optional
+        Threads of the extraction; no bit depends on it. Default: all cores.
+    progress : bool or callable, optional
+        As in `granular_id.evaluate`; None is silent.
+
+    Returns
+    -------
+    Training
+
+    Raises
+    ------
+    TypeError
+        `data` is not a `Dataset`, or a setting has the wrong type.
+    ValueError
+        Lengths or rates differ, a recording has no label, there is one class only, a setting is out of range, or
+        the model would be too large: the message names ways out.
+    """
+    if not isinstance(data, Dataset):
+        raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
+    X, y, rate_hz = data.X, data.y, data.rate_hz
+    classes = rows_of_class(y)
+    refuse_large(recipe, len(classes), X.shape[1:], max_file_bytes)
+    why_none = "" if estimate else "no recordings were held out, as asked"
+    n_partitions = 0
+    if estimate:
+        try:
+            n_partitions = len(honest_partitions(data, n_folds=n_folds, seed=recipe.random_state)[1])
+        except ValueError as why:
+            why_none = str(why)
+    held = None
+    with showing(progress or False) as callback, heard_complaints(recipe.space) as complaints:
+        ticker = Ticker(1 + n_partitions, callback)
+        # The bits of a model must not depend on how many threads multiply its matrices.
+        with single_threaded_blas():
+            parts = _fitted(recipe, X, y, rate_hz, posterior=True, threads=threads)
+            ticker.tick("all recordings")
+            if n_partitions:
+                held = answers_held_out(
+                    data,
+                    _of_rows(recipe, data, threads),
+                    n_folds=n_folds,
+                    seed=recipe.random_state,
+                    tick=ticker.tick,
+                )
+    rule = calibrate(held, target_error) if early and held is not None else None
+    trained = {
+        **described(data, recipe),
+        "estimate": None if held is None else estimate_of(held, tuple(classes)),
+        "why_no_estimate": why_none,
+        "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
+        "notes": [*warnings_in(data), *complaints],
+    }
+    core = core_of(
+        parts,
+        axes=data.axes,
+        units=[unit_of(axis, data[0].meta) for axis in data.axes],
+        lead_s=common_lead(data),
+        trained=trained,
+        training_sha256=fingerprint(data, trained["settings"]),
+        coding=recipe.coding if isinstance(recipe.coding, str) else "",
+        samples=X if parts.spec.raw else None,
+        rule=rule,
+    )
+    return Training(core, trained, held, rule, why_none)
+
+
+def _of_rows(recipe: Recipe, data: Dataset, threads: int | None) -> Callable[[Partition], _core.Model]:
+    """Return the function that trains on the rows of a partition."""
+
+    def fitted(partition: Partition) -> _core.Model:
+        X, y = data.X[partition.train], data.y[partition.train]
+        parts = _fitted(recipe, X, y, data.rate_hz, posterior=False, threads=threads)
+        return core_of(parts, axes=data.axes, samples=X if parts.spec.raw else None)
+
+    return fitted
+
+
+def _fitted(
+    recipe: Recipe,
+    X: FloatArray,
+    y: npt.NDArray[np.str_],
+    rate_hz: float,
+    *,
+    posterior: bool,
+    threads: int | None,
+) -> Parts:
+    return parts_of(recipe.pipeline(rate_hz, posterior=posterior, threads=threads).fit(X, y), rate_hz)

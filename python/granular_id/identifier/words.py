@@ -1,0 +1,110 @@
+"""A model in words: what it was trained on, what it takes, how well it did on recordings held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from textwrap import shorten
+from typing import Any
+
+from granular_id.identifier.answers import Answers
+from granular_id.identifier.early import NEVER
+
+__all__ = ["description", "promises"]
+
+_MOST_NOTES = 8
+
+
+def description(model: Answers) -> list[str]:
+    """Say what a model takes, knows and was trained on; without the estimates, see `promises`.
+
+    Parameters
+    ----------
+    model : Identifier
+
+    Returns
+    -------
+    list of str
+        One line each.
+    """
+    core, spec, trained = model.core, model.spec, model.trained
+    seconds = f"{model.n_samples / model.rate_hz:g} s"
+    lead = "not the same in all recordings" if model.lead_s is None else f"{model.lead_s:g} s"
+    size = len(core.to_bytes())
+    learners = f"{core.n_learners} learners ({core.metadata['coding'] or 'own coding'})"
+    lines = [
+        f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
+        f"of the motion: {lead}",
+        f"features: {model.space}, {core.n_features} numbers{_histogram(spec)}",
+        f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
+        f"{'' if core.sigmoid is None else ', probabilities by ' + core.metadata['posterior']}",
+        f"size: {size / 2**20:.2f} MiB",
+        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
+    ]
+    counts = trained.get("recordings", {})
+    if counts:
+        each = sorted(set(counts.values()))
+        span = f"{each[0]}" if len(each) == 1 else f"{each[0]} to {each[-1]}"
+        sessions = trained.get("n_sessions", 0)
+        within = f", {sessions} sessions" if sessions else ""
+        lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
+    lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
+    if model.synthetic:
+        lines.insert(
+            0, "SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials"
+        )
+    return lines
+
+
+def promises(model: Answers) -> list[str]:
+    """Say how a model did on recordings held out, and when it answers early, one line each."""
+    trained = model.trained
+    synthetic = " (SYNTHETIC recordings)" if model.synthetic else ""
+    estimate = trained.get("estimate")
+    lines = []
+    if estimate:
+        lines.append(f"accuracy, {estimate['held_out']}{synthetic}: {_accuracy(estimate)}")
+        lines.append(f"  {estimate['note']}")
+        weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
+        if weak:
+            named = ", ".join(f"{label} {100 * share:.0f} %" for share, label in weak[:5])
+            lines.append(f"  least recognised: {named}")
+    else:
+        lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
+    lines.append(f"early answers: {_early(model, trained.get('early'))}")
+    notes = trained.get("notes", [])
+    lines += [f"note: {note}" for note in notes[:_MOST_NOTES]]
+    if len(notes) > _MOST_NOTES:
+        lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
+    return lines
+
+
+def _histogram(spec: Any) -> str:
+    if not spec.hfmh:
+        return ""
+    ranges = spec.bin_range
+    within = (
+        "ranges of each axis" if isinstance(ranges[0], tuple) else f"{ranges[0]:g} to {ranges[1]:g} N and N m"
+    )
+    return f"; histogram of {spec.n_bins} bins, {within}, above {spec.cutoff_hz:g} Hz"
+
+
+def _accuracy(estimate: Mapping[str, Any]) -> str:
+    interval = estimate["interval_95"]
+    within = "" if interval is None else f" (95 %: {100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
+    answers = f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions"
+    return f"{100 * estimate['accuracy']:.1f} %{within}, {answers}"
+
+
+def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
+    table = model.core.early
+    if table is None:
+        why = "" if known is None else known.get("why_not", "")
+        return f"none{': ' + why if why else ''}"
+    usable = table[table[:, 1] < NEVER]
+    first = f"from {usable[0, 0] / model.rate_hz:.2f} s on, margin {usable[:, 1].min():.3g} to {usable[:, 1].max():.3g}"
+    if not known:
+        return first
+    return (
+        f"{first}; {100 * known['answered_early']:.0f} % of held-out recordings after {known['mean_seconds']:.2f} s on "
+        f"average, {100 * known['error']:.2g} % of them wrong (aim: at most {100 * known['target_error']:g} %)"
+    )
