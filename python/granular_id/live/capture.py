@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._numbers import whole_number
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.clock import start_utc_s, utc_at_origin_s
 from granular_id.live.rows import BlockLike, Rows, filled
@@ -16,7 +17,7 @@ from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
 from granular_id.recording import Recording
 from granular_id.recording._values import checked_rate
-from granular_id.synthetic._checks import count, non_negative
+from granular_id.synthetic._checks import non_negative
 
 __all__ = ["Capture"]
 
@@ -97,7 +98,7 @@ class Capture:
         utc_at_zero_s: float | None = None,
     ) -> None:
         self.rate_hz = checked_rate(rate_hz)
-        self.n_samples = count("n_samples", n_samples, minimum=2)
+        self.n_samples = whole_number("n_samples", n_samples, least=2)
         self.n_pre = round(non_negative("pre_s", pre_s) * self.rate_hz)
         if self.n_pre >= self.n_samples:
             raise ValueError(
@@ -105,7 +106,7 @@ class Capture:
             )
         self.trigger = trigger
         self.info = info
-        self._max_gap = count("max_gap", max_gap, minimum=0)
+        self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = non_negative("rate_tolerance", rate_tolerance)
         self.max_lag_s = non_negative("max_lag_s", max_lag_s)
