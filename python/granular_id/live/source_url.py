@@ -67,6 +67,7 @@ class SourceUrl:
                 split = urlsplit(place)
                 port, path = split.port, unquote(split.path)
                 host = split.netloc if port is None else split.netloc.rpartition(":")[0]
+                host = host.strip("[]")
             except ValueError as error:
                 raise ValueError(f"url {url!r} has no proper host and port: {error}") from error
         return cls(url, scheme.lower(), host, port, path, _merged(url, query, options))

@@ -18,8 +18,8 @@ _PER_SAMPLE = 4
 """How often a driver is asked per sample: it only knows its newest one, and none may pass unseen."""
 
 
-def library(module: str, package: str) -> Any:
-    """Import the library of a sensor or robot, or say how to get it.
+def library(module: str, package: str, how: str | None = None) -> Any:
+    """Import the library of a sensor or robot, or say how to get it (with pip, unless `how` says otherwise).
 
     Raises
     ------
@@ -29,7 +29,8 @@ def library(module: str, package: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        raise ImportError(f"{package} is needed for this sensor or robot: pip install {package}") from error
+        how = how or f"pip install {package}"
+        raise ImportError(f"{package} is needed for this sensor or robot: {how}") from error
 
 
 class PollingSource(ThreadedSource):

@@ -17,6 +17,7 @@ from granular_id.live.source_url import SourceUrl
 __all__ = ["Ros2Source", "open_url"]
 
 _PACKAGE = "rclpy"
+_HOW = "it comes with ROS 2; source the setup file of your installation"
 _SPIN_S = 0.05
 
 
@@ -36,10 +37,10 @@ class Ros2Source(ThreadedSource):
     """
 
     def __init__(self, topic: str, rate_hz: float) -> None:
-        self._rclpy = library("rclpy", _PACKAGE)
-        self._qos = library("rclpy.qos", _PACKAGE).qos_profile_sensor_data
-        self._executors = library("rclpy.executors", _PACKAGE)
-        self._message = library("geometry_msgs.msg", "geometry_msgs").WrenchStamped
+        self._rclpy = library("rclpy", _PACKAGE, _HOW)
+        self._qos = library("rclpy.qos", _PACKAGE, _HOW).qos_profile_sensor_data
+        self._executors = library("rclpy.executors", _PACKAGE, _HOW)
+        self._message = library("geometry_msgs.msg", "geometry_msgs", _HOW).WrenchStamped
         self._topic = topic
         self._frame: str | None = None
         super().__init__(

@@ -1,0 +1,234 @@
+"""Adapters against stand-ins of the libraries they use; Bota's also against the dummy of its own driver."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from adapter_fakes import FakeBota, FakeFranka, FakeRos2, FakeUR
+from granular_id.live.adapters import NOT_RUN
+from granular_id.live.robot import Robot
+from granular_id.live.source import WrenchSource, open_source
+from granular_id.recording import SampleFlag
+from sink_cases import Sink, eventually
+
+
+def install(monkeypatch, fake):
+    for name, content in fake.modules().items():
+        monkeypatch.setitem(sys.modules, name, content)
+    return fake
+
+
+@pytest.fixture
+def ur(monkeypatch):
+    return install(monkeypatch, FakeUR())
+
+
+@pytest.fixture
+def franka(monkeypatch):
+    return install(monkeypatch, FakeFranka())
+
+
+def watched(source, n_rows):
+    sink = Sink()
+    source.start(sink)
+    sink.wait(n_rows)
+    assert source.health().running
+    source.stop()
+    source.stop()
+    assert not source.health().running
+    assert source.health().error is None
+    n = len(sink.rows)
+    assert len(sink.rows) == n
+    return sink
+
+
+def test_ur_source(ur):
+    source = open_source("ur://192.168.0.3?rate_hz=500")
+    assert isinstance(source, WrenchSource)
+    assert source.info.meta["status"] == NOT_RUN
+    assert ur.calls == [], "nothing is connected before the start"
+    sink = watched(source, 30)
+    assert ur.calls == [("receive", "192.168.0.3", 500.0), ("receive disconnect",)]
+    assert sink.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    assert (np.diff(sink.time_s) > 0.0019).all(), "each sample once"
+    assert np.allclose(np.diff(sink.time_s) / 0.002, np.rint(np.diff(sink.time_s) / 0.002))
+
+
+def test_ur_source_that_loses_its_controller(ur):
+    source = open_source("ur://arm")
+    sink = Sink()
+    source.start(sink)
+    sink.wait(3)
+    ur.connected = False
+    eventually(lambda: source.health().error is not None)
+    assert "ConnectionError: the connection to arm is lost" in source.health().error
+    assert not source.health().running
+    source.stop()
+
+
+def test_ur_controller_that_starts_anew(ur):
+    source = open_source("ur://arm")
+    sink = Sink()
+    source.start(sink)
+    sink.wait(3)
+    ur.restarted_s = 1.0
+    eventually(lambda: sink.epochs)
+    sink.wait(sink.epochs[0] + 3)
+    source.stop()
+    assert len(sink.epochs) == 1
+    assert sink.time_s[sink.epochs[0]] < 2 < sink.time_s[0]
+
+
+def test_ur_robot(ur):
+    from granular_id.live.adapters.ur import URRobot
+
+    robot = URRobot("arm")
+    assert isinstance(robot, Robot)
+    motion = robot.move_line((0, 2, 0), 0.03, 3.0)
+    name, target, speed, acceleration, asynchronous = ur.calls[-1]
+    assert (name, speed, acceleration, asynchronous) == ("moveL", 0.03, 1.2, True)
+    assert target[:3] == pytest.approx([0.4, -0.1 + 0.03 * (3.0 - 0.03 / 1.2), 0.2])
+    assert target[3:] == [0.0, 3.1, 0.0]
+    assert motion.start_time_s == pytest.approx(100, abs=20)
+    assert not motion.finished()
+    robot.stop()
+    assert ur.calls[-1] == ("stopL", 1.2)
+    assert motion.finished()
+    assert motion.report()["robot"] == "ur"
+    robot.close()
+    assert [call[0] for call in ur.calls[-3:]] == ["stopScript", "control disconnect", "receive disconnect"]
+
+
+def test_ur_robot_that_refuses(monkeypatch):
+    install(monkeypatch, FakeUR(refuse=True))
+    from granular_id.live.adapters.ur import URRobot
+
+    with pytest.raises(RuntimeError, match="refused moveL"):
+        URRobot("arm").move_line((1, 0, 0), 0.03, 3.0)
+
+
+def test_franka(franka):
+    source = open_source("franka://172.16.0.2")
+    assert source.info.sign == "force of the arm on the environment"
+    sink = watched(source, 20)
+    assert sink.wrench[0].tolist() == [4.0, 0, 0, 0, 0, 0.5]
+    assert (np.diff(sink.time_s) >= 0.00099).all()
+
+    robot = source.robot()
+    assert isinstance(robot, Robot)
+    assert franka.calls == [("connect", "172.16.0.2")], "one connection for both"
+    assert robot.tcp_pose() == pytest.approx((0.3, 0.0, 0.5, 0.0, 0.0, np.pi / 2))
+    motion = robot.move_line((0, 0, -1), 0.03, 3.0)
+    _, commanded, asynchronous = franka.calls[-1]
+    assert asynchronous
+    assert commanded.target.linear.tolist() == [0, 0, -0.03]
+    assert commanded.target.angular.tolist() == [0, 0, 0]
+    assert commanded.duration.to_msec() == 3000
+    assert motion.start_time_s is not None
+    assert not motion.finished()
+    robot.stop()
+    assert motion.finished()
+    assert motion.error is None
+
+
+def test_franka_motion_that_fails(franka):
+    from granular_id.live.adapters.franka import FrankaRobot
+
+    motion = FrankaRobot("arm").move_line((1, 0, 0), 0.03, 3.0)
+    franka.raises = RuntimeError("cartesian_reflex")
+    assert motion.finished()
+    assert motion.error == "RuntimeError: cartesian_reflex"
+
+
+def test_bota(monkeypatch, tmp_path):
+    fake = install(monkeypatch, FakeBota())
+    config = tmp_path / "sensor.json"
+    config.write_text("{}")
+    source = open_source(f"bota:{config}")
+    assert fake.calls == [("config", str(config))]
+    assert (source.info.rate_hz, source.info.tick_hz) == (1000.0, 1e6)
+    sink = watched(source, 150)
+    assert fake.calls[1:] == [("activate",), ("deactivate",), ("shutdown",)]
+    assert sink.wrench[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
+    assert sink.time_s[:3].tolist() == [5.0, 5.001, 5.002]
+    assert np.flatnonzero(sink.flags == SampleFlag.SATURATED)[:2].tolist() == [49, 99]
+    assert np.flatnonzero(sink.flags == SampleFlag.BAD_STATUS)[:2].tolist() == [69, 139]
+    assert source.health().counters == {"throttled": 1}
+
+
+def test_bota_that_does_not_start(monkeypatch, tmp_path):
+    config = tmp_path / "sensor.json"
+    config.write_text("{}")
+    install(monkeypatch, FakeBota(configures=False))
+    with pytest.raises(ConnectionError, match="could not be configured"):
+        open_source(f"bota:{config}")
+    install(monkeypatch, FakeBota(activates=False))
+    source = open_source(f"bota:{config}")
+    with pytest.raises(ConnectionError, match="could not be activated"):
+        source.start(Sink())
+    with pytest.raises(FileNotFoundError, match=r"none\.json: no such configuration"):
+        open_source("bota:none.json")
+
+
+def test_bota_dummy_of_the_real_driver():
+    driver = pytest.importorskip("bota_driver")
+    from granular_id.live.adapters.bota import BotaSource
+
+    config = driver.BotaDriverConfig()
+    config.product_name, config.serial_number = "BFT-DUMMY-DUMMY-DUMMY", "SN000001"
+    config.communication_interface_name = "Bota_Dummy"
+    config.dummy_communication_interface_params = driver.BotaDummyCommunicationInterfaceConfig()
+    config.genA_sensor_operation_params = driver.GenASensorOperationConfig()
+    config.genA_sensor_operation_params.app_mode = 0
+    config.genA_sensor_operation_params.app_submode = 1
+    source = BotaSource(config)
+    assert source.info.rate_hz == 20
+    sink = watched(source, 10)
+    assert sink.wrench.shape[1] == 6
+    assert (np.diff(sink.time_s) >= 0).all()
+    assert (sink.time_s[-1] - sink.time_s[1]) / (len(sink.rows) - 2) == pytest.approx(0.05, rel=0.1)
+
+
+def test_ros2(monkeypatch):
+    fake = install(monkeypatch, FakeRos2())
+    source = open_source("ros2://ft_sensor/Wrench?rate_hz=500")
+    sink = watched(source, 20)
+    assert fake.subscriptions[0][0] == "/ft_sensor/Wrench"
+    assert sink.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    assert np.allclose(np.diff(sink.time_s), 0.002, atol=1e-6)
+    assert [call[0] for call in fake.calls] == ["init", "executor shutdown", "destroy_node", "shutdown"]
+    assert {call[1] for call in fake.calls if call[0] in ("init", "shutdown")} == {"Context"}
+
+
+@pytest.mark.parametrize(
+    ("url", "match"),
+    [
+        ("ros2://topic", "needs the rate of the topic"),
+        ("ros2://?rate_hz=500", "has no topic"),
+        ("ur://", "has no host; wanted ur://HOST"),
+        ("franka:", "names no source"),
+        ("franka://arm?speed=3", "has no option 'speed'; known: none"),
+        ("ur://arm?rate_hz=fast", "option rate_hz='fast'"),
+    ],
+)
+def test_bad_urls(url, match, ur, franka):
+    with pytest.raises(ValueError, match=match):
+        open_source(url)
+
+
+@pytest.mark.parametrize(
+    ("url", "advice", "module"),
+    [
+        ("ur://arm", "pip install ur-rtde", "rtde_receive"),
+        ("franka://arm", "pip install franky-control", "franky"),
+        ("bota:x.json", "pip install bota-driver", "bota_driver"),
+        ("ros2://t?rate_hz=1", "it comes with ROS 2", "rclpy"),
+    ],
+)
+def test_a_missing_library_is_named(url, advice, module, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=advice):
+        open_source(url)
