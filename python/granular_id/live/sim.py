@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._numbers import whole_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.sim_faults import Fault, FaultPlan
@@ -79,8 +80,8 @@ class SimSource(ThreadedSource):
         chosen = resolve_materials(PAPER_MATERIALS if unknown else materials)
         unknown = unknown or len(chosen) > 1
         rate_hz, self.speed = _checks.rate("rate_hz", rate_hz), _checks.positive("speed", speed)
-        seed = secrets.randbits(48) if seed is None else _checks.count("seed", seed, minimum=0)
-        session = _checks.count("session", session, minimum=0)
+        seed = secrets.randbits(48) if seed is None else whole_number("seed", seed, least=0)
+        session = whole_number("session", session, least=0)
         self.world = SimWorld(
             chosen, rate_hz, seed, session=session, unknown=unknown, rig=rig, nuisance=nuisance, sensor=sensor
         )

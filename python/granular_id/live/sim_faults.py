@@ -6,7 +6,8 @@ import threading
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from granular_id.synthetic._checks import count, non_negative, real
+from granular_id._numbers import whole_number
+from granular_id.synthetic._checks import non_negative, real
 
 __all__ = ["Fault", "FaultKind", "FaultPlan"]
 
@@ -46,7 +47,7 @@ class Fault:
             raise ValueError(f"kind must be one of {', '.join(get_args(FaultKind))}, got {self.kind!r}")
         if self.after_s is not None:
             real("after_s", self.after_s)
-        count("rows", self.rows, minimum=1)
+        whole_number("rows", self.rows)
         non_negative("stall_s", self.stall_s)
 
 
