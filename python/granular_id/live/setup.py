@@ -12,8 +12,8 @@ from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger,
 
 __all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of"]
 
-ROBOTS = ("auto", "none", "manual")
-"""Robots by name; "auto" is the one that belongs to the source, a simulation's."""
+ROBOTS = ("auto", "none", "manual", "source")
+"""Robots by name; a real one moves only where "source" asks for it."""
 
 TRIGGERS = ("auto", "motion", "force", "manual")
 """Triggers by name."""
@@ -47,9 +47,10 @@ def setup_of(
     Parameters
     ----------
     source : WrenchSource
-    robot : {"auto", "none", "manual"}, Robot or None, default "auto"
-        "auto": the simulated robot of a simulated sensor, nobody for other sources. "manual": a person who is told
-        when to push.
+    robot : {"auto", "none", "manual", "source"}, Robot or None, default "auto"
+        "auto": the simulated robot of a simulated sensor, nobody for other sources: no machine moves unasked.
+        "source": the robot that the source is part of (``ur://``, ``franka://``). "manual": a person who is told when
+        to push.
     trigger : {"auto", "motion", "force", "manual"} or callable, default "auto"
         "motion": where the robot's motion begins. "force": where the force leaves its level at rest. "manual": a
         `ManualTrigger`, which somebody must fire. "auto": what the source knows of itself (recordings played again
@@ -98,9 +99,15 @@ def setup_of(
 def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
     if robot is None or robot == "none":
         return None
+    own: Callable[[], Robot] | None = getattr(source, "robot", None)
     if robot == "auto":
-        own: Callable[[], Robot] | None = getattr(source, "robot", None)
-        return None if own is None else own()
+        return own() if own is not None and source.info.synthetic else None
+    if robot == "source":
+        if own is None:
+            raise ValueError(
+                f"robot='source' asks for the robot of the source, and {source.info.name} has none"
+            )
+        return own()
     if robot == "manual":
         return ManualRobot()
     if isinstance(robot, Robot):
