@@ -250,6 +250,28 @@ pub enum Error {
         /// The value found.
         value: f64,
     },
+    /// A device clock slower than the rows, or no clock at all.
+    #[error("tick_hz must be finite and at least rate_hz = {rate_hz}, got {tick_hz}")]
+    TickRate {
+        /// The ticks per second asked for.
+        tick_hz: f64,
+        /// The rate of the rows, in hertz.
+        rate_hz: f64,
+    },
+    /// More waiting rows than a buffer allows.
+    #[error("reorder_depth must be at most {}, got {reorder_depth}", crate::buffer::MAX_REORDER_DEPTH)]
+    ReorderDepth {
+        /// The depth asked for.
+        reorder_depth: usize,
+    },
+    /// A buffer of no rows, or of more than there is room for.
+    #[error("seconds must be positive and give at most {} rows, with memory for them, got {seconds} at rate_hz = {rate_hz}", crate::buffer::MAX_ROWS)]
+    BufferSize {
+        /// The time asked for, in seconds.
+        seconds: f64,
+        /// The rate of the rows, in hertz.
+        rate_hz: f64,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {

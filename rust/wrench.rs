@@ -1,10 +1,30 @@
-//! Axis order and units of a wrench: the one place where axes are listed.
+//! Axis order, units and sample flags of a wrench: the one place where they are listed.
 
 /// Names of the six axes in storage order: forces, then torques.
 pub const AXES: [&str; 6] = ["fx", "fy", "fz", "tx", "ty", "tz"];
 
 /// Units of the six axes, in the order of [`AXES`].
 pub const UNITS: [&str; 6] = ["N", "N", "N", "N m", "N m", "N m"];
+
+/// Bit of a sample's flags: interpolated inside a gap, no measurement was taken near this instant.
+pub const GAP_FILLED: u8 = 1;
+/// Bit of a sample's flags: at least one axis was at the end of the sensor's range.
+pub const SATURATED: u8 = 2;
+/// Bit of a sample's flags: the sensor reported an error with this sample.
+pub const BAD_STATUS: u8 = 4;
+/// Bit of a sample's flags: the time stamp ran backwards or was repeated, and the sample was sorted or merged.
+pub const TIME_REPAIRED: u8 = 8;
+
+/// The bits of a sample's flags by name: the one place where they are listed.
+pub const SAMPLE_FLAGS: [(&str, u8); 4] = [
+    ("GAP_FILLED", GAP_FILLED),
+    ("SATURATED", SATURATED),
+    ("BAD_STATUS", BAD_STATUS),
+    ("TIME_REPAIRED", TIME_REPAIRED),
+];
+
+/// All bits of [`SAMPLE_FLAGS`] together.
+pub const KNOWN_FLAGS: u8 = GAP_FILLED | SATURATED | BAD_STATUS | TIME_REPAIRED;
 
 /// Name of axis `axis` of a recording with `n_axes` axes.
 ///

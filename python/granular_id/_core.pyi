@@ -10,17 +10,24 @@ __all__ = [
     "AXES",
     "MAX_LINE_BYTES",
     "MAX_MODEL_FILE_BYTES",
+    "SAMPLE_FLAGS",
     "SIMD",
     "UNITS",
+    "Block",
     "FeatureSpec",
     "Model",
     "ModelFileError",
     "NumberTableError",
     "StreamingExtractor",
+    "Window",
+    "WindowError",
+    "WrenchBuffer",
+    "WrenchReader",
     "__version__",
     "butter",
     "extract_features",
     "histogram",
+    "host_ns",
     "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
@@ -32,6 +39,7 @@ __version__: str
 AXES: tuple[str, ...]
 UNITS: tuple[str, ...]
 SIMD: str
+SAMPLE_FLAGS: dict[str, int]
 MAX_LINE_BYTES: int
 MAX_MODEL_FILE_BYTES: int
 
@@ -208,3 +216,99 @@ class Model:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
+
+def host_ns() -> int: ...
+
+class WindowError(ValueError): ...
+
+@final
+class Block:
+    @property
+    def wrench(self) -> _Floats: ...
+    @property
+    def time_s(self) -> _Floats: ...
+    @property
+    def ticks(self) -> NDArray[np.uint64]: ...
+    @property
+    def host_ns(self) -> NDArray[np.uint64]: ...
+    @property
+    def flags(self) -> NDArray[np.uint8]: ...
+    @property
+    def missing_before(self) -> NDArray[np.uint32]: ...
+    @property
+    def epoch(self) -> int: ...
+    @property
+    def missed(self) -> int: ...
+    def __len__(self) -> int: ...
+
+@final
+class Window:
+    @property
+    def wrench(self) -> _Floats: ...
+    @property
+    def mask(self) -> NDArray[np.bool_]: ...
+    @property
+    def time_s(self) -> _Floats: ...
+    @property
+    def ticks(self) -> NDArray[np.uint64]: ...
+    @property
+    def host_ns(self) -> NDArray[np.uint64]: ...
+    @property
+    def flags(self) -> NDArray[np.uint8]: ...
+
+@final
+class WrenchReader:
+    def read(self, max_rows: SupportsIndex | None = None) -> Block: ...
+    def wait(self, timeout_s: float) -> bool: ...
+
+@final
+class WrenchBuffer:
+    def __new__(
+        cls,
+        seconds: float = 10.0,
+        *,
+        rate_hz: float = 500.0,
+        tick_hz: float = 1e9,
+        reorder_depth: SupportsIndex = 0,
+    ) -> Self: ...
+    def push(
+        self,
+        wrench: ArrayLike,
+        t: float | None = None,
+        *,
+        flags: SupportsIndex = 0,
+        host_ns: SupportsIndex | None = None,
+    ) -> bool: ...
+    def push_block(
+        self,
+        wrench: ArrayLike,
+        t: ArrayLike | None = None,
+        *,
+        flags: ArrayLike | None = None,
+        host_ns: ArrayLike | None = None,
+    ) -> int: ...
+    def new_epoch(self) -> None: ...
+    def flush(self) -> None: ...
+    def latest(self) -> Block | None: ...
+    def window(
+        self,
+        n: SupportsIndex,
+        *,
+        fill: Literal["none", "nan", "linear"] = "none",
+        max_gap: SupportsIndex = 0,
+        allow_saturated: bool = False,
+    ) -> Window: ...
+    def reader(self, from_oldest: bool = False) -> WrenchReader: ...
+    def lag_s(self, now_ns: SupportsIndex | None = None) -> float: ...
+    def device_time_s(self, host_ns: SupportsIndex) -> float: ...
+    def stats(self) -> dict[str, int]: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def seconds(self) -> float: ...
+    @property
+    def capacity(self) -> int: ...
+    @property
+    def tick_hz(self) -> float: ...
+    @property
+    def reorder_depth(self) -> int: ...

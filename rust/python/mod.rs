@@ -17,8 +17,10 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     use pyo3::prelude::*;
-    use pyo3::types::PyTuple;
+    use pyo3::types::{IntoPyDict, PyTuple};
 
+    #[pymodule_export]
+    use super::buffer::{host_ns, PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
     use super::features::{extract_features, histogram};
     #[pymodule_export]
@@ -39,6 +41,7 @@ mod _core {
         module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
         module.add("SIMD", crate::Path::detect().name())?;
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
+        module.add("SAMPLE_FLAGS", crate::wrench::SAMPLE_FLAGS.into_py_dict(module.py())?)?;
         module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)
     }
 }

@@ -30,6 +30,23 @@ pub(super) fn count(value: &Bound<'_, PyAny>, name: &str, most: usize) -> PyResu
     Err(PyValueError::new_err(format!("{name} must be an integer {wanted}, got {}", shown(value))))
 }
 
+/// A whole number from 0 to `most`.
+pub(super) fn whole<T>(value: &Bound<'_, PyAny>, name: &str, most: T) -> PyResult<T>
+where
+    T: Copy + PartialOrd + std::fmt::Display + for<'a> FromPyObject<'a, 'a, Error = PyErr>,
+{
+    match value.extract::<T>() {
+        Ok(whole) if whole <= most => Ok(whole),
+        Err(error) if error.is_instance_of::<PyTypeError>(value.py()) => {
+            Err(PyTypeError::new_err(format!("{name} must be an integer, got {}", shown(value))))
+        }
+        _ => Err(PyValueError::new_err(format!(
+            "{name} must be an integer from 0 to {most}, got {}",
+            shown(value)
+        ))),
+    }
+}
+
 /// Python's or numpy's True or False.
 pub(super) fn flag(value: &Bound<'_, PyAny>, name: &str) -> PyResult<bool> {
     value

@@ -1,6 +1,8 @@
-"""What can be wrong with a single sample: the bits of ``Recording.flags``, defined here and nowhere else."""
+"""What can be wrong with a single sample: the bits of ``Recording.flags``, as the core numbers them."""
 
 from enum import IntFlag
+
+from granular_id._core import SAMPLE_FLAGS
 
 
 class SampleFlag(IntFlag):
@@ -13,13 +15,13 @@ class SampleFlag(IntFlag):
     True
     """
 
-    GAP_FILLED = 1
+    GAP_FILLED = SAMPLE_FLAGS["GAP_FILLED"]
     """Interpolated inside a gap of the source: no measurement was taken near this instant."""
-    SATURATED = 2
+    SATURATED = SAMPLE_FLAGS["SATURATED"]
     """At least one axis was at the end of the sensor's range."""
-    BAD_STATUS = 4
+    BAD_STATUS = SAMPLE_FLAGS["BAD_STATUS"]
     """The sensor reported an error with this sample."""
-    TIME_REPAIRED = 8
+    TIME_REPAIRED = SAMPLE_FLAGS["TIME_REPAIRED"]
     """The sample's time stamp ran backwards or was repeated, and the sample was sorted or merged."""
 
 

@@ -1,0 +1,219 @@
+//! The last instants of a buffer as one array, or the reason why they are none.
+
+use super::row::{BufferedRow, Row};
+use super::shared::Shared;
+use crate::wrench::{GAP_FILLED, SATURATED};
+
+/// What stands for an instant without a row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fill {
+    /// Nothing: the window has as many rows as were measured, and its mask says where they belong.
+    #[default]
+    None,
+    /// NaN on every axis.
+    Nan,
+    /// A straight line between the rows on both sides, with the flag [`GAP_FILLED`].
+    Linear,
+}
+
+/// Which window is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WindowSpec {
+    /// Instants, up to the newest row, with or without a row.
+    pub n: usize,
+    /// What stands for an instant without a row.
+    pub fill: Fill,
+    /// Longest gap, in instants, that the window may touch.
+    pub max_gap: u32,
+    /// Whether rows at the end of the sensor's range are taken.
+    pub allow_saturated: bool,
+}
+
+impl WindowSpec {
+    /// A window without gaps and saturation.
+    #[must_use]
+    pub fn whole(n: usize) -> Self {
+        Self { n, fill: Fill::None, max_gap: 0, allow_saturated: false }
+    }
+}
+
+/// Rows of a window, oldest first: a copy that later rows do not change.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Window {
+    /// One entry per instant: whether a row was measured there.
+    pub mask: Vec<bool>,
+    /// Device time; interpolated where a row is filled in.
+    pub ticks: Vec<u64>,
+    /// Host time of arrival; interpolated where a row is filled in.
+    pub host_ns: Vec<u64>,
+    /// Forces and torques.
+    pub wrench: Vec<[f64; 6]>,
+    /// Flags of the samples.
+    pub flags: Vec<u8>,
+}
+
+/// Why there is no such window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WindowError {
+    /// More instants than the buffer has room for.
+    #[error("n must be at most the capacity of the buffer, {capacity}, got {n}")]
+    TooLong {
+        /// Instants asked for.
+        n: usize,
+        /// Rows the buffer holds.
+        capacity: u64,
+    },
+    /// Not enough rows yet, or no longer.
+    #[error("a window of n = {n} needs as many instants, got {have} in the buffer")]
+    TooFew {
+        /// Instants asked for.
+        n: usize,
+        /// Instants there are.
+        have: u64,
+    },
+    /// A gap that is too long.
+    #[error("a window may have gaps of at most max_gap = {max_gap} instants, got one of {missing} that ended {ago} instants before the newest row")]
+    Gap {
+        /// Its length in instants.
+        missing: u32,
+        /// The longest allowed.
+        max_gap: u32,
+        /// Instants from its end to the newest row.
+        ago: u64,
+    },
+    /// The device started again within the window.
+    #[error("a window must lie in one epoch: a window of n = {n} was asked for, and the present epoch has {have} instants")]
+    EpochBorder {
+        /// Instants asked for.
+        n: usize,
+        /// Instants since the border.
+        have: u64,
+    },
+    /// A row at the end of the sensor's range.
+    #[error("a window must be free of saturation unless allow_saturated is set: the row {ago} instants before the newest is saturated")]
+    Saturated {
+        /// Instants from the row to the newest.
+        ago: u64,
+    },
+}
+
+/// The window that a specification asks for.
+pub(super) fn window(shared: &Shared, spec: &WindowSpec) -> Result<Window, WindowError> {
+    if spec.n as u64 > shared.capacity {
+        return Err(WindowError::TooLong { n: spec.n, capacity: shared.capacity });
+    }
+    let rows = newest_first(shared, spec)?;
+    Ok(assemble(&rows, spec))
+}
+
+/// Rows from the newest back to the first of the window; if that begins inside a gap, the row before the gap too.
+fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, WindowError> {
+    let n = spec.n;
+    let wanted = n as u64;
+    let mut rows: Vec<BufferedRow> = Vec::with_capacity(n.saturating_add(1));
+    let mut have = 0_u64;
+    if wanted == 0 {
+        return Ok(rows);
+    }
+    let too_few = |have| WindowError::TooFew { n, have };
+    let (mut number, mut row) = shared.newest().ok_or(too_few(0))?;
+    loop {
+        if rows.last().is_some_and(|later| later.epoch != row.epoch) {
+            return Err(WindowError::EpochBorder { n, have });
+        }
+        let begins_in_gap = have >= wanted;
+        let counts = !begins_in_gap || spec.fill == Fill::Linear;
+        if counts && row.row.flags & SATURATED != 0 && !spec.allow_saturated {
+            return Err(WindowError::Saturated { ago: have });
+        }
+        rows.push(row);
+        if begins_in_gap {
+            return Ok(rows);
+        }
+        have += 1;
+        if have == wanted {
+            return Ok(rows);
+        }
+        let missing = row.missing_before;
+        if missing > spec.max_gap {
+            return Err(WindowError::Gap { missing, max_gap: spec.max_gap, ago: have - 1 });
+        }
+        let measured = have;
+        have += u64::from(missing);
+        number = number.checked_sub(1).ok_or(too_few(measured))?;
+        row = shared.row(number).ok_or(too_few(measured))?;
+    }
+}
+
+/// Puts rows, newest first, and what stands for the missing ones into arrays, oldest first.
+fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Window {
+    let mut window = Window::default();
+    let spans: u64 = newest_first.iter().map(|row| 1 + u64::from(row.missing_before)).sum();
+    let Some(oldest) = newest_first.last() else { return window };
+    // What is missing before the oldest row lies before the window; the last gap may begin before it as well.
+    let spans = spans - u64::from(oldest.missing_before);
+    let begins_in_gap = spans > spec.n as u64;
+    if !begins_in_gap {
+        window.push(&oldest.row);
+    }
+    let mut outside = spans - spec.n as u64;
+    for pair in newest_first.windows(2).rev() {
+        let [later, earlier] = [&pair[0], &pair[1]];
+        // The row before the gap is outside too.
+        let first = if outside > 0 { outside } else { 1 };
+        outside = 0;
+        for place in first..=u64::from(later.missing_before) {
+            window.push_missing(&earlier.row, later, place, spec.fill);
+        }
+        window.push(&later.row);
+    }
+    window
+}
+
+impl Window {
+    fn push(&mut self, row: &Row) {
+        self.mask.push(true);
+        self.push_values(row);
+    }
+
+    fn push_values(&mut self, row: &Row) {
+        self.ticks.push(row.ticks);
+        self.host_ns.push(row.host_ns);
+        self.wrench.push(row.wrench);
+        self.flags.push(row.flags);
+    }
+
+    /// The instant `place`, from 1, of the gap between two rows.
+    fn push_missing(&mut self, earlier: &Row, later: &BufferedRow, place: u64, fill: Fill) {
+        self.mask.push(false);
+        let steps = u64::from(later.missing_before) + 1;
+        let later = &later.row;
+        let part = place as f64 / steps as f64;
+        let row = Row {
+            ticks: between(earlier.ticks, later.ticks, place, steps),
+            host_ns: between(earlier.host_ns, later.host_ns, place, steps),
+            wrench: std::array::from_fn(|axis| {
+                earlier.wrench[axis] + (later.wrench[axis] - earlier.wrench[axis]) * part
+            }),
+            flags: GAP_FILLED,
+        };
+        match fill {
+            Fill::None => {}
+            Fill::Nan => self.push_values(&Row { wrench: [f64::NAN; 6], flags: 0, ..row }),
+            Fill::Linear => self.push_values(&row),
+        }
+    }
+}
+
+/// The whole number `place / steps` of the way from `a` to `b`, without overflow.
+fn between(a: u64, b: u64, place: u64, steps: u64) -> u64 {
+    let way = u128::from(b.abs_diff(a)) * u128::from(place) / u128::from(steps.max(1));
+    // At most the way between two numbers of 64 bits.
+    let way = u64::try_from(way).unwrap_or(u64::MAX);
+    if b >= a {
+        a.saturating_add(way)
+    } else {
+        a.saturating_sub(way)
+    }
+}

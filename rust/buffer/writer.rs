@@ -1,0 +1,263 @@
+//! The writer: puts rows in order of device time and counts what it cannot.
+
+use std::sync::Arc;
+
+use super::clock::ClockLine;
+use super::envelope::Envelope;
+use super::holding::Holding;
+use super::row::{BufferedRow, Packet, Row};
+use super::shared::Shared;
+use crate::wrench::{BAD_STATUS, SATURATED};
+
+/// A row so much older than the newest is no late packet: the device has started again.
+const RESTART_S: f64 = 1.0;
+
+/// So many late rows one after the other are no late packets either: the device has started again a moment ago.
+const LATE_IN_A_ROW: u32 = 8;
+
+/// What became of a row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pushed {
+    /// Readers can get it.
+    Written,
+    /// It waits for a row before it.
+    Held,
+    /// Dropped: its device time was there already.
+    Duplicate,
+    /// Dropped: its device time was there already, from a packet with another number.
+    Stale,
+    /// Dropped: later rows are written already.
+    Late,
+    /// Dropped: a value is NaN or infinite.
+    NonFinite,
+}
+
+/// The one writer of a buffer.
+///
+/// Pushing never blocks and never allocates, whatever readers do; its work is bounded by the reorder depth and the
+/// logarithm of the capacity. When the buffer is full the oldest row is overwritten.
+///
+/// Rows leave in strictly increasing device time. A device time more than a second before the newest (or eight periods,
+/// if that is longer), or the eighth late row in a row, is a device that has started again: a new epoch begins by itself.
+pub struct Writer {
+    shared: Arc<Shared>,
+    holding: Holding,
+    /// The epoch of rows to come.
+    epoch: u32,
+    /// What the epoch has so far; nothing before its first row.
+    written: Option<Written>,
+    late_in_a_row: u32,
+    restart_ticks: f64,
+}
+
+/// What is known of an epoch that has rows.
+struct Written {
+    /// Number of its first row in the ring.
+    begin: u64,
+    /// Device time of its newest row.
+    newest: u64,
+    envelope: Envelope,
+}
+
+impl Writer {
+    pub(super) fn new(shared: Arc<Shared>) -> Self {
+        let spec = &shared.spec;
+        let restart_s = RESTART_S.max(f64::from(LATE_IN_A_ROW) / spec.rate_hz);
+        Self {
+            holding: Holding::new(spec.reorder_depth),
+            epoch: 0,
+            written: None,
+            late_in_a_row: 0,
+            restart_ticks: restart_s * spec.tick_hz,
+            shared,
+        }
+    }
+
+    /// Takes the next row as it came. Of two rows with the same device time the second is a duplicate.
+    pub fn push(&mut self, row: &Row) -> Pushed {
+        self.take(row, Packet::UNKNOWN)
+    }
+
+    /// The same, with the number of the packet (its low 56 bits count): the same device time under another number is
+    /// stale, not a duplicate.
+    pub fn push_packet(&mut self, row: &Row, packet: u64) -> Pushed {
+        self.take(row, Packet::new(packet))
+    }
+
+    /// Begins a new epoch, unless the present one has no rows: device time may start anywhere. Rows that wait are
+    /// written first.
+    pub fn new_epoch(&mut self) {
+        self.flush();
+        if self.written.take().is_some() {
+            self.epoch = self.epoch.saturating_add(1);
+            self.shared.counters.epochs.add(1);
+        }
+        self.late_in_a_row = 0;
+    }
+
+    /// Writes all rows that wait: no late one will come any more.
+    pub fn flush(&mut self) {
+        while let Some((row, packet)) = self.holding.pop() {
+            self.write(&row, packet);
+        }
+        self.count_held();
+    }
+
+    /// Device time of the newest row of the present epoch, waiting ones included.
+    #[must_use]
+    pub fn newest_ticks(&self) -> Option<u64> {
+        let written = self.written.as_ref()?.newest;
+        Some(self.holding.last().map_or(written, |row| row.ticks))
+    }
+
+    /// Number of the epoch that the next row belongs to, unless its device time begins another.
+    #[must_use]
+    pub fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
+    fn take(&mut self, row: &Row, packet: Packet) -> Pushed {
+        if !row.wrench.iter().all(|value| value.is_finite()) {
+            self.shared.counters.non_finite.add(1);
+            return Pushed::NonFinite;
+        }
+        match &self.written {
+            Some(written) if row.ticks <= written.newest => self.take_late(row, packet),
+            Some(written) => {
+                self.late_in_a_row = 0;
+                let next = self.shared.spec.missing_between(written.newest, row.ticks) == 0;
+                if next || self.holding.depth() == 0 {
+                    self.take_next(row, packet)
+                } else {
+                    self.hold(row, packet)
+                }
+            }
+            None => {
+                self.write(row, packet);
+                Pushed::Written
+            }
+        }
+    }
+
+    /// A row that nothing is missing before.
+    fn take_next(&mut self, row: &Row, packet: Packet) -> Pushed {
+        if self.holding.len() > 0 {
+            self.shared.counters.reordered.add(1);
+        }
+        self.write(row, packet);
+        self.release();
+        Pushed::Written
+    }
+
+    /// A row with a gap before it that a late row may fill yet.
+    fn hold(&mut self, row: &Row, packet: Packet) -> Pushed {
+        let comes_late = self.holding.last().is_some_and(|last| row.ticks < last.ticks);
+        if let Err(same) = self.holding.insert(row, packet) {
+            return self.repeated(packet, same);
+        }
+        if comes_late {
+            self.shared.counters.reordered.add(1);
+        }
+        self.release();
+        match &self.written {
+            Some(written) if written.newest >= row.ticks => Pushed::Written,
+            _ => Pushed::Held,
+        }
+    }
+
+    /// Writes waiting rows as long as there are too many or nothing is missing before them.
+    fn release(&mut self) {
+        while let (Some(first), Some(written)) = (self.holding.first(), &self.written) {
+            let next = self.shared.spec.missing_between(written.newest, first.ticks) == 0;
+            if !next && !self.holding.is_overfull() {
+                break;
+            }
+            if let Some((row, packet)) = self.holding.pop() {
+                self.write(&row, packet);
+            }
+        }
+        self.count_held();
+    }
+
+    /// A row at or before the newest one written.
+    fn take_late(&mut self, row: &Row, packet: Packet) -> Pushed {
+        let Some(written) = &self.written else { return Pushed::Late };
+        if let Some(same) = self.packet_at(row.ticks, written.begin) {
+            return self.repeated(packet, same);
+        }
+        self.late_in_a_row += 1;
+        let back = (written.newest - row.ticks) as f64;
+        if back > self.restart_ticks || self.late_in_a_row >= LATE_IN_A_ROW {
+            self.new_epoch();
+            self.write(row, packet);
+            return Pushed::Written;
+        }
+        self.shared.counters.late.add(1);
+        Pushed::Late
+    }
+
+    fn repeated(&self, packet: Packet, same: Packet) -> Pushed {
+        if packet.differs(same) {
+            self.shared.counters.stale.add(1);
+            Pushed::Stale
+        } else {
+            self.shared.counters.duplicates.add(1);
+            Pushed::Duplicate
+        }
+    }
+
+    /// The packet that brought a device time, when its row is still in the ring. `begin` is the first row of the epoch.
+    fn packet_at(&self, ticks: u64, begin: u64) -> Option<Packet> {
+        let head = self.shared.rows.head();
+        let (mut low, mut high) = (begin.max(self.shared.oldest(head)), head);
+        while low < high {
+            let middle = low + (high - low) / 2;
+            let (found, packet) = BufferedRow::from_words(&self.shared.rows.read(middle)?);
+            match found.row.ticks.cmp(&ticks) {
+                std::cmp::Ordering::Less => low = middle + 1,
+                std::cmp::Ordering::Greater => high = middle,
+                std::cmp::Ordering::Equal => return Some(packet),
+            }
+        }
+        None
+    }
+
+    fn write(&mut self, row: &Row, packet: Packet) {
+        let Self { shared, epoch, written, .. } = self;
+        let counters = &shared.counters;
+        let missing_before = match written {
+            Some(written) => {
+                let missing = shared.spec.missing_between(written.newest, row.ticks);
+                written.newest = row.ticks;
+                if written.envelope.add(row.ticks, row.host_ns) {
+                    shared.clock.publish(&written.envelope.line().to_words());
+                }
+                missing
+            }
+            None => {
+                let line = ClockLine::new(*epoch, 1e9 / shared.spec.tick_hz, row.ticks, row.host_ns);
+                shared.clock.publish(&line.to_words());
+                let envelope = Envelope::new(line);
+                *written = Some(Written { begin: shared.rows.head(), newest: row.ticks, envelope });
+                0
+            }
+        };
+        if missing_before > 0 {
+            counters.gaps.add(1);
+            counters.missing.add(u64::from(missing_before));
+        }
+        if row.flags & SATURATED != 0 {
+            counters.saturated.add(1);
+        }
+        if row.flags & BAD_STATUS != 0 {
+            counters.bad_status.add(1);
+        }
+        counters.written.add(1);
+        let row = BufferedRow { row: *row, missing_before, epoch: *epoch };
+        shared.rows.publish(&row.to_words(packet));
+    }
+
+    fn count_held(&self) {
+        self.shared.counters.held.set(self.holding.len() as u64);
+    }
+}

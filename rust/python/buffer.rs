@@ -1,1 +1,0 @@
-//! The wrench buffer: unpack, call, map the error.

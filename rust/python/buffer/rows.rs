@@ -1,0 +1,194 @@
+//! Rows as Python gives them.
+
+use numpy::{
+    get_array_module, PyArrayDescrMethods, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+use super::super::arrays::{contiguous_real, readable, tuple};
+use super::super::scalars::{shown, whole};
+use crate::buffer;
+use crate::wrench::KNOWN_FLAGS;
+
+/// Ticks that a time may reach.
+const MOST_TICKS: f64 = (1_u64 << 63) as f64;
+
+/// One row before its time is settled.
+pub(super) struct GivenRow {
+    pub(super) wrench: [f64; 6],
+    pub(super) ticks: Option<u64>,
+    pub(super) flags: u8,
+    pub(super) host_ns: u64,
+}
+
+/// Several rows, checked; they still belong to Python.
+pub(super) struct Rows<'py> {
+    wrench: Bound<'py, PyArrayDyn<f64>>,
+    ticks: Option<Vec<u64>>,
+    flags: Each<u8>,
+    host_ns: Each<u64>,
+}
+
+/// The same rows while nothing else may write to them.
+pub(super) struct BorrowedRows<'a, 'py> {
+    wrench: PyReadonlyArrayDyn<'py, f64>,
+    rows: &'a Rows<'py>,
+}
+
+/// One value for all rows, or one for each.
+enum Each<T> {
+    All(T),
+    Row(Vec<T>),
+}
+
+impl<T: Copy> Each<T> {
+    fn at(&self, row: usize) -> T {
+        match self {
+            Self::All(value) => *value,
+            Self::Row(values) => values[row],
+        }
+    }
+}
+
+impl<'py> Rows<'py> {
+    pub(super) fn new(
+        wrench: &Bound<'py, PyAny>,
+        t: Option<&Bound<'py, PyAny>>,
+        flags: Option<&Bound<'py, PyAny>>,
+        host_ns: Option<&Bound<'py, PyAny>>,
+        tick_hz: f64,
+    ) -> PyResult<Self> {
+        let wrench = contiguous_real(wrench, "wrench")?;
+        let &[n_rows, 6] = wrench.shape() else {
+            let shape = tuple(wrench.shape());
+            return Err(PyValueError::new_err(format!("wrench must have shape (n, 6), got {shape}")));
+        };
+        let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
+        let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
+        let host_ns = match host_ns {
+            Some(value)
+                if value.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() > 0)
+                    || value.hasattr("__len__")? =>
+            {
+                Each::Row(host_times(value, n_rows)?)
+            }
+            one => Each::All(host_time(one, "host_ns")?),
+        };
+        Ok(Self { wrench, ticks, flags, host_ns })
+    }
+
+    pub(super) fn borrow(&self) -> PyResult<BorrowedRows<'_, 'py>> {
+        Ok(BorrowedRows { wrench: readable(&self.wrench, "wrench")?, rows: self })
+    }
+}
+
+impl BorrowedRows<'_, '_> {
+    pub(super) fn iter(&self) -> PyResult<impl Iterator<Item = GivenRow> + '_> {
+        let Rows { ticks, flags, host_ns, .. } = self.rows;
+        let wrench = self.wrench.as_slice()?.as_chunks().0;
+        Ok(wrench.iter().enumerate().map(move |(row, wrench)| GivenRow {
+            wrench: *wrench,
+            ticks: ticks.as_ref().map(|ticks| ticks[row]),
+            flags: flags.at(row),
+            host_ns: host_ns.at(row),
+        }))
+    }
+}
+
+/// The six values of one row.
+pub(super) fn one_wrench(wrench: &Bound<'_, PyAny>) -> PyResult<[f64; 6]> {
+    let array = contiguous_real(wrench, "wrench")?;
+    let array = readable(&array, "wrench")?;
+    match (array.shape(), array.as_slice()?.as_chunks().0) {
+        ([6], [row]) => Ok(*row),
+        (shape, _) => {
+            let shape = tuple(shape);
+            Err(PyValueError::new_err(format!("wrench must have shape (6,), got {shape}")))
+        }
+    }
+}
+
+/// A time in seconds as ticks; `row` names it where there are several.
+pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyResult<u64> {
+    let ticks = (t * tick_hz).round();
+    if (0.0..MOST_TICKS).contains(&ticks) {
+        // Whole, not negative and below 2^63.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        return Ok(ticks as u64);
+    }
+    let place = row.map_or_else(String::new, |row| format!(" at row {row}"));
+    let most = MOST_TICKS / tick_hz;
+    Err(PyValueError::new_err(format!("t must be from 0 to {most:e} seconds, got {t}{place}")))
+}
+
+fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>> {
+    let array = contiguous_real(t, "t")?;
+    check_length(array.shape(), n_rows, "t")?;
+    let array = readable(&array, "t")?;
+    array.as_slice()?.iter().enumerate().map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))).collect()
+}
+
+/// Arrival of one row; now where none is given.
+pub(super) fn host_time(value: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<u64> {
+    value.map_or_else(|| Ok(buffer::host_ns()), |value| whole(value, name, u64::MAX))
+}
+
+/// Arrivals of many rows: integers stay exact, as float64 would not keep them.
+fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
+    let py = value.py();
+    let array = get_array_module(py)?.call_method1("asarray", (value,))?;
+    let untyped = array.cast::<PyUntypedArray>()?;
+    if !matches!(untyped.dtype().kind(), b'i' | b'u') && !untyped.shape().contains(&0) {
+        let dtype = untyped.dtype();
+        return Err(PyTypeError::new_err(format!("host_ns must hold integers, got dtype {dtype}")));
+    }
+    check_length(untyped.shape(), n_rows, "host_ns")?;
+    if array.call_method1("__lt__", (0,))?.call_method0("any")?.is_truthy()? {
+        return Err(PyValueError::new_err("host_ns must not be negative, got a value below 0"));
+    }
+    let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
+    Ok(whole.as_array().to_vec())
+}
+
+/// The flags of one row.
+pub(super) fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
+    let flags = whole(value, "flags", u8::MAX)?;
+    if flags & !KNOWN_FLAGS != 0 {
+        return Err(PyValueError::new_err(format!(
+            "flags must be made of the bits of SampleFlag, from 0 to {KNOWN_FLAGS}, got {}",
+            shown(value)
+        )));
+    }
+    Ok(flags)
+}
+
+fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> {
+    if !value.hasattr("__len__")? || value.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 0) {
+        return Ok(Each::All(flags_of_one(value)?));
+    }
+    let array = contiguous_real(value, "flags")?;
+    check_length(array.shape(), n_rows, "flags")?;
+    let array = readable(&array, "flags")?;
+    let known = |(row, flag): (usize, &f64)| {
+        // Known flags are few whole numbers: every one is found, and nothing else is.
+        let found = (0..=KNOWN_FLAGS).find(|known| f64::from(*known) == *flag);
+        found.ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "flags must be made of the bits of SampleFlag, from 0 to {KNOWN_FLAGS}, got {flag} at row {row}"
+            ))
+        })
+    };
+    Ok(Each::Row(array.as_slice()?.iter().enumerate().map(known).collect::<PyResult<_>>()?))
+}
+
+fn check_length(shape: &[usize], n_rows: usize, name: &str) -> PyResult<()> {
+    if shape == [n_rows] {
+        return Ok(());
+    }
+    let shape = tuple(shape);
+    Err(PyValueError::new_err(format!(
+        "{name} must have shape ({n_rows},), one per row of wrench, got {shape}"
+    )))
+}
