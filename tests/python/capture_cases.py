@@ -66,7 +66,7 @@ class Line:
         """Cut before these rows, and wherever an epoch ends."""
         n = len(self.time_s)
         epochs = np.flatnonzero(np.diff(self.epoch)) + 1
-        edges = sorted({0, n, *epochs.tolist(), *(int(c) for c in cuts)})
+        edges = sorted({0, n, *epochs.tolist(), *(int(c) for c in cuts if c < n)})
         for a, b in pairwise(edges):
             yield Block(
                 *(

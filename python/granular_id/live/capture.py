@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from granular_id._numbers import whole_number
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.clock import start_utc_s, utc_at_origin_s
+from granular_id.live.lag import LagWatch
 from granular_id.live.rows import BlockLike, Rows, filled
 from granular_id.live.runs import Break, measured_rate_hz, runs
 from granular_id.live.source import SourceInfo
@@ -109,8 +110,7 @@ class Capture:
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = non_negative("rate_tolerance", rate_tolerance)
-        self.max_lag_s = non_negative("max_lag_s", max_lag_s)
-        self._patience_s = non_negative("lag_patience_s", lag_patience_s)
+        self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
         self._timeout_s = non_negative("timeout_s", timeout_s)
         self._utc_at_zero_s = utc_at_zero_s
 
@@ -123,7 +123,6 @@ class Capture:
         self._rest = Rows.none()
         self._broken: Break | None = None
         self._n_waited = 0
-        self._n_late = 0
         self._taken: list[Rows] = []
         self.n_rows = 0
 
@@ -150,6 +149,7 @@ class Capture:
             self.fail(FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read")
             return _NO_ROWS
         if not len(block):
+            self._judge_lag(0, lag_s)
             return _NO_ROWS
         if self._epoch not in (None, block.epoch):
             self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
@@ -178,6 +178,11 @@ class Capture:
         """Raise CaptureError if the capture failed."""
         if self.reason is not None:
             raise CaptureError(self.reason, self.text)
+
+    @property
+    def max_lag_s(self) -> float:
+        """Lag that is no cause for alarm."""
+        return self._lag.max_lag_s
 
     @property
     def rows(self) -> Rows:
@@ -301,9 +306,6 @@ class Capture:
             self.state = CaptureState.COMPLETE
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
-        self._n_late = self._n_late + n_rows if lag_s > self.max_lag_s else 0
-        if self.state is not CaptureState.TRIGGERED or not self._n_late:
-            return
-        if self._n_late >= self._patience_s * self.rate_hz or lag_s > self.max_lag_s + self._patience_s:
-            wanted = f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
-            self.fail(FailureReason.LAG, f"rows came in {1e3 * lag_s:.0f} ms late; wanted {wanted}")
+        complaint = self._lag.complaint(n_rows, lag_s)
+        if complaint is not None and self.state is CaptureState.TRIGGERED:
+            self.fail(FailureReason.LAG, complaint)

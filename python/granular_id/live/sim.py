@@ -131,13 +131,18 @@ class SimSource(ThreadedSource):
             raise RuntimeError(f"{self.info.name} is not started")
         return self._start_ns + round(1e9 * tick / (self.info.rate_hz * self.speed))
 
+    def start(self, buffer: WrenchSink) -> None:
+        """Begin to write rows into `buffer`; time 0 is now."""
+        if self._start_ns is None:
+            self._start_ns = host_ns()
+        super().start(buffer)
+
     def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
         """Write samples as they fall due."""
-        self._start_ns = host_ns()
         period_s = max(_PERIOD_S, 1.0 / (self.info.rate_hz * self.speed))
         longest = math.ceil(_LONGEST_S * self.info.rate_hz)
         while not stopping.wait(period_s):
-            due = int(1e-9 * (host_ns() - self._start_ns) * self.speed * self.info.rate_hz)
+            due = int(1e-9 * (host_ns() - self.host_ns_at(0)) * self.speed * self.info.rate_hz)
             while self.world.tick < due and not stopping.is_set():
                 self._write(buffer, min(due - self.world.tick, longest), stopping)
 

@@ -1,0 +1,264 @@
+"""The simulated bench: the same samples whatever the clock, the same physics as `synthesize`."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from granular_id.live.robot import Motion, Robot
+from granular_id.live.sim import SimSource
+from granular_id.live.sim_faults import Fault
+from granular_id.live.sim_world import LEAD_S, SimWorld
+from granular_id.recording import SampleFlag
+from granular_id.synthetic import PAPER_MATERIALS, Nuisance, Sensor, simulate_push, synthesize
+from sink_cases import Sink, eventually
+
+RICE = PAPER_MATERIALS[1]
+RATE_HZ = 500.0
+
+
+def world(seed=1, **options):
+    return SimWorld([RICE], RATE_HZ, seed, **options)
+
+
+def played(bench, push, chunk=10_000):
+    """All samples of a push that was just commanded."""
+    parts = []
+    while (left := push.end_tick - bench.tick) > 0:
+        parts.append(bench.advance(min(chunk, left))[0])
+    return np.concatenate(parts)
+
+
+@settings(max_examples=15)
+@given(rests=st.lists(st.integers(0, 300), min_size=2, max_size=3), chunk=st.integers(1, 500))
+def test_a_push_does_not_depend_on_when_it_is_commanded(rests, chunk):
+    bench, other = world(), world()
+    for rest in rests:
+        bench.advance(rest)
+        one = played(bench, bench.plan(0.03, 0.2), chunk)
+        two = played(other, other.plan(0.03, 0.2))
+        assert np.array_equal(one, two)
+
+
+def test_rest_does_not_depend_on_pieces():
+    one, other = world(), world()
+    pieces = np.concatenate([other.advance(n)[0] for n in (1, 2, 97, 400)])
+    assert np.array_equal(one.advance(500)[0], pieces)
+
+
+def test_pushes_differ_and_seeds_differ():
+    bench = world()
+    pushes = [played(bench, bench.plan(0.03, 0.5)) for _ in range(3)]
+    assert len({push.tobytes() for push in pushes}) == 3
+    other = world(2)
+    assert not np.array_equal(pushes[0], played(other, other.plan(0.03, 0.5)))
+    conditions = []
+    for _ in range(3):
+        push = bench.plan(0.03, 0.1)
+        conditions.append(push.meta["conditions"]["depth_offset_m"])
+        bench.cut(push)
+    assert len(set(conditions)) == 3
+
+
+def test_a_push_is_that_of_the_physics():
+    push = (bench := world()).plan(0.03, 1.0)
+    assert push.start_tick - push.first_tick == pytest.approx(LEAD_S * RATE_HZ, abs=1)
+    assert push.end_tick - push.first_tick == pytest.approx((LEAD_S + 1.0) * RATE_HZ, abs=1.5)
+    wrench = played(bench, push)
+    at = int(np.ceil(push.start_tick - push.first_tick))
+    assert abs(wrench[: at - 1, 0] - wrench[: at - 1, 0].mean()).max() < 0.15
+    assert wrench[at + 50 :, 0].mean() > 1.0
+    still = world(nuisance=Nuisance().scaled(0), sensor=Sensor(noise_rms=(0,) * 6))
+    calm = played(still, still.plan(0.03, 1.0))
+    assert (calm[:100] == 0).all(), "nominal zero point, no noise"
+
+
+def test_rest_reads_zero_point_and_noise():
+    bench = world()
+    rest, flags = bench.advance(5000)
+    push = bench.plan(0.03, 0.1)
+    tare = push.meta["conditions"]["tare"]
+    sensor = Sensor()
+    assert np.allclose(rest.mean(axis=0), tare, atol=4 * np.max(sensor.noise_rms) / np.sqrt(5000))
+    assert np.allclose(rest.std(axis=0), sensor.noise_rms, rtol=0.1)
+    assert not flags.any()
+    assert np.allclose(push.wrench[:200].mean(axis=0), tare, atol=0.02)
+
+
+def test_saturation_is_flagged():
+    weak = world(sensor=Sensor(full_scale=(1.0, 145, 290, 5, 5, 5)))
+    push = weak.plan(0.03, 1.0)
+    wrench, flags = weak.advance(push.end_tick)
+    assert wrench[:, 0].max() == 1.0
+    assert np.array_equal(flags == SampleFlag.SATURATED, np.abs(wrench[:, 0]) >= 1.0)
+
+
+def test_unknown_materials_are_drawn_and_told():
+    source = SimSource("unknown", seed=4)
+    assert source.truth is None
+    seen = []
+    for _ in range(20):
+        push = source.world.plan(0.03, 0.1)
+        assert push.meta["material"]["name"] == source.truth
+        seen.append(source.truth)
+        source.world.cut(push)
+    assert len(set(seen)) > 5
+    assert set(seen) <= {material.name for material in PAPER_MATERIALS}
+    among = SimSource(["rice", "fine sugar"], seed=4)
+    for _ in range(8):
+        among.world.cut(among.world.plan(0.03, 0.1))
+        assert among.truth in ("rice", "fine sugar")
+
+
+def test_unknown_pushes_are_others_than_named_ones():
+    named = SimSource("rice", seed=4)
+    unknown = SimSource("unknown", seed=4)
+    for _ in range(60):
+        push = unknown.world.plan(0.03, 0.1)
+        if unknown.truth == "rice":
+            break
+        unknown.world.cut(push)
+    first = named.world.plan(0.03, 0.1)
+    assert unknown.truth == "rice"
+    assert not np.array_equal(push.wrench, first.wrench)
+    set_up = ("gain_log", "off_axis_x_m")
+    assert [push.meta["conditions"][n] for n in set_up] == [first.meta["conditions"][n] for n in set_up]
+
+
+def test_live_pushes_are_none_of_the_synthesized():
+    live = world(0)
+    push = live.plan(0.03, 0.5)
+    made = synthesize(["rice"], n_per_class=4, seed=0)
+    depths = {r.meta["conditions"]["depth_offset_m"] for r in made}
+    assert push.meta["conditions"]["depth_offset_m"] not in depths
+
+
+def test_refusals():
+    bench = world()
+    bench.plan(0.03, 0.5)
+    with pytest.raises(RuntimeError, match="still moving"):
+        bench.plan(0.03, 0.5)
+    with pytest.raises(ValueError, match="into the wall"):
+        world().plan(0.03, 5.0)
+    robot = SimSource("rice", seed=1).robot()
+    with pytest.raises(RuntimeError, match="simulated rice is not started"):
+        robot.move_line((1, 0, 0), 0.03, 1.0)
+    for wrong in (((0, 0, 0), 0.03, 1.0), ((1, 0), 0.03, 1.0), ((1, 0, 0), 0, 1.0), ((1, 0, 0), 0.03, -1)):
+        with pytest.raises(ValueError, match=r"direction|speed_m_s|duration_s"):
+            robot.move_line(*wrong)
+    with pytest.raises(ValueError, match="kind must be one of gap, saturation"):
+        Fault("gaps")
+    with pytest.raises(ValueError, match="rows must be at least 1"):
+        Fault("gap", rows=0)
+
+
+def test_source_and_robot_share_a_clock():
+    source = SimSource("rice", seed=1, speed=20)
+    sink = Sink()
+    source.start(sink)
+    sink.wait(100)
+    robot = source.robot()
+    assert isinstance(robot, Robot)
+    motion = robot.move_line((1, 0, 0), 0.03, 1.0)
+    assert isinstance(motion, Motion)
+    eventually(motion.finished)
+    source.stop()
+    time_s, wrench = sink.time_s, sink.wrench
+    assert np.allclose(np.diff(time_s), 1 / RATE_HZ)
+    start = int(np.searchsorted(time_s, motion.start_time_s))
+    bench = world()
+    push = bench.plan(0.03, 1.0)
+    lead = int(np.ceil(push.start_tick - push.first_tick))
+    assert np.array_equal(wrench[start - lead : start - lead + len(push.wrench)], push.wrench)
+    assert motion.report()["synthetic"] is True
+    assert motion.report()["material"]["name"] == "rice"
+
+
+def test_stop_takes_the_tool_out():
+    source = SimSource("rice", seed=1, speed=5)
+    sink = Sink()
+    source.start(sink)
+    robot = source.robot()
+    motion = robot.move_line((1, 0, 0), 0.03, 2.9)
+    eventually(lambda: len(sink.rows) and sink.time_s[-1] > motion.start_time_s + 0.5)
+    robot.stop()
+    assert motion.finished()
+    n = len(sink.rows)
+    sink.wait(n + 100)
+    source.stop()
+    assert abs(sink.wrench[-50:, 0]).max() < 1.0 < sink.wrench[n - 20 : n, 0].mean()
+
+
+@pytest.mark.parametrize("after_s", [None, 0.1])
+def test_faults(after_s):
+    def with_fault(fault):
+        source = SimSource("rice", seed=1, speed=20)
+        sink = Sink()
+        source.inject(fault)
+        source.start(sink)
+        motion = source.robot().move_line((1, 0, 0), 0.03, 0.5)
+        eventually(lambda: motion.finished() or source.health().error is not None)
+        source.stop()
+        at = None if after_s is None else motion.start_time_s + after_s
+        return sink, source, at
+
+    sink, _, at = with_fault(Fault("gap", after_s, rows=7))
+    jumps = np.flatnonzero(np.diff(sink.time_s) > 1.5 / RATE_HZ)
+    if after_s is None:
+        assert sink.time_s[0] == pytest.approx(7 / RATE_HZ)
+    else:
+        assert len(jumps) == 1
+        assert np.diff(sink.time_s)[jumps[0]] == pytest.approx(8 / RATE_HZ)
+        assert sink.time_s[jumps[0] + 1] == pytest.approx(at + 7 / RATE_HZ, abs=1.01 / RATE_HZ)
+
+    sink, _, at = with_fault(Fault("saturation", after_s, rows=3))
+    saturated = np.flatnonzero(sink.flags == SampleFlag.SATURATED)
+    assert len(saturated) == 3
+    assert (sink.wrench[saturated, 0] == Sensor().full_scale[0]).all()
+    if at is not None:
+        assert sink.time_s[saturated[0]] == pytest.approx(at, abs=1.01 / RATE_HZ)
+
+    sink, _, at = with_fault(Fault("restart", after_s))
+    assert len(sink.epochs) == 1
+    assert sink.time_s[sink.epochs[0]] == 0
+
+    sink, _, _ = with_fault(Fault("stall", after_s, stall_s=0.05))
+    assert np.allclose(np.diff(sink.time_s), 1 / RATE_HZ), "everything comes, later"
+
+    sink, source, _ = with_fault(Fault("death", after_s))
+    assert source.health().error == "ConnectionError: the simulated sensor was told to die"
+
+
+def test_mean_course_is_that_of_synthesize():
+    """Many pushes: mean force within the spread that `synthesize` gives its own."""
+    made = synthesize(["rice"], n_per_class=30, seed=5)
+    theirs = np.array([r.wrench[r.trigger_index :].mean(axis=0)[:3] for r in made])
+    ours = []
+    for session in range(6):
+        bench = world(6, session=session)
+        for _ in range(5):
+            push = bench.plan(0.03, 2.9)
+            at = int(np.ceil(push.start_tick - push.first_tick))
+            ours.append(push.wrench[at:].mean(axis=0)[:3])
+            bench.cut(push)
+    ours = np.array(ours)
+    spread = np.hypot(ours.std(axis=0), theirs.std(axis=0))
+    assert (abs(ours.mean(axis=0) - theirs.mean(axis=0)) < spread).all()
+    assert np.allclose(ours.std(axis=0), theirs.std(axis=0), rtol=0.6)
+
+
+def test_nothing_but_the_lead_differs_from_simulate_push():
+    bench = world()
+    push = bench.plan(0.03, 0.5)
+    lead_s = push.meta["lead_s"]
+    again = simulate_push(
+        RICE,
+        duration_s=lead_s + 0.5,
+        lead_s=lead_s,
+        sensor=Sensor(),
+        conditions=bench._conditions,
+        seed=bench._stream,
+    )
+    assert np.array_equal(push.wrench, again)

@@ -1,0 +1,216 @@
+"""URLs of sources, what sources say of themselves, and sources that die."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from granular_id.io import save
+from granular_id.live.replay import ReplaySource
+from granular_id.live.sim import SimSource
+from granular_id.live.source import SCHEMES, Health, SourceInfo, WrenchSource, open_source
+from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source_url import SourceUrl
+from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.synthetic import synthesize
+from sink_cases import Sink, eventually
+
+
+@pytest.mark.parametrize(
+    ("url", "match"),
+    [
+        ("rice", "names no source; wanted something like 'sim:rice'"),
+        ("", "names no source"),
+        (":rice", "names no source"),
+        ("sim:", "names no source"),
+        ("simm:rice", "has the scheme 'simm'; known: bota, franka, rdt, replay, ros2, sim, ur"),
+        ("sim:rice?speed", "has options that cannot be read"),
+        ("sim:rice?speed=1&speed=2", "option 'speed' .* is given twice"),
+        ("sim:rice?sped=1", r"has no option 'sped'; known: materials, rate_hz, seed, session, speed"),
+        ("sim:rice?speed=fast", r"option speed='fast' of url .*; wanted a number above 0"),
+        ("sim:rice?speed=0", "wanted a number above 0"),
+        ("sim:rice?speed=nan", "wanted a number above 0"),
+        ("sim:rice?speed=1e999", "wanted a number above 0"),
+        ("sim:rice?seed=-1", "option seed='-1' .* wanted a whole number of at least 0"),
+        ("sim:rice?seed=1.5", "wanted a whole number"),
+        ("sim:rice?seed=²", "wanted a whole number"),
+        ("sim:rice?rate_hz=1e9", "rate_hz must be at most"),
+        ("sim:ryce", "url 'sim:ryce': materials has no material 'ryce'; known: dry peas, rice"),
+        ("sim:rice,rice", "holds 'rice' twice"),
+        ("sim:rice?materials=rice", "option materials .* is for sim:unknown only"),
+        ("sim:unknown?materials=rice,ryce", "no material 'ryce'"),
+        ("rdt://host:99999", "has no proper host and port"),
+        ("rdt://[::1", "has no proper host and port"),
+        ("replay:x?speed=-1", "wanted a number above 0"),
+        ("replay:x?loop=1", "has no option 'loop'; known: pause_s, speed"),
+    ],
+)
+def test_bad_urls(url, match):
+    with pytest.raises(ValueError, match=match):
+        open_source(url)
+
+
+def test_bad_values_by_keyword():
+    with pytest.raises(TypeError, match="url must be a str like 'sim:rice'"):
+        open_source(5)
+    with pytest.raises(ValueError, match=r"option 'speed' .* is given twice"):
+        open_source("sim:rice?speed=2", speed=3)
+    with pytest.raises(ValueError, match="option speed=True"):
+        open_source("sim:rice", speed=True)
+    with pytest.raises(ValueError, match="option materials=7"):
+        open_source("sim:unknown", materials=7)
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        open_source("replay:nowhere")
+
+
+def test_options_by_url_and_by_keyword_are_the_same():
+    one = open_source("sim:fine%20sugar?seed=3&speed=7&session=2&rate_hz=250").info
+    other = open_source("sim:fine_sugar", seed=3, speed=7, session=2, rate_hz=250).info
+    assert one == other
+    assert (one.rate_hz, one.speed, one.meta["seed"], one.meta["session"]) == (250.0, 7.0, 3, 2)
+
+
+def test_every_scheme_has_a_module_that_opens_it():
+    from importlib.util import find_spec
+
+    for scheme, (module, form) in SCHEMES.items():
+        assert find_spec(module) is not None, module
+        assert form.startswith(f"{scheme}:")
+
+
+def test_choices_and_parts_of_urls():
+    url = SourceUrl.parse("RDT://Host.local:49152?variant=axia", {})
+    assert (url.scheme, url.host, url.port, url.path) == ("rdt", "Host.local", 49152, "")
+    assert url.choice("variant", "netft", ("netft", "axia")) == "axia"
+    with pytest.raises(ValueError, match=r"option variant='axia' .* wanted one of netft, onrobot"):
+        url.choice("variant", "netft", ("netft", "onrobot"))
+    assert SourceUrl.parse("replay:C%3F/a b.npz", {}).path == "C?/a b.npz"
+
+
+def test_info_says_what_is_known():
+    info = SourceInfo("x", 500, device_clock=True, full_scale=(1, 2, 3, 4, 5, 6), meta={"a": [1]})
+    assert info.speed == 1
+    assert info.to_dict() == {
+        "name": "x",
+        "rate_hz": 500.0,
+        "tick_hz": 1e9,
+        "device_clock": True,
+        "full_scale": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+        "synthetic": False,
+        "meta": {"a": [1]},
+    }
+    for wrong in ({"name": ""}, {"rate_hz": 0}, {"rate_hz": float("nan")}, {"tick_hz": -1}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            SourceInfo(**{"name": "x", "rate_hz": 500, "device_clock": True, **wrong})
+
+
+class Counting(ThreadedSource):
+    """Ten rows, and then an end or a fault."""
+
+    def __init__(self, error=None):
+        super().__init__(SourceInfo("counting", 500, device_clock=False))
+        self._fault = error
+
+    def deliver(self, buffer, stopping):
+        for n in range(10):
+            buffer.push([n] * 6)
+        if self._fault is not None:
+            raise self._fault
+
+
+def test_a_source_that_ends_and_one_that_dies():
+    source, sink = Counting(), Sink()
+    assert source.health() == Health(running=False)
+    source.start(sink)
+    sink.wait(10)
+    eventually(lambda: source.health().finished)
+    assert source.health() == Health(running=False, finished=True)
+    with pytest.raises(RuntimeError, match="counting was started before"):
+        source.start(sink)
+    source.stop()
+
+    dying = Counting(OSError("unplugged"))
+    dying.start(Sink())
+    eventually(lambda: dying.health().error is not None)
+    assert dying.health() == Health(running=False, error="OSError: unplugged")
+    dying.stop()
+
+
+def test_a_driver_that_hangs_is_told(monkeypatch):
+    release = threading.Event()
+
+    class Hanging(ThreadedSource):
+        def deliver(self, buffer, stopping):
+            release.wait(20)
+
+    monkeypatch.setattr("granular_id.live.source_thread._STOP_S", 0.05)
+    source = Hanging(SourceInfo("slow driver", 500, device_clock=True))
+    source.start(Sink())
+    with pytest.raises(RuntimeError, match=r"slow driver did not stop within 0\.05 s: its driver hangs"):
+        source.stop()
+    release.set()
+
+
+def test_own_source_fits_the_protocol():
+    assert isinstance(Counting(), WrenchSource)
+    assert isinstance(SimSource("rice", seed=1), WrenchSource)
+    assert not isinstance(object(), WrenchSource)
+
+
+def test_replay_gives_the_samples_back(tmp_path):
+    data = synthesize(["rice", "fine sugar"], n_per_class=2, duration_s=0.4)
+    flags = np.zeros(200, dtype=np.uint8)
+    flags[7] = SampleFlag.SATURATED
+    data = Dataset([*data[:3], Recording(data[3].wrench, rate_hz=500, label="fine sugar", flags=flags)])
+    path = save(data, tmp_path / "set.npz")
+    source = open_source(f"replay:{path}?speed=50&pause_s=0.1")
+    assert (source.info.name, source.info.synthetic, source.info.rate_hz) == (
+        "replay of 4 recordings",
+        True,
+        500,
+    )
+    assert source.truth == "rice"
+    sink = Sink()
+    source.start(sink)
+    sink.wait(800)
+    eventually(lambda: source.health().finished)
+    assert len(sink.rows) == 800
+    assert np.array_equal(sink.wrench, np.concatenate([r.wrench for r in data]))
+    assert np.flatnonzero(sink.flags).tolist() == [607]
+    starts = np.arange(4) * 0.5
+    assert np.allclose(sink.time_s.reshape(4, 200), starts[:, np.newaxis] + np.arange(200) / 500)
+    assert source.truth == "fine sugar"
+    source.stop()
+
+
+def test_replay_is_paced(tmp_path):
+    source = ReplaySource(synthesize(["rice"], n_per_class=1, duration_s=0.4), speed=0.001)
+    sink = Sink()
+    source.start(sink)
+    sink.wait(1)
+    assert source.health().running
+    assert len(sink.rows) < 200
+    source.stop()
+    assert not source.health().finished
+
+
+def test_replay_refuses_what_has_no_common_rate():
+    irregular = Recording(np.zeros((3, 6)), time_s=[0, 0.1, 0.3], label="a")
+    slow = Recording(np.zeros((3, 6)), rate_hz=100, label="a")
+    fast = Recording(np.zeros((3, 6)), rate_hz=500, label="a")
+    odd = Recording(np.zeros((3, 2)), rate_hz=500, label="a", axes=("fx", "fz"))
+    with pytest.raises(ValueError, match="are irregular; resample them first"):
+        ReplaySource(Dataset([fast, irregular]))
+    with pytest.raises(ValueError, match="resample them first"):
+        ReplaySource(Dataset([fast, slow]))
+    with pytest.raises(ValueError, match="has the axes fx fz; wanted fx fy fz tx ty tz"):
+        ReplaySource(Dataset([odd]))
+
+
+def test_replay_knows_where_the_motion_began():
+    data = synthesize(["rice"], n_per_class=2, duration_s=0.4)
+    assert ReplaySource(data).trigger().name == "time"
+    bare = Dataset([Recording(r.wrench, rate_hz=500, label="rice") for r in data])
+    assert ReplaySource(bare).trigger().name == "force"
