@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id._core import AXES, UNITS, __version__
+from granular_id._core import AXES, UNITS, StreamingExtractor, __version__
 from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
     from granular_id.explanation import Explanation, explain
+    from granular_id.identifier import Decision, Identifier, StreamingIdentifier
     from granular_id.io import RecordingFileError, load, save
+    from granular_id.live import WrenchBuffer, identify
     from granular_id.recording import (
         CheckReport,
         Dataset,
@@ -54,11 +56,13 @@ __all__ = [
     "BlockUnion",
     "CheckReport",
     "Dataset",
+    "Decision",
     "ECOCClassifier",
     "EvaluationResult",
     "Explanation",
     "FeatureSpec",
     "Finding",
+    "Identifier",
     "Onset",
     "PrincipalComponents",
     "RangeNormalizer",
@@ -70,9 +74,12 @@ __all__ = [
     "SampleFlag",
     "Selection",
     "StepReport",
+    "StreamingExtractor",
+    "StreamingIdentifier",
     "Summary",
     "Tare",
     "TimePermutation",
+    "WrenchBuffer",
     "__version__",
     "evaluate",
     "explain",
@@ -80,6 +87,7 @@ __all__ = [
     "feature_names",
     "feature_spaces",
     "find_onset",
+    "identify",
     "load",
     "save",
     "select",
@@ -92,11 +100,13 @@ _LAZY = {
     "CheckReport": "recording",
     "DFT": "spaces",
     "Dataset": "recording",
+    "Decision": "identifier",
     "ECOCClassifier": "ecoc",
     "EvaluationResult": "evaluation",
     "Explanation": "explanation",
     "Finding": "recording",
     "HFMH": "spaces",
+    "Identifier": "identifier",
     "Onset": "recording",
     "PrincipalComponents": "spaces",
     "RICA": "rica",
@@ -109,13 +119,16 @@ _LAZY = {
     "SampleFlag": "recording",
     "Selection": "selection",
     "StepReport": "recording",
+    "StreamingIdentifier": "identifier",
     "Summary": "recording",
     "Tare": "spaces",
     "TimePermutation": "spaces",
+    "WrenchBuffer": "live",
     "evaluate": "evaluation",
     "explain": "explanation",
     "feature_spaces": "spaces",
     "find_onset": "recording",
+    "identify": "live",
     "load": "io",
     "save": "io",
     "select": "selection",

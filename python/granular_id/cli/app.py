@@ -12,7 +12,9 @@ from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
+from granular_id.cli.live import live
 from granular_id.cli.model import model
+from granular_id.cli.record import record
 from granular_id.cli.report import report
 from granular_id.cli.select import select
 from granular_id.cli.train import train
@@ -31,6 +33,8 @@ app = typer.Typer(
 app.command()(evaluate)
 app.command()(select)
 app.command()(explain)
+app.command()(record)
+app.command()(live)
 app.command()(report)
 app.command()(train)
 app.command()(identify)

@@ -10,6 +10,7 @@ __all__ = [
     "at_least",
     "bin_range_of",
     "chosen_spaces",
+    "direction_of",
     "known_spaces",
     "length_of",
     "method_fits",
@@ -65,6 +66,15 @@ def onsets_in(texts: Sequence[str]) -> dict[str, float | None]:
             raise ValueError(f"--onset-at names {name!r} twice")
         onsets[name] = seconds
     return onsets
+
+
+def direction_of(text: str) -> tuple[float, float, float]:
+    """Read ``--direction``."""
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"--direction must be X,Y,Z such as 0,-1,0, got {text!r}") from None
+    return x, y, z
 
 
 def bin_range_of(text: str) -> Literal["auto"] | tuple[float, float]:

@@ -1,8 +1,90 @@
 """From sensor packets to a named material while the tool moves.
 
-A *source* (a sensor, a file played again, a simulation) writes wrenches into a `WrenchBuffer`; a *capture* waits
-for the motion and takes the rows that belong to one push; a *recorder* stores them, `identify` names them while
-they arrive. The names below are loaded when first used.
+A *source* (a sensor, recordings played again, a simulation) writes wrenches into a `WrenchBuffer`; a `Capture` waits
+for the motion and takes the rows that belong to one push; a `Recorder` stores them, a `LiveIdentifier` names them
+while they arrive; a view shows it. The names below are loaded when first used.
 """
 
 from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from granular_id._core import WrenchBuffer, WrenchReader
+    from granular_id.live.capture import Capture
+    from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+    from granular_id.live.identification import LiveIdentifier, Push, identify
+    from granular_id.live.monitor import MonitorServer
+    from granular_id.live.recorder import Recorder
+    from granular_id.live.rerun_log import RerunLog
+    from granular_id.live.robots import CallbackRobot, ManualRobot
+    from granular_id.live.setup import setup_of
+    from granular_id.live.sim import SimRobot, SimSource
+    from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
+    from granular_id.live.stream import Stream, opened
+    from granular_id.live.terminal import TerminalView
+    from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
+    from granular_id.live.view import Views
+
+_HOMES = {
+    "_core": ("WrenchBuffer", "WrenchReader"),
+    "live.capture": ("Capture",),
+    "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
+    "live.identification": ("LiveIdentifier", "Push", "identify"),
+    "live.monitor": ("MonitorServer",),
+    "live.recorder": ("Recorder",),
+    "live.rerun_log": ("RerunLog",),
+    "live.robots": ("CallbackRobot", "ManualRobot"),
+    "live.setup": ("setup_of",),
+    "live.sim": ("SimRobot", "SimSource"),
+    "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
+    "live.stream": ("Stream", "opened"),
+    "live.terminal": ("TerminalView",),
+    "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),
+    "live.view": ("Views",),
+}
+_LAZY = {name: home for home, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "CallbackRobot",
+    "Capture",
+    "CaptureError",
+    "CaptureState",
+    "FailureReason",
+    "ForceTrigger",
+    "Health",
+    "LiveIdentifier",
+    "ManualRobot",
+    "ManualTrigger",
+    "MonitorServer",
+    "MotionTrigger",
+    "Push",
+    "Recorder",
+    "RerunLog",
+    "SimRobot",
+    "SimSource",
+    "SourceInfo",
+    "Stream",
+    "TerminalView",
+    "Views",
+    "WrenchBuffer",
+    "WrenchReader",
+    "WrenchSource",
+    "identify",
+    "open_source",
+    "opened",
+    "setup_of",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module 'granular_id.live' has no attribute {name!r}")
+    value = getattr(import_module(f"granular_id.{_LAZY[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

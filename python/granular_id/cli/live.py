@@ -1,0 +1,184 @@
+"""``granular-id live``: pushes named while they happen."""
+
+from __future__ import annotations
+
+import json as json_format
+import webbrowser
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.settings import at_least, positive
+
+if TYPE_CHECKING:
+    from granular_id.live.identification import LiveIdentifier, Push
+    from granular_id.live.view import View, Views
+
+__all__ = ["live"]
+
+TEXT = """
+Name the material of each push while the tool moves.
+
+The screen shows the six axes, the ranking of materials as it grows, the answer, lag and losses. `--view` adds a page
+for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a replay.
+
+Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it was. What a
+simulation answers says nothing about real materials.
+
+Examples:
+
+`granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
+
+`granular-id live --source sim:unknown --model simulated.safetensors --n 20 --speed 10`
+"""
+
+MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
+
+
+@guarded
+@taking(Sensing, Moving)
+def live(
+    sensing: Sensing,
+    moving: Moving,
+    *,
+    model: Annotated[Path, option("--model -m", MODEL, "Model file, from `granular-id train`.")],
+    n: Annotated[int | None, option("--n -n", MODEL, "Stop after so many answers.")] = None,
+    early: Annotated[
+        bool,
+        option("--early", MODEL, "Answer as soon as the model is sure enough, not at the end of the push."),
+    ] = False,
+    pre_s: Annotated[
+        float | None,
+        option("--pre-s", MODEL, "Rest before the motion; needed where the model does not know it."),
+    ] = None,
+    view: Annotated[
+        bool, option("--view", VIEWS, "Also show a page in the browser (127.0.0.1 only).")
+    ] = False,
+    port: Annotated[int, option("--port", VIEWS, "Of that page; 0: any free one.")] = 0,
+    no_browser: Annotated[
+        bool, option("--no-browser", VIEWS, "Print the page's address instead of opening it.")
+    ] = False,
+    rerun: Annotated[
+        Path | None, option("--rerun", VIEWS, "Log everything into a file for the Rerun viewer (.rrd).")
+    ] = None,
+    json: Annotated[
+        Path | None, option("--json", OUTPUT, "Append each answer to this file, one line of JSON each.")
+    ] = None,
+    quiet: Annotated[bool, option("--quiet -q", OUTPUT, "No screen: one line per push.")] = False,
+) -> None:
+    """Name pushes; see `TEXT`."""
+    at_least("--n", n, 1)
+    at_least("--port", port, 0)
+    positive("--pre-s", pre_s)
+
+    from granular_id.identifier import Identifier  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.identification import LiveIdentifier  # noqa: PLC0415
+    from granular_id.live.stream import opened  # noqa: PLC0415
+    from granular_id.live.view import Views  # noqa: PLC0415
+
+    identifier = Identifier.load(model)
+    source = sensing.open()
+    console = Console(highlight=False)
+    if identifier.synthetic and not source.info.synthetic:
+        console.print(
+            "warning: the model was trained on SYNTHETIC recordings; its answers about real materials mean nothing",
+            style="bold yellow",
+            soft_wrap=True,
+        )
+    with ExitStack() as stack:
+        answers = None if json is None else stack.enter_context(json.open("a", encoding="utf-8"))
+        stream = stack.enter_context(opened(source, sensing.buffer_s))
+        setup = moving.setup(source)
+        shown = _views(console, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet)
+        views = stack.enter_context(Views(shown))
+        identifying = LiveIdentifier(
+            stream,
+            identifier,
+            setup,
+            early=early,
+            pre_s=pre_s,
+            views=views,
+            **moving.motion,
+            **moving.limits,
+        )
+        try:
+            for push in _pushes(identifying, n):
+                if answers is not None:
+                    answers.write(json_format.dumps(_row(push, source.info.synthetic)) + "\n")
+                    answers.flush()
+                if quiet:
+                    console.print(_line(push), soft_wrap=True, markup=False)
+        finally:
+            views.close()
+            _sum_up(console, identifying, views)
+
+
+live.__doc__ = TEXT
+
+
+def _views(
+    console: Console, *, view: bool, port: int, browser: bool, rerun: Path | None, quiet: bool
+) -> Iterator[View]:
+    """Open what was asked for, and say where it is."""
+    if view:
+        from granular_id.live.monitor import MonitorServer  # noqa: PLC0415
+
+        page = MonitorServer(port)
+        console.print(f"page: {page.url}", soft_wrap=True, markup=False)
+        if browser:
+            webbrowser.open(page.url)
+        yield page
+    if rerun is not None:
+        from granular_id.live.rerun_log import RerunLog  # noqa: PLC0415 (an extra)
+
+        yield RerunLog(rerun)
+    if not quiet:
+        from granular_id.live.terminal import TerminalView  # noqa: PLC0415
+
+        yield TerminalView(console)
+
+
+def _pushes(identifying: LiveIdentifier, n: int | None) -> Iterator[Push]:
+    """Give one push after another; a failure that will not pass ends it, as does the end of a replay."""
+    while n is None or identifying.n_answered < n:
+        push = identifying.push()
+        if push.reason is not None and push.reason.is_lasting:
+            if identifying.stream.health().finished:
+                return
+            raise ValueError(push.text)
+        yield push
+
+
+def _row(push: Push, synthetic: bool) -> dict[str, Any]:
+    """Return a push as JSON-like values."""
+    decision = None if push.decision is None else push.decision.to_dict()
+    failure = None if push.reason is None else {"reason": push.reason.value, "text": push.text}
+    return {"decision": decision, "failure": failure, "truth": push.truth, "synthetic": synthetic}
+
+
+def _line(push: Push) -> str:
+    if push.decision is None:
+        return f"no answer: {push.text}"
+    verdict = {True: "  right", False: f"  WRONG, it was {push.truth}", None: ""}[push.is_right]
+    return f"{push.decision}{verdict}"
+
+
+def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None:
+    for complaint in views.complaints:
+        console.print(f"a view ended: {complaint}", style="yellow", soft_wrap=True, markup=False)
+    if not identifying.n_pushes:
+        return
+    n, failed = identifying.n_answered, identifying.n_pushes - identifying.n_answered
+    right = (
+        f", {identifying.n_right} right ({100 * identifying.n_right / n:.0f} %)"
+        if identifying.knows_truth and n
+        else ""
+    )
+    synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
+    console.print(f"{synthetic}{n} answers{right}; {failed} pushes could not be captured", soft_wrap=True)

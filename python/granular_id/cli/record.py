@@ -1,0 +1,147 @@
+"""``granular-id record``: pushes into files, one material after another."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.settings import at_least, names_in, positive
+
+if TYPE_CHECKING:
+    from granular_id.live.recorder import Recorder
+
+__all__ = ["record"]
+
+TEXT = """
+Record pushes through materials: one file per push, with label, session, sensor and time.
+
+A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the right rate.
+What was refused is said, and recorded again. Works without any hardware, with a simulated sensor and robot; such
+recordings are marked as SYNTHETIC.
+
+Examples:
+
+`granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
+
+`granular-id record --source sim: --label "rice,fine sugar,gravel" --n 10 --speed 20 -o simulated`
+"""
+
+WHAT = "What to record"
+
+
+@guarded
+@taking(Sensing, Moving)
+def record(
+    sensing: Sensing,
+    moving: Moving,
+    *,
+    label: Annotated[
+        str,
+        option("--label -l", WHAT, "Name of the material; several, separated by commas, one after another."),
+    ],
+    n: Annotated[int, option("--n -n", WHAT, "Recordings of each.")] = 10,
+    output: Annotated[Path, option("--output -o", WHAT, "Folder; recordings are added to what is there.")],
+    session: Annotated[
+        str | None,
+        option("--session", WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
+    ] = None,
+    duration_s: Annotated[float, option("--duration-s", WHAT, "Length of a recording.")] = 3.2,
+    pre_s: Annotated[float, option("--pre-s", WHAT, "Of that, rest before the motion.")] = 0.25,
+    retries: Annotated[
+        int, option("--retries", WHAT, "So many refused recordings in a row are tried again.")
+    ] = 3,
+    quiet: Annotated[bool, option("--quiet -q", WHAT, "Only what went wrong, and the last line.")] = False,
+) -> None:
+    """Record pushes; see `TEXT`."""
+    at_least("--n", n, 1)
+    at_least("--retries", retries, 0)
+    positive("--duration-s", duration_s)
+    labels = names_in(label)
+    if not labels:
+        raise ValueError(f"--label must name at least one material, got {label!r}")
+
+    from granular_id.live.recorder import Recorder  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.stream import opened  # noqa: PLC0415
+
+    console = Console(highlight=False)
+    # All of them before the first push: a misspelt material is found out now.
+    places = [(sensing.open(url), names) for url, names in _places(labels, sensing.url).items()]
+    n_refused = 0
+    for source, names in places:
+        with opened(source, sensing.buffer_s) as stream:
+            setup = moving.setup(source)
+            recorder = Recorder(
+                stream,
+                setup.robot,
+                output,
+                session=session,
+                trigger=setup.trigger,
+                n_samples=round(duration_s * source.info.rate_hz),
+                pre_s=pre_s,
+                **moving.motion,
+                **moving.limits,
+            )
+            session = recorder.session  # one session, whatever the number of sources
+            for name in names:
+                if name != labels[0] and not source.info.synthetic:
+                    _wait_for(name)
+                for k in range(n):
+                    refused, said = _recorded(recorder, name, f"{name} {k + 1}/{n}", retries, console)
+                    n_refused += refused
+                    if not quiet:
+                        console.print(said, soft_wrap=True, markup=False)
+    synthetic = "SYNTHETIC " if any(source.info.synthetic for source, _ in places) else ""
+    again = f"; {n_refused} refused and recorded again" if n_refused else ""
+    console.print(
+        f"wrote {n * len(labels)} {synthetic}recordings of {len(labels)} materials into {output}, "
+        f"session {session!r}{again}",
+        soft_wrap=True,
+        markup=False,
+    )
+    if not quiet:
+        console.print(f"look at them with: granular-id data info {output}", soft_wrap=True, markup=False)
+
+
+record.__doc__ = TEXT
+
+
+def _places(labels: list[str], url: str) -> dict[str, list[str]]:
+    """Return the labels to be recorded from each URL; ``sim:`` alone simulates what the label says."""
+    base, _, options = url.partition("?")
+    if base != "sim:":
+        return {url: labels}
+    return {f"sim:{label}?{options}" if options else f"sim:{label}": [label] for label in labels}
+
+
+def _recorded(recorder: Recorder, label: str, title: str, retries: int, console: Console) -> tuple[int, str]:
+    """Record until it is accepted; return how many were refused, and a line about the recording."""
+    from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
+
+    refused = 0
+    while True:
+        try:
+            recorded = recorder.record(label)
+            break
+        except CaptureError as error:
+            if error.reason.is_lasting or refused == retries:
+                raise ValueError(f"{title}: {error}") from error
+            refused += 1
+            said = f"{title}: refused, {error}; once more"
+            console.print(said, style="yellow", soft_wrap=True, markup=False)
+    one = recorded.recording
+    begin = one.trigger_index or 0
+    rise_n = float(one.wrench[begin:, 0].mean() - one.wrench[: begin or 1, 0].mean())
+    return refused, f"{title}: {one.n_samples} samples, mean fx {rise_n:+.2f} N over rest, {recorded.path}"
+
+
+def _wait_for(label: str) -> None:
+    """Give a person time to change the material."""
+    if sys.stdin.isatty():
+        typer.prompt(f"{label}: press Enter when it lies under the tool", default="", show_default=False)
