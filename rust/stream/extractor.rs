@@ -237,6 +237,22 @@ impl StreamingExtractor {
         Ok(())
     }
 
+    /// Rows before the next window begins.
+    pub(super) fn ahead(&self) -> usize {
+        self.place.ahead
+    }
+
+    /// The histograms so far; `None` where the specification has none.
+    pub(super) fn counts(&self) -> Option<&Counts> {
+        self.counts.as_ref()
+    }
+
+    /// Sample `t` of the window; `None` where the specification has no raw features.
+    pub(super) fn raw(&self, t: usize, axis: usize) -> Option<f64> {
+        let raw = self.raw.as_ref()?;
+        Some(raw.get((self.first + t) % self.windows.n_samples, axis))
+    }
+
     /// Filters, counts and keeps at most a chunk of rows.
     fn take(&mut self, rows: &[f64]) -> Result<()> {
         let Windows { n_samples, n_axes, .. } = self.windows;

@@ -1,0 +1,185 @@
+//! What samples that have not arrived yet can add to the scores.
+
+use super::counts::Counts;
+use crate::histogram::Outside;
+use crate::model::{add, Model};
+
+/// Sums over the rest of a window, from every sample on, computed once per stream.
+#[derive(Clone, Debug)]
+pub(super) struct Outlook {
+    lanes: usize,
+    n_samples: usize,
+    /// Row `t`: what samples from `t` on add if they are the mean of the training recordings. Empty without a mean.
+    mean: Vec<f64>,
+    /// `None` where forces may be anything.
+    limits: Option<Limits>,
+}
+
+/// What the rest of a window adds at least and at most, to each learner.
+#[derive(Clone, Debug)]
+struct Limits {
+    /// Row `t`: the least that raw samples from `t` on can add. Empty without raw features.
+    raw_low: Vec<f64>,
+    /// Row `t`: the most.
+    raw_high: Vec<f64>,
+    /// Row `axis`: the least that one more counted sample can add; with densities the least that the axis can.
+    bin_low: Vec<f64>,
+    /// Row `axis`: the most.
+    bin_high: Vec<f64>,
+    /// Bound of the sum of the magnitudes of everything that is added up.
+    magnitude: Vec<f64>,
+    /// Rounding of such a sum, per unit of its magnitudes.
+    rounding: f64,
+}
+
+/// A window so far.
+pub(super) struct SoFar<'a> {
+    pub(super) n_seen: usize,
+    /// Sums of the raw block.
+    pub(super) raw: &'a [f64],
+    /// Histograms, and the same as features.
+    pub(super) histograms: Option<(&'a Counts, &'a [f64])>,
+}
+
+impl Outlook {
+    pub(super) fn new(model: &Model) -> Self {
+        let mean = match model.raw_mean() {
+            Some(mean) => suffix_sums(model, |weight, feature| weight * mean[feature]),
+            None => Vec::new(),
+        };
+        Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits: Limits::new(model) }
+    }
+
+    /// What samples from `n_seen` on are expected to add; nothing for a model that knows no mean.
+    pub(super) fn expected(&self, n_seen: usize) -> Option<&[f64]> {
+        self.mean.get(n_seen * self.lanes..)?.get(..self.lanes)
+    }
+
+    /// Bounds of the scores that a window can end with, whatever comes within the range of the training recordings,
+    /// rounding included. False when there are none.
+    pub(super) fn bound_scores(
+        &self,
+        model: &Model,
+        so_far: &SoFar<'_>,
+        sums: &mut [f64],
+        low: &mut [f64],
+        high: &mut [f64],
+    ) -> bool {
+        let Some(limits) = &self.limits else { return false };
+        let rest = so_far.n_seen * self.lanes;
+        for ((low, high), (intercept, raw)) in
+            low.iter_mut().zip(high.iter_mut()).zip(model.intercept().iter().zip(so_far.raw))
+        {
+            (*low, *high) = (intercept + raw, intercept + raw);
+        }
+        add(low, limits.raw_low.get(rest..).unwrap_or_default(), 1.0);
+        add(high, limits.raw_high.get(rest..).unwrap_or_default(), 1.0);
+        if let Some((counts, values)) = so_far.histograms {
+            let spec = model.extractor().spec();
+            let unseen = (self.n_samples - so_far.n_seen) as f64;
+            for (axis, values) in values.chunks_exact(spec.n_bins).enumerate() {
+                sums.fill(0.0);
+                for (bin, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+                    add(sums, model.hist_weights(axis * spec.n_bins + bin), *value);
+                }
+                let counted = counts.axis(axis).iter().map(|count| f64::from(*count)).sum();
+                let future = Future { unseen, counted, density: spec.density, outside: spec.outside };
+                let of_axis = axis * self.lanes..(axis + 1) * self.lanes;
+                let ends = limits.bin_low[of_axis.clone()].iter().zip(&limits.bin_high[of_axis]);
+                for (((low, high), sum), (least, most)) in
+                    low.iter_mut().zip(high.iter_mut()).zip(sums.iter()).zip(ends)
+                {
+                    *low += future.extreme(*sum, *least, f64::min);
+                    *high += future.extreme(*sum, *most, f64::max);
+                }
+            }
+        }
+        let parts = model.intercept().iter().zip(so_far.raw).zip(&limits.magnitude);
+        for ((low, high), ((intercept, raw), magnitude)) in low.iter_mut().zip(high.iter_mut()).zip(parts) {
+            let slack = limits.rounding * (intercept.abs() + raw.abs() + magnitude);
+            *low -= slack;
+            *high += slack;
+        }
+        low.iter().chain(high.iter()).all(|bound| bound.is_finite())
+    }
+}
+
+/// The samples of an axis that are still to be counted.
+struct Future {
+    unseen: f64,
+    counted: f64,
+    density: bool,
+    outside: Outside,
+}
+
+impl Future {
+    /// The extreme of what an axis can add in the end, from what it adds now and the extreme that a bin has.
+    fn extreme(&self, now: f64, bin: f64, pick: fn(f64, f64) -> f64) -> f64 {
+        // A sample that is dropped adds nothing; none is with `Clip`.
+        let bin_or_nothing = if self.outside == Outside::Drop { pick(bin, 0.0) } else { bin };
+        match (self.density, self.counted > 0.0) {
+            (false, _) => now + self.unseen * bin_or_nothing,
+            (true, false) => bin_or_nothing,
+            // A weighted mean of what is there and what comes: extreme when all of it counts.
+            (true, true) => (now * self.counted + bin * self.unseen) / (self.counted + self.unseen),
+        }
+    }
+}
+
+impl Limits {
+    /// `None` for a model with raw features of unknown range.
+    fn new(model: &Model) -> Option<Self> {
+        let range = model.raw_range();
+        if range.is_none() && model.n_raw() > 0 {
+            return None;
+        }
+        let sums = |of: fn(f64, f64) -> f64| match range {
+            Some((low, high)) => {
+                suffix_sums(model, |weight, feature| of(weight * low[feature], weight * high[feature]))
+            }
+            None => Vec::new(),
+        };
+        let lanes = model.lanes();
+        let spec = model.extractor().spec();
+        let n_axes = if spec.hfmh { model.n_axes() } else { 0 };
+        let (mut bin_low, mut bin_high) = (vec![f64::INFINITY; n_axes * lanes], vec![f64::NEG_INFINITY; n_axes * lanes]);
+        let mut magnitude = sums(|a, b| a.abs().max(b.abs()));
+        magnitude.resize(lanes, 0.0);
+        for axis in 0..n_axes {
+            let of_axis = axis * lanes..(axis + 1) * lanes;
+            let (low, high) = (&mut bin_low[of_axis.clone()], &mut bin_high[of_axis]);
+            for bin in 0..spec.n_bins {
+                let edges = model.extractor().bins(axis).map(|bins| (bins.edges()[bin], bins.edges()[bin + 1]));
+                let width = edges.filter(|_| spec.density).map_or(1.0, |(left, right)| right - left);
+                let weights = model.hist_weights(axis * spec.n_bins + bin);
+                for ((low, high), weight) in low.iter_mut().zip(high.iter_mut()).zip(weights) {
+                    *low = low.min(weight / width);
+                    *high = high.max(weight / width);
+                }
+            }
+            let most = if spec.density { 1.0 } else { model.n_samples() as f64 };
+            for (magnitude, (low, high)) in magnitude.iter_mut().zip(low.iter().zip(high.iter())) {
+                *magnitude += most * low.abs().max(high.abs());
+            }
+        }
+        // Two roundings per feature in a score, as many in these bounds, and then some.
+        let rounding = (4 * model.n_features() + 64) as f64 * f64::EPSILON;
+        Some(Self { raw_low: sums(f64::min), raw_high: sums(f64::max), bin_low, bin_high, magnitude, rounding })
+    }
+}
+
+/// Row `t` of the result: the sum over raw samples from `t` on of a function of weight and feature, for each learner.
+fn suffix_sums(model: &Model, term: impl Fn(f64, usize) -> f64) -> Vec<f64> {
+    let (lanes, n_samples) = (model.lanes(), model.n_samples());
+    let mut rows = vec![0.0; (n_samples + 1) * lanes];
+    for t in (0..n_samples).rev() {
+        let (here, later) = rows[t * lanes..].split_at_mut(lanes);
+        here.copy_from_slice(&later[..lanes]);
+        for axis in 0..model.n_axes() {
+            for (sum, weight) in here.iter_mut().zip(model.raw_weights(t, axis)) {
+                *sum += term(*weight, axis * n_samples + t);
+            }
+        }
+    }
+    rows
+}

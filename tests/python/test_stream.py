@@ -1,0 +1,241 @@
+"""StreamingExtractor against batches and, for sliding windows, scipy's filter of the whole stream and numpy's counts."""
+
+import re
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import features_twin as twin
+from array_kinds import KINDS
+from effort import cases
+from granular_id import FeatureSpec, extract_features
+from granular_id._core import StreamingExtractor
+from test_features import a_wrench, some_options
+from test_threads import N_THREADS, at_once
+
+X = np.random.default_rng(51).standard_normal((40, 6))
+
+
+@st.composite
+def streams(draw, longest=300):
+    """A specification with any options, a stream for it, and sizes of blocks."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    n_axes = draw(st.sampled_from([6, 6, 1, 2, 9]))
+    options = some_options(rng, n_axes)
+    rows = a_wrench(rng, (1, draw(st.integers(1, longest)), n_axes))[0]
+    blocks = draw(st.lists(st.integers(0, 70), min_size=1, max_size=12))
+    return options, rows, blocks
+
+
+def fill(stream, rows, blocks):
+    """Push blocks until the window is complete or the rows are used up; how many were taken."""
+    taken = step = 0
+    while taken < len(rows) and not stream.is_complete:
+        size = 1 if step % (len(blocks) + 1) == len(blocks) else blocks[step % (len(blocks) + 1)]
+        taken += stream.push(rows[taken : taken + size])
+        step += 1
+    return taken
+
+
+@settings(max_examples=cases(60))
+@given(streams())
+def test_a_stream_equals_the_batch(case):
+    options, rows, blocks = case
+    wanted = extract_features(rows, **options)
+    stream = StreamingExtractor(FeatureSpec(**options), n_samples=len(rows), n_axes=rows.shape[1])
+    for _ in range(2):
+        assert fill(stream, rows, blocks) == len(rows) == stream.n_seen
+        assert stream.push(rows) == 0
+        assert twin.differing_bits(stream.features(), wanted) == 0
+        stream.reset()
+        assert stream.n_seen == 0
+
+
+@settings(max_examples=cases(60))
+@given(streams(), st.integers(1, 60), st.integers(1, 80))
+def test_sliding_windows_equal_scipy_and_numpy(case, n_samples, hop):
+    options, rows, blocks = case
+    n_axes = rows.shape[1]
+    stream = StreamingExtractor(FeatureSpec(**options), n_samples=n_samples, n_axes=n_axes, hop=hop)
+    filtered = twin.high_passed(rows[None], **options)[0]
+    ranges = np.broadcast_to(options["bin_range"], (n_axes, 2))
+    rules = {name: options[name] for name in ("outside", "density")}
+    taken = 0
+    for first in range(0, len(rows) - n_samples + 1, hop):
+        taken += fill(stream, rows[taken:], blocks)
+        assert (stream.first_row, taken) == (first, first + n_samples)
+        window = slice(first, first + n_samples)
+        parts = [np.zeros(0)]
+        if options["raw"]:
+            parts.append(rows[window].T.ravel())
+        if options["hfmh"]:
+            parts += [
+                twin.counts(filtered[window, axis], options["n_bins"], *ranges[axis], **rules)
+                for axis in range(n_axes)
+            ]
+        assert twin.differing_bits(stream.features(), np.concatenate(parts)) == 0
+        stream.next()
+    taken += fill(stream, rows[taken:], blocks)
+    assert taken == len(rows)
+    assert not stream.is_complete
+
+
+@pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_block(kind):
+    value = KINDS[kind](X)
+    rows = np.array(value, np.float64, order="C")
+    n_samples, n_axes = rows.shape
+    stream = StreamingExtractor(FeatureSpec(), n_samples=n_samples, n_axes=n_axes)
+    assert stream.push(value) == n_samples
+    assert twin.differing_bits(stream.features(), extract_features(rows)) == 0
+
+
+def test_rows_come_singly_or_not_at_all():
+    stream = StreamingExtractor(FeatureSpec(), n_samples=40)
+    assert [stream.push(row) for row in X[:39]] == [1] * 39
+    assert stream.push(np.zeros((0, 6))) == 0
+    assert stream.push(X[39].tolist()) == 1
+    assert np.array_equal(stream.features(), extract_features(X))
+
+
+def test_a_window_of_one_sample():
+    stream = StreamingExtractor(FeatureSpec(initial="steady"), n_samples=1)
+    assert stream.push(X) == 1
+    assert np.array_equal(stream.features(), extract_features(X[:1], initial="steady"))
+
+
+def test_features_into_an_array_of_ones_own():
+    stream = StreamingExtractor(FeatureSpec(n_bins=10), n_samples=40)
+    stream.push(X)
+    out = np.full(300, np.nan)
+    assert stream.features(out) is out
+    assert np.array_equal(out, stream.features(out=None))
+    for bad, error, message in [
+        (np.zeros(299), ValueError, "out must have shape (300,), got (299,)"),
+        (np.zeros((1, 300)), ValueError, "out must have shape (300,), got (1, 300)"),
+        (np.zeros(300, np.float32), TypeError, "out must be a float64 array"),
+        ([0.0] * 300, TypeError, "out must be a float64 array"),
+        (np.zeros(600)[::2], ValueError, "out must be C-contiguous"),
+        (np.broadcast_to(0.0, 300), ValueError, "out must be"),
+    ]:
+        with pytest.raises(error, match=re.escape(message)):
+            stream.features(bad)
+    out.flags.writeable = False
+    with pytest.raises(ValueError, match="out must be writable"):
+        stream.features(out)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_row_that_is_not_finite_is_named_and_changes_nothing(bad):
+    stream = StreamingExtractor(FeatureSpec(), n_samples=40)
+    stream.push(X[:10])
+    before = stream.features()
+    rows = X[10:].copy()
+    rows[7, 4] = bad
+    with pytest.raises(ValueError, match=f"wrench must be finite, got {str(bad).replace('n', '[nN]').replace('a', '[aA]')}.* in row 7, axis 4"):
+        stream.push(rows)
+    assert stream.n_seen == 10
+    assert np.array_equal(stream.features(), before)
+    stream.push(X[10:])
+    assert np.array_equal(stream.features(), extract_features(X))
+
+
+def test_rows_too_large_to_filter_change_nothing():
+    stream = StreamingExtractor(FeatureSpec(), n_samples=300)
+    rows = np.tile(X, (8, 1))[:300]
+    large = rows.copy()
+    large[250:] = 1.7e308
+    with pytest.raises(ValueError, match="wrench is too large to filter: rows that reach 1.7e308"):
+        stream.push(large)
+    assert stream.n_seen == 0
+    stream.push(rows)
+    assert np.array_equal(stream.features(), extract_features(rows))
+
+
+@pytest.mark.parametrize(
+    ("rows", "error", "message"),
+    [
+        (np.zeros((3, 5)), ValueError, "wrench must have shape (k, 6) or (6,), got shape (3, 5)"),
+        (np.zeros((1, 3, 6)), ValueError, "wrench must have shape (k, 6) or (6,), got shape (1, 3, 6)"),
+        (np.zeros(12), ValueError, "wrench must have shape (k, 6) or (6,), got shape (12,)"),
+        (np.zeros((6, 0)), ValueError, "wrench must have shape (k, 6) or (6,), got shape (6, 0)"),
+        (1.5, ValueError, "wrench must have shape (k, 6) or (6,), got shape ()"),
+        (np.zeros((3, 6), complex), TypeError, "wrench must hold real numbers"),
+        (np.full((3, 6), "a"), TypeError, "wrench must hold real numbers"),
+        (np.ma.masked_array(np.zeros((3, 6))), TypeError, "wrench must be a plain array, got a masked one"),
+        (None, TypeError, "wrench must hold real numbers"),
+    ],
+)
+def test_rows_that_are_none(rows, error, message):
+    stream = StreamingExtractor(FeatureSpec())
+    with pytest.raises(error, match=re.escape(message)):
+        stream.push(rows)
+    assert stream.n_seen == 0
+
+
+@pytest.mark.parametrize(
+    ("keywords", "error", "message"),
+    [
+        ({"n_samples": 0}, ValueError, "n_samples must be an integer from 1 to 16777216, got 0"),
+        ({"n_axes": -1}, ValueError, "n_axes must be an integer from 1"),
+        ({"hop": 0}, ValueError, "hop must be an integer of at least 1, got 0"),
+        ({"hop": 2.5}, TypeError, "hop must be an integer, got 2.5"),
+        ({"n_samples": 2**23}, ValueError, "a window may hold at most 16777216 values"),
+        ({"n_axes": 3}, ValueError, "got 6 ranges for 3 axes"),
+    ],
+)
+def test_impossible_windows(keywords, error, message):
+    spec = FeatureSpec(bin_range=[(-1, 1)] * 6) if "n_axes" in keywords else FeatureSpec()
+    with pytest.raises(error, match=re.escape(message)):
+        StreamingExtractor(spec, **keywords)
+
+
+def test_the_next_window_needs_a_hop_and_a_complete_one():
+    single = StreamingExtractor(FeatureSpec(), n_samples=40)
+    single.push(X)
+    with pytest.raises(ValueError, match="a stream without hop has one window"):
+        single.next()
+    sliding = StreamingExtractor(FeatureSpec(), n_samples=40, hop=7)
+    sliding.push(X[:39])
+    with pytest.raises(ValueError, match="39 of 40 samples are there"):
+        sliding.next()
+
+
+def test_it_says_what_it_is():
+    spec = FeatureSpec(n_bins=10)
+    stream = StreamingExtractor(spec, n_samples=40, n_axes=3, hop=5)
+    assert (stream.spec, stream.n_samples, stream.n_axes, stream.hop) == (spec, 40, 3, 5)
+    assert stream.n_features == 150
+    assert repr(stream) == f"StreamingExtractor({spec!r}, n_samples=40, n_axes=3, hop=5)"
+
+
+def test_threads_take_their_turn():
+    """Rows of one value each from many threads: all of them counted, in whatever order."""
+    stream = StreamingExtractor(FeatureSpec(hfmh=False), n_samples=8 * 4000, n_axes=1)
+
+    def push(value):
+        small, large = np.full((1, 1), value), np.full((1000, 1), value)
+        return sum(stream.push(block) for block in [small] * 1000 + [large] * 3 if stream.features()[0] >= 0)
+
+    taken = at_once([lambda value=value: push(float(value)) for value in range(N_THREADS)])
+    assert taken == [4000] * N_THREADS
+    values, counts = np.unique(stream.features(), return_counts=True)
+    assert values.tolist() == list(range(N_THREADS))
+    assert counts.tolist() == [4000] * N_THREADS
+
+
+def test_others_run_while_a_large_block_is_taken():
+    stream = StreamingExtractor(FeatureSpec(order=32), n_samples=2_000_000)
+    rows = np.zeros((2_000_000, 6))
+    seen = []
+    busy = threading.Thread(target=stream.push, args=(rows,))
+    busy.start()
+    while busy.is_alive():
+        seen.append(1)
+    busy.join()
+    assert stream.is_complete
+    assert len(seen) > 100  # the loop would have run once or twice, had it been held up
