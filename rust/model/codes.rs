@@ -66,6 +66,16 @@ impl Codes {
         }
     }
 
+    /// Codes plus one of all classes at a learner.
+    pub(super) fn column(&self, learner: usize) -> &[u8] {
+        self.columns.get(learner * self.n_classes..(learner + 1) * self.n_classes).unwrap_or_default()
+    }
+
+    /// By what the summed loss of a class is divided.
+    pub(super) fn divisor(&self, class: usize) -> f64 {
+        self.divisors.get(class).copied().unwrap_or(1.0)
+    }
+
     /// Code -1, 0 or +1 of a class at a learner.
     pub(super) fn code(&self, class: usize, learner: usize) -> i8 {
         self.columns

@@ -24,9 +24,7 @@ impl Answer {
     /// Classes by their loss, the smallest first; of equal ones the first.
     #[must_use]
     pub fn ranking(&self) -> Vec<usize> {
-        let mut order: Vec<_> = (0..self.losses.len()).collect();
-        order.sort_by(|a, b| self.losses[*a].total_cmp(&self.losses[*b]));
-        order
+        ranking(&self.losses)
     }
 
     /// By how much the second loss is larger than the first.
@@ -37,6 +35,13 @@ impl Answer {
             _ => 0.0,
         }
     }
+}
+
+/// Classes by their loss, the smallest first; of equal ones the first.
+pub(crate) fn ranking(losses: &[f64]) -> Vec<usize> {
+    let mut order: Vec<_> = (0..losses.len()).collect();
+    order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
+    order
 }
 
 impl Model {

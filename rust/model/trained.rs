@@ -176,6 +176,15 @@ impl Model {
         self.early.as_deref()
     }
 
+    /// The margin that an early answer needs after `n_seen` samples: that of the latest row of [`early`](Self::early)
+    /// reached. `None` before the first, and without a rule.
+    #[must_use]
+    pub fn margin_needed(&self, n_seen: usize) -> Option<f64> {
+        let rows = self.early()?;
+        let reached = rows.partition_point(|[from, _]| *from <= n_seen as f64);
+        rows[..reached].last().map(|[_, margin]| *margin)
+    }
+
     /// Slope and offset of the sigmoid of each learner.
     #[must_use]
     pub fn sigmoid(&self) -> Option<&[[f64; 2]]> {
@@ -203,17 +212,26 @@ impl Model {
         self.weights.lanes
     }
 
-    /// Weights of all learners for a raw sample; empty without a raw block.
-    pub(crate) fn raw_weights(&self, sample: usize, axis: usize) -> &[f64] {
-        if self.weights.n_raw == 0 {
-            return &[];
-        }
-        self.weights.row(sample * self.n_axes + axis)
+    /// By what the summed loss of a class is divided.
+    pub(crate) fn divisor(&self, class: usize) -> f64 {
+        self.codes.divisor(class)
     }
 
-    /// Weights of all learners for a feature of the histograms, counted from 0.
-    pub(crate) fn hist_weights(&self, feature: usize) -> &[f64] {
-        self.weights.row(self.weights.n_raw + feature)
+    /// Codes plus one of all classes at a learner.
+    pub(crate) fn codes_of(&self, learner: usize) -> &[u8] {
+        self.codes.column(learner)
+    }
+
+    /// Rows of weights of raw samples from `sample` on, axis by axis for each; empty without a raw block.
+    pub(crate) fn raw_rows(&self, sample: usize) -> &[f64] {
+        let (raw, _) = self.weights.blocks();
+        raw.get(sample * self.n_axes * self.lanes()..).unwrap_or_default()
+    }
+
+    /// Rows of weights of the histograms of axes from `axis` on.
+    pub(crate) fn hist_rows(&self, axis: usize) -> &[f64] {
+        let (_, hist) = self.weights.blocks();
+        hist.get(axis * self.extractor.spec().n_bins * self.lanes()..).unwrap_or_default()
     }
 
     /// Intercepts of all learners.

@@ -1,6 +1,6 @@
 //! Weights of the learners, laid out in the order in which they are used.
 
-use crate::lanes::LANES;
+use crate::lanes::{Isa, Job, LANES};
 
 /// Weights turned round: for each feature those of all learners, side by side and filled up with zeros to whole vectors.
 /// Raw features stand sample by sample, as they come from a sensor, then those of the histograms.
@@ -71,9 +71,34 @@ impl Weights {
 }
 
 /// Adds `weights * value`: the one place where scores grow, whether a recording comes whole or sample by sample.
-#[inline]
+#[inline(always)]
 pub(crate) fn add(scores: &mut [f64], weights: &[f64], value: f64) {
     for (score, weight) in scores.iter_mut().zip(weights) {
         *score += weight * value;
+    }
+}
+
+/// Adds rows of weights, each times its value and a scale, in their order.
+///
+/// Rows of value zero are left out, which changes no bit: a sum that began at zero is never minus zero.
+pub(crate) struct AddRows<'a> {
+    pub(crate) sums: &'a mut [f64],
+    /// One row as long as `sums` for each value.
+    pub(crate) rows: &'a [f64],
+    pub(crate) values: &'a [f64],
+    pub(crate) scale: f64,
+}
+
+impl Job for AddRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { sums, rows, values, scale } = self;
+        for (weights, value) in rows.chunks_exact(sums.len()).zip(values) {
+            if *value != 0.0 {
+                add(sums, weights, *value * scale);
+            }
+        }
     }
 }

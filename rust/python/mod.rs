@@ -4,6 +4,7 @@ mod arrays;
 mod buffer;
 mod convert;
 mod features;
+mod identification;
 mod model;
 mod number_table;
 mod rdt;
@@ -23,6 +24,8 @@ mod _core {
     use super::buffer::{host_ns, PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
     use super::features::{extract_features, histogram};
+    #[pymodule_export]
+    use super::identification::PyStreamingIdentifier;
     #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::create_exception;
@@ -85,7 +86,7 @@ create_exception!(
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Model", module = "granular_id._core")]
 pub(super) struct PyModel {
-    pub(super) model: Model,
+    pub(super) model: Arc<Model>,
 }
 
 #[pymethods]
@@ -157,7 +158,7 @@ impl PyModel {
             posterior_weights: next(),
             notes: notes(n_axes, metadata)?,
         };
-        Ok(Self { model: Model::new(parts).map_err(bad_part)? })
+        Ok(Self { model: Arc::new(Model::new(parts).map_err(bad_part)?) })
     }
 
     /// The model in the bytes of a file.
@@ -165,7 +166,7 @@ impl PyModel {
     #[pyo3(signature = (data, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(data, *, max_file_bytes=16777216)")]
     fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: usize) -> PyResult<Self> {
         let model = py.detach(|| Model::from_bytes(data, max_file_bytes));
-        Ok(Self { model: model.map_err(|fault| ModelFileError::new_err(fault.to_string()))? })
+        Ok(Self { model: Arc::new(model.map_err(|fault| ModelFileError::new_err(fault.to_string()))?) })
     }
 
     /// The model in a file.
@@ -173,7 +174,7 @@ impl PyModel {
     #[pyo3(signature = (path, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(path, *, max_file_bytes=16777216)")]
     fn read(py: Python<'_>, path: PathBuf, max_file_bytes: usize) -> PyResult<Self> {
         match py.detach(|| Model::read_within(path, max_file_bytes)) {
-            Ok(model) => Ok(Self { model }),
+            Ok(model) => Ok(Self { model: Arc::new(model) }),
             Err(FileFault::Unreadable { path, source }) => Err(unreadable(py, path.into(), &source)?),
             Err(fault) => Err(ModelFileError::new_err(fault.to_string())),
         }

@@ -180,13 +180,13 @@ impl PyStreamingExtractor {
 }
 
 /// The stream, for work that calls nothing of Python's: so no thread can wait here for one that waits for it.
-fn locked<'a, T>(stream: &'a Mutex<T>, py: Python<'a>) -> MutexGuard<'a, T> {
+pub(super) fn locked<'a, T>(stream: &'a Mutex<T>, py: Python<'a>) -> MutexGuard<'a, T> {
     // Nothing in a stream panics; if it did, no push is left half done that `reset` does not undo.
     stream.lock_py_attached(py).unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Rows of `n_axes` values into a stream, without the GIL when they are many.
-fn push_rows<T: Send>(
+pub(super) fn push_rows<T: Send>(
     wrench: &Bound<'_, PyAny>,
     n_axes: usize,
     stream: &Mutex<T>,
@@ -203,7 +203,7 @@ fn push_rows<T: Send>(
 }
 
 /// A float64 vector of `len` values, the caller's `out` or a new one, after `write` has written it.
-fn written<'py>(
+pub(super) fn written<'py>(
     py: Python<'py>,
     out: Option<&Bound<'py, PyAny>>,
     len: usize,

@@ -247,10 +247,12 @@ impl StreamingExtractor {
         self.counts.as_ref()
     }
 
-    /// Sample `t` of the window; `None` where the specification has no raw features.
-    pub(super) fn raw(&self, t: usize, axis: usize) -> Option<f64> {
-        let raw = self.raw.as_ref()?;
-        Some(raw.get((self.first + t) % self.windows.n_samples, axis))
+    /// Sample `t` of the window; false where the specification has no raw features.
+    pub(super) fn raw_row(&self, t: usize, out: &mut [f64]) -> bool {
+        if let Some(raw) = &self.raw {
+            raw.read((self.first + t) % self.windows.n_samples, out);
+        }
+        self.raw.is_some()
     }
 
     /// Filters, counts and keeps at most a chunk of rows.

@@ -6,7 +6,8 @@ use super::extractor::{StreamingExtractor, Windows};
 use super::outlook::{Outlook, SoFar};
 use super::settled::Race;
 use crate::error::Result;
-use crate::model::{add, Model};
+use crate::lanes::Path;
+use crate::model::{AddRows, Model};
 
 /// Names the material while its samples arrive.
 ///
@@ -23,13 +24,15 @@ pub struct StreamingIdentifier {
     model: Arc<Model>,
     stream: StreamingExtractor,
     outlook: Outlook,
+    path: Path,
     /// Sums of the raw block so far.
     raw: Vec<f64>,
     /// Whether scores and losses are those of the samples so far.
     is_fresh: bool,
     scores: Vec<f64>,
     losses: Vec<f64>,
-    /// Room for histogram features, sums over them, bounds of scores.
+    /// Room for a row, histogram features, sums over them, bounds of scores.
+    row: Vec<f64>,
     values: Vec<f64>,
     sums: Vec<f64>,
     low: Vec<f64>,
@@ -64,18 +67,19 @@ impl StreamingIdentifier {
         let windows = Windows { n_samples: model.n_samples(), n_axes: model.n_axes(), hop };
         let stream = StreamingExtractor::new(model.extractor(), windows)?;
         let lanes = model.lanes();
-        let n_classes = model.classes().len();
         Ok(Self {
             outlook: Outlook::new(&model),
+            path: Path::detect(),
+            row: vec![0.0; model.n_axes()],
             raw: vec![0.0; lanes],
             is_fresh: false,
             scores: vec![0.0; model.n_learners()],
-            losses: vec![0.0; n_classes],
+            losses: vec![0.0; model.classes().len()],
             values: vec![0.0; model.n_features() - model.n_raw()],
             sums: vec![0.0; lanes],
             low: vec![0.0; lanes],
             high: vec![0.0; lanes],
-            race: Race::new(n_classes),
+            race: Race::new(&model),
             stream,
             model,
         })
@@ -102,12 +106,8 @@ impl StreamingIdentifier {
         let n_taken = self.stream.push(rows)?;
         self.is_fresh &= n_taken == 0;
         let n_axes = self.model.n_axes();
-        let of_window = rows.chunks_exact(n_axes).take(n_taken).skip(ahead);
-        for (t, row) in (first..).zip(of_window) {
-            for (axis, value) in row.iter().enumerate() {
-                add(&mut self.raw, self.model.raw_weights(t, axis), *value);
-            }
-        }
+        let of_window = rows[..n_taken * n_axes].get(ahead * n_axes..).unwrap_or_default();
+        self.add_raw(first, of_window);
         Ok(n_taken)
     }
 
@@ -116,13 +116,13 @@ impl StreamingIdentifier {
         self.stream.advance()?;
         self.is_fresh = false;
         self.raw.fill(0.0);
+        let mut row = std::mem::take(&mut self.row);
         for t in 0..self.stream.n_seen() {
-            for axis in 0..self.model.n_axes() {
-                if let Some(value) = self.stream.raw(t, axis) {
-                    add(&mut self.raw, self.model.raw_weights(t, axis), value);
-                }
+            if self.stream.raw_row(t, &mut row) {
+                self.add_raw(t, &row);
             }
         }
+        self.row = row;
         Ok(())
     }
 
@@ -168,8 +168,14 @@ impl StreamingIdentifier {
             histograms: self.stream.counts().map(|counts| (counts, &self.values[..])),
         };
         let best = best_and_margin(&self.losses).0;
-        Ok(self.outlook.bound_scores(&self.model, &so_far, &mut self.sums, &mut self.low, &mut self.high)
-            && self.race.is_won(&self.model, best, &self.low, &self.high))
+        Ok(self.outlook.bound_scores(
+            self.path,
+            &self.model,
+            &so_far,
+            &mut self.sums,
+            &mut self.low,
+            &mut self.high,
+        ) && self.race.is_won(&self.model, best, &self.low, &self.high))
     }
 
     /// Everything about the answer so far.
@@ -192,6 +198,12 @@ impl StreamingIdentifier {
         })
     }
 
+    /// Adds rows of samples from `first` on to the sums of the raw block.
+    fn add_raw(&mut self, first: usize, values: &[f64]) {
+        let rows = self.model.raw_rows(first);
+        self.path.run(AddRows { sums: &mut self.raw, rows, values, scale: 1.0 });
+    }
+
     /// Brings scores and losses up to the last sample.
     fn refresh(&mut self) -> Result<()> {
         if self.is_fresh {
@@ -204,9 +216,8 @@ impl StreamingIdentifier {
             counts.write(extractor, &mut self.values);
             // Of a whole window exactly 1; densities are those of a whole window already.
             let scale = if extractor.spec().density { 1.0 } else { n_samples as f64 / n_seen.max(1) as f64 };
-            for (feature, value) in self.values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                add(&mut self.sums, self.model.hist_weights(feature), value * scale);
-            }
+            let (rows, values) = (self.model.hist_rows(0), &self.values);
+            self.path.run(AddRows { sums: &mut self.sums, rows, values, scale });
         }
         let expected = if n_seen < n_samples { self.outlook.expected(n_seen) } else { None };
         for (learner, (score, hist)) in self.scores.iter_mut().zip(&self.sums).enumerate() {

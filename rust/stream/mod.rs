@@ -11,5 +11,5 @@ mod outlook;
 mod raw;
 mod settled;
 
-pub use identifier::{Standing, StreamingIdentifier};
 pub use extractor::{StreamingExtractor, Windows, MAX_WINDOW};
+pub use identifier::{Standing, StreamingIdentifier};

@@ -2,7 +2,8 @@
 
 use super::counts::Counts;
 use crate::histogram::Outside;
-use crate::model::{add, Model};
+use crate::lanes::Path;
+use crate::model::{AddRows, Model};
 
 /// Sums over the rest of a window, from every sample on, computed once per stream.
 #[derive(Clone, Debug)]
@@ -43,10 +44,12 @@ pub(super) struct SoFar<'a> {
 
 impl Outlook {
     pub(super) fn new(model: &Model) -> Self {
-        let mean = match model.raw_mean() {
-            Some(mean) => suffix_sums(model, |weight, feature| weight * mean[feature]),
-            None => Vec::new(),
-        };
+        let mean = model.raw_mean().map_or(Vec::new(), |mean| {
+            suffix_sums(model, |feature| {
+                let mean = mean[feature];
+                move |weight| weight * mean
+            })
+        });
         Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits: Limits::new(model) }
     }
 
@@ -59,6 +62,7 @@ impl Outlook {
     /// rounding included. False when there are none.
     pub(super) fn bound_scores(
         &self,
+        path: Path,
         model: &Model,
         so_far: &SoFar<'_>,
         sums: &mut [f64],
@@ -66,22 +70,22 @@ impl Outlook {
         high: &mut [f64],
     ) -> bool {
         let Some(limits) = &self.limits else { return false };
-        let rest = so_far.n_seen * self.lanes;
-        for ((low, high), (intercept, raw)) in
-            low.iter_mut().zip(high.iter_mut()).zip(model.intercept().iter().zip(so_far.raw))
-        {
-            (*low, *high) = (intercept + raw, intercept + raw);
+        for (bounds, of_rest) in [(&mut *low, &limits.raw_low), (&mut *high, &limits.raw_high)] {
+            let parts = model.intercept().iter().zip(so_far.raw);
+            for (bound, (intercept, raw)) in bounds.iter_mut().zip(parts) {
+                *bound = intercept + raw;
+            }
+            let of_rest = of_rest.get(so_far.n_seen * self.lanes..).unwrap_or_default();
+            for (bound, rest) in bounds.iter_mut().zip(of_rest) {
+                *bound += rest;
+            }
         }
-        add(low, limits.raw_low.get(rest..).unwrap_or_default(), 1.0);
-        add(high, limits.raw_high.get(rest..).unwrap_or_default(), 1.0);
         if let Some((counts, values)) = so_far.histograms {
             let spec = model.extractor().spec();
             let unseen = (self.n_samples - so_far.n_seen) as f64;
             for (axis, values) in values.chunks_exact(spec.n_bins).enumerate() {
                 sums.fill(0.0);
-                for (bin, value) in values.iter().enumerate().filter(|(_, value)| **value != 0.0) {
-                    add(sums, model.hist_weights(axis * spec.n_bins + bin), *value);
-                }
+                path.run(AddRows { sums, rows: model.hist_rows(axis), values, scale: 1.0 });
                 let counted = counts.axis(axis).iter().map(|count| f64::from(*count)).sum();
                 let future = Future { unseen, counted, density: spec.density, outside: spec.outside };
                 let of_axis = axis * self.lanes..(axis + 1) * self.lanes;
@@ -133,25 +137,28 @@ impl Limits {
         if range.is_none() && model.n_raw() > 0 {
             return None;
         }
-        let sums = |of: fn(f64, f64) -> f64| match range {
-            Some((low, high)) => {
-                suffix_sums(model, |weight, feature| of(weight * low[feature], weight * high[feature]))
-            }
-            None => Vec::new(),
-        };
         let lanes = model.lanes();
         let spec = model.extractor().spec();
         let n_axes = if spec.hfmh { model.n_axes() } else { 0 };
-        let (mut bin_low, mut bin_high) = (vec![f64::INFINITY; n_axes * lanes], vec![f64::NEG_INFINITY; n_axes * lanes]);
-        let mut magnitude = sums(|a, b| a.abs().max(b.abs()));
+        let (mut bin_low, mut bin_high) =
+            (vec![f64::INFINITY; n_axes * lanes], vec![f64::NEG_INFINITY; n_axes * lanes]);
+        let (raw_low, raw_high, mut magnitude) = match range {
+            Some((low, high)) => (
+                suffix_sums(model, |i| move |weight| (weight * low[i]).min(weight * high[i])),
+                suffix_sums(model, |i| move |weight| (weight * low[i]).max(weight * high[i])),
+                suffix_sums(model, |i| move |weight: f64| weight.abs() * low[i].abs().max(high[i].abs())),
+            ),
+            None => (Vec::new(), Vec::new(), Vec::new()),
+        };
         magnitude.resize(lanes, 0.0);
         for axis in 0..n_axes {
             let of_axis = axis * lanes..(axis + 1) * lanes;
             let (low, high) = (&mut bin_low[of_axis.clone()], &mut bin_high[of_axis]);
             for bin in 0..spec.n_bins {
-                let edges = model.extractor().bins(axis).map(|bins| (bins.edges()[bin], bins.edges()[bin + 1]));
+                let edges =
+                    model.extractor().bins(axis).map(|bins| (bins.edges()[bin], bins.edges()[bin + 1]));
                 let width = edges.filter(|_| spec.density).map_or(1.0, |(left, right)| right - left);
-                let weights = model.hist_weights(axis * spec.n_bins + bin);
+                let weights = &model.hist_rows(axis)[bin * lanes..];
                 for ((low, high), weight) in low.iter_mut().zip(high.iter_mut()).zip(weights) {
                     *low = low.min(weight / width);
                     *high = high.max(weight / width);
@@ -164,22 +171,23 @@ impl Limits {
         }
         // Two roundings per feature in a score, as many in these bounds, and then some.
         let rounding = (4 * model.n_features() + 64) as f64 * f64::EPSILON;
-        Some(Self { raw_low: sums(f64::min), raw_high: sums(f64::max), bin_low, bin_high, magnitude, rounding })
+        Some(Self { raw_low, raw_high, bin_low, bin_high, magnitude, rounding })
     }
 }
 
-/// Row `t` of the result: the sum over raw samples from `t` on of a function of weight and feature, for each learner.
-fn suffix_sums(model: &Model, term: impl Fn(f64, usize) -> f64) -> Vec<f64> {
+/// Row `t` of the result: the sum over raw samples from `t` on of a term for each weight, which `of` gives for a feature.
+fn suffix_sums<T: Fn(f64) -> f64>(model: &Model, of: impl Fn(usize) -> T) -> Vec<f64> {
     let (lanes, n_samples) = (model.lanes(), model.n_samples());
-    let mut rows = vec![0.0; (n_samples + 1) * lanes];
+    let mut sums = vec![0.0; (n_samples + 1) * lanes];
     for t in (0..n_samples).rev() {
-        let (here, later) = rows[t * lanes..].split_at_mut(lanes);
+        let (here, later) = sums[t * lanes..].split_at_mut(lanes);
         here.copy_from_slice(&later[..lanes]);
-        for axis in 0..model.n_axes() {
-            for (sum, weight) in here.iter_mut().zip(model.raw_weights(t, axis)) {
-                *sum += term(*weight, axis * n_samples + t);
+        for (axis, weights) in model.raw_rows(t).chunks_exact(lanes).take(model.n_axes()).enumerate() {
+            let term = of(axis * n_samples + t);
+            for (sum, weight) in here.iter_mut().zip(weights) {
+                *sum += term(*weight);
             }
         }
     }
-    rows
+    sums
 }

@@ -19,9 +19,11 @@ impl RawSamples {
         }
     }
 
-    /// One axis of the row of a slot.
-    pub(super) fn get(&self, slot: usize, axis: usize) -> f64 {
-        self.values[axis * self.n_slots + slot]
+    /// The row of a slot.
+    pub(super) fn read(&self, slot: usize, out: &mut [f64]) {
+        for (axis, value) in self.values.chunks_exact(self.n_slots).zip(out) {
+            *value = axis[slot];
+        }
     }
 
     /// The raw block of the features: `n_seen` samples from slot `first` on, round the end; zero where none was seen.

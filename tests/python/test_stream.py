@@ -1,4 +1,4 @@
-"""StreamingExtractor against batches and, for sliding windows, scipy's filter of the whole stream and numpy's counts."""
+"""StreamingExtractor against batches; sliding windows against scipy's filter of the whole stream and numpy's counts."""
 
 import re
 import threading
@@ -136,7 +136,9 @@ def test_a_row_that_is_not_finite_is_named_and_changes_nothing(bad):
     before = stream.features()
     rows = X[10:].copy()
     rows[7, 4] = bad
-    with pytest.raises(ValueError, match=f"wrench must be finite, got {str(bad).replace('n', '[nN]').replace('a', '[aA]')}.* in row 7, axis 4"):
+    with pytest.raises(
+        ValueError, match=r"wrench must be finite, got (NaN|-?inf) in row 7, axis 4; no row was taken"
+    ):
         stream.push(rows)
     assert stream.n_seen == 10
     assert np.array_equal(stream.features(), before)
@@ -149,7 +151,7 @@ def test_rows_too_large_to_filter_change_nothing():
     rows = np.tile(X, (8, 1))[:300]
     large = rows.copy()
     large[250:] = 1.7e308
-    with pytest.raises(ValueError, match="wrench is too large to filter: rows that reach 1.7e308"):
+    with pytest.raises(ValueError, match=r"wrench is too large to filter: rows that reach 1\.7e308"):
         stream.push(large)
     assert stream.n_seen == 0
     stream.push(rows)
