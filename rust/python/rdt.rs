@@ -1,1 +1,158 @@
 //! The RDT receiver: unpack, call, map the error.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use pyo3::exceptions::{
+    PyConnectionError, PyConnectionRefusedError, PyRuntimeError, PyTimeoutError, PyValueError,
+};
+use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyDict};
+
+use super::buffer::PyWrenchBuffer;
+use super::scalars::word;
+use crate::rdt::{Fault, Receiver, Scale, Settings, State, Variant};
+
+/// Words for the kinds of box.
+const VARIANTS: [(&str, Variant); 3] =
+    [("netft", Variant::NetFt), ("axia", Variant::Axia), ("onrobot", Variant::OnRobot)];
+
+impl From<Fault> for PyErr {
+    fn from(fault: Fault) -> Self {
+        let message = fault.to_string();
+        match fault {
+            Fault::Scale { .. } | Fault::Setting { .. } => PyValueError::new_err(message),
+            Fault::Refused { .. } => PyConnectionRefusedError::new_err(message),
+            Fault::Silent { .. } => PyTimeoutError::new_err(message),
+            Fault::Host { .. } | Fault::System { .. } => PyConnectionError::new_err(message),
+        }
+    }
+}
+
+/// A thread that receives records of a sensor box and writes them into a buffer.
+///
+/// `granular_id.live.rdt.RdtSource` is the documented face of it.
+#[pyclass(frozen, name = "RdtReceiver", module = "granular_id._core")]
+pub(super) struct PyRdtReceiver {
+    settings: Settings,
+    place: Mutex<Place>,
+}
+
+/// The receiver, or what is left of it. Locked for moments only and never without the GIL, so that nobody waits for the
+/// GIL while another waits for the lock, and no fork finds it locked.
+enum Place {
+    Idle { counters: Vec<(&'static str, u64)> },
+    Busy,
+    Running { receiver: Receiver, buffer: Py<PyWrenchBuffer> },
+}
+
+#[pymethods]
+impl PyRdtReceiver {
+    #[new]
+    #[pyo3(signature = (
+        host, port, *, variant, counts_per_newton, counts_per_newton_metre, limits, rate_hz, buffered, resume
+    ))]
+    #[allow(clippy::too_many_arguments)] // called from one place, by keyword
+    fn new(
+        host: String,
+        port: u16,
+        variant: &Bound<'_, PyAny>,
+        counts_per_newton: f64,
+        counts_per_newton_metre: f64,
+        limits: [f64; 6],
+        rate_hz: f64,
+        buffered: bool,
+        resume: bool,
+    ) -> PyResult<Self> {
+        let variant = word(variant, "variant", &VARIANTS)?;
+        let scale = Scale::new(counts_per_newton, counts_per_newton_metre)?;
+        let settings = Settings { host, port, variant, scale, limits, rate_hz, buffered, resume };
+        settings.check()?;
+        Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
+    }
+
+    /// Ask for the stream, wait for its first record, and write into `buffer` from then on.
+    fn start(&self, buffer: &Bound<'_, PyWrenchBuffer>) -> PyResult<()> {
+        if !matches!(*self.place(), Place::Idle { .. }) {
+            return Err(PyRuntimeError::new_err("the source runs already: stop it first"));
+        }
+        let writer = buffer.get().take_writer()?;
+        *self.place() = Place::Busy;
+        let settings = self.settings.clone();
+        let (place, result) = match buffer.py().detach(|| Receiver::start(settings, writer)) {
+            Ok(receiver) => (Place::Running { receiver, buffer: buffer.clone().unbind() }, Ok(())),
+            Err((fault, writer)) => {
+                buffer.get().give_back(writer);
+                (Place::Idle { counters: Vec::new() }, Err(fault.into()))
+            }
+        };
+        *self.place() = place;
+        result
+    }
+
+    /// End the stream; safe to call again. In a forked child nothing is sent: the stream is the parent's.
+    fn stop(&self, py: Python<'_>) {
+        let mut place = self.place();
+        if !matches!(*place, Place::Running { .. }) {
+            return;
+        }
+        let taken = std::mem::replace(&mut *place, Place::Busy);
+        drop(place);
+        let Place::Running { mut receiver, buffer } = taken else { return };
+        if let Some(writer) = py.detach(|| receiver.stop()) {
+            buffer.get().give_back(writer);
+        }
+        *self.place() = Place::Idle { counters: receiver.counters() };
+    }
+
+    /// Make the present load the new zero, for every client of the box.
+    fn bias(&self) -> PyResult<()> {
+        self.ask(Receiver::bias)
+    }
+
+    /// Forget which thresholds were exceeded.
+    fn reset_threshold_latch(&self) -> PyResult<()> {
+        self.ask(Receiver::reset_threshold_latch)
+    }
+
+    /// What was counted, up to now or until the end; nothing before the start.
+    fn counters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let counters = match &*self.place() {
+            Place::Idle { counters } => counters.clone(),
+            Place::Busy => Vec::new(),
+            Place::Running { receiver, .. } => receiver.counters(),
+        };
+        counters.into_py_dict(py)
+    }
+
+    /// How it is, in a word, and seconds since the newest datagram.
+    fn state(&self) -> (&'static str, f64) {
+        match &*self.place() {
+            Place::Running { receiver, .. } => {
+                let state = match receiver.state() {
+                    State::Streaming => "streaming",
+                    State::Silent => "silent",
+                    State::Broken => "broken",
+                    State::Stopped => "stopped",
+                    State::Forked => "forked",
+                };
+                (state, receiver.silent_ns() as f64 * 1e-9)
+            }
+            Place::Idle { .. } | Place::Busy => ("stopped", 0.0),
+        }
+    }
+}
+
+impl PyRdtReceiver {
+    fn place(&self) -> MutexGuard<'_, Place> {
+        self.place.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn ask(&self, ask: impl FnOnce(&Receiver) -> Result<(), Fault>) -> PyResult<()> {
+        match &*self.place() {
+            Place::Running { receiver, .. } => Ok(ask(receiver)?),
+            Place::Idle { .. } | Place::Busy => {
+                Err(PyRuntimeError::new_err("the source does not run: start it first"))
+            }
+        }
+    }
+}

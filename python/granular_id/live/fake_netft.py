@@ -1,0 +1,289 @@
+"""A sensor box that is none: speaks RDT and serves its page on this machine, with faults on demand.
+
+For trying things without hardware, and for tests: it counts exactly what it did wrong. ``python -m
+granular_id.live.fake_netft --material rice`` runs it until Ctrl-C; `FakeNetft` runs it inside a program.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+import time
+from array import array
+from collections.abc import Iterator, Mapping
+from itertools import count
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id.live.fake_netft_faults import Datagram, FaultPlan, Faults, Injected
+from granular_id.live.fake_netft_page import PageServer, page_text
+from granular_id.live.fake_netft_signal import counts_of
+from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
+from granular_id.recording._values import as_floats, checked_rate
+
+__all__ = ["FakeNetft"]
+
+HOST = "127.0.0.1"
+_CHUNK = 256
+"""Records made at once."""
+_IDLE_S = 0.02
+_REQUEST_BYTES = 8
+_STOP, _START, _START_BUFFERED, _RESET_LATCH, _BIAS, _PERIOD = 0x0000, 0x0002, 0x0003, 0x0041, 0x0042, 0x0082
+_FIRST_FT = 1_000_000
+"""A box is never asked in its first moment."""
+
+
+class FakeNetft:
+    """A fake Net F/T box on the loopback interface.
+
+    Parameters
+    ----------
+    signal : array_like, shape (n, 6), optional
+        What it measures, N and N m, again and again. Default: slow sines of a few newton.
+    rate_hz : float, default 500
+        Records per second; made one that the internal rate is a multiple of, as the box does.
+    tick_hz : float, default 7000
+        Samples per second within the sensor.
+    force_unit, torque_unit : str, default "N" and "Nm"
+        Units that the page gives.
+    counts_per_force, counts_per_torque : float, default 1e6
+        Counts per one of these units.
+    faults : Faults, optional
+        What goes wrong.
+    n_records : int, optional
+        End of the stream; default: none.
+    per_datagram : int, default 40
+        Records per datagram, when a client asks for buffered mode.
+    product : str, default "Net F/T"
+        Name on the page; one with "Axia" makes clients read status words as that sensor writes them.
+    page_changes : mapping of str to str or None, optional
+        Fields of the page to be changed, or left out (None).
+    seed : int, default 0
+        Of the faults.
+    port, http_port : int, default 0
+        Where it listens; 0: any that is free.
+
+    Attributes
+    ----------
+    injected : Injected
+        What was sent and what went wrong.
+    requests : list of bytes
+        Every request that came.
+    send_stamps : array of int
+        ``time.monotonic_ns()`` right before each datagram was sent; for measuring how late a client was.
+
+    Examples
+    --------
+    >>> from granular_id.live.fake_netft import FakeNetft
+    >>> with FakeNetft(n_records=100) as box:
+    ...     box.url.startswith("rdt://127.0.0.1:")
+    True
+    """
+
+    def __init__(
+        self,
+        signal: ArrayLike | None = None,
+        *,
+        rate_hz: float = 500.0,
+        tick_hz: float = 7000.0,
+        force_unit: str = "N",
+        torque_unit: str = "Nm",
+        counts_per_force: float = 1e6,
+        counts_per_torque: float = 1e6,
+        faults: Faults | None = None,
+        n_records: int | None = None,
+        per_datagram: int = 40,
+        product: str = "Net F/T",
+        page_changes: Mapping[str, str | None] | None = None,
+        seed: int = 0,
+        port: int = 0,
+        http_port: int = 0,
+    ) -> None:
+        for name, unit, known in (("force_unit", force_unit, FORCE_UNITS), ("torque_unit", torque_unit, TORQUE_UNITS)):
+            if unit not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, got {unit!r}")
+        self.tick_hz = checked_rate(tick_hz, "tick_hz")
+        self._step = max(1, round(self.tick_hz / checked_rate(rate_hz)))
+        self.rate_hz = self.tick_hz / self._step
+        self.faults, self.n_records, self.per_datagram, self._seed = faults or Faults(), n_records, per_datagram, seed
+        self._counts = _counts(
+            signal, counts_per_force / FORCE_UNITS[force_unit], counts_per_torque / TORQUE_UNITS[torque_unit]
+        )
+        self.injected = Injected()
+        self.requests: list[bytes] = []
+        self.send_stamps = array("Q")
+        self._bias = np.zeros(6, dtype=np.int64)
+        self._ft = _FIRST_FT
+        self._client: tuple[str, int] | None = None
+        self._stream: Iterator[tuple[float, Datagram]] = iter(())
+        self._next: tuple[float, Datagram] | None = None
+        self._done, self._stopping = threading.Event(), threading.Event()
+        self._deaf = self.faults.deaf
+        text = page_text(
+            {
+                "prodname": product,
+                "scfgfu": force_unit,
+                "scfgtu": torque_unit,
+                "cfgcpf": f"{counts_per_force:.17g}",
+                "cfgcpt": f"{counts_per_torque:.17g}",
+                "runrate": f"{self.tick_hz:g}",
+                "comrdtrate": f"{round(self.rate_hz)}",
+                "comrdtbsiz": str(per_datagram),
+                **_full_scale(force_unit, torque_unit),
+            },
+            page_changes or {},
+        )
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((HOST, port))
+            self._page = PageServer(text, HOST, http_port)
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        self._thread = threading.Thread(target=self._serve, name="fake Net F/T", daemon=True)
+
+    @property
+    def port(self) -> int:
+        """UDP port."""
+        return int(self._socket.getsockname()[1])
+
+    @property
+    def http_port(self) -> int:
+        """TCP port of the page."""
+        return self._page.port
+
+    @property
+    def url(self) -> str:
+        """Where clients find it."""
+        return f"rdt://{HOST}:{self.port}?http_port={self.http_port}"
+
+    def __enter__(self) -> FakeNetft:
+        self._page.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._thread.join()
+        self._page.stop()
+        self._socket.close()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until all of `n_records` are sent; returns whether they are."""
+        return self._done.wait(timeout_s)
+
+    def _serve(self) -> None:
+        while not self._stopping.is_set():
+            wait_s = _IDLE_S
+            if self._next is not None:
+                wait_s = min(wait_s, max(0.0, self._next[0] - time.monotonic()))
+            if select.select([self._socket], [], [], wait_s)[0]:
+                self._hear()
+            self._send_due()
+
+    def _send_due(self) -> None:
+        while self._next is not None and self._client is not None and self._next[0] <= time.monotonic():
+            self.send_stamps.append(time.monotonic_ns())
+            try:
+                self._socket.sendto(self._next[1].data, self._client)
+            except OSError:  # as a network: what cannot be sent is lost, and the client's business
+                self.injected.lost += 1
+            self._advance()
+
+    def _advance(self) -> None:
+        self._next = next(self._stream, None)
+        if self._next is None and self._client is not None:
+            self._client = None
+            self._done.set()
+
+    def _hear(self) -> None:
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(64)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP answer to a client that is gone
+                continue
+            self.requests.append(data)
+            if len(data) == _REQUEST_BYTES and data[:2] == b"\x12\x34":
+                self._obey(int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:], "big"), sender)
+
+    def _obey(self, command: int, number: int, sender: tuple[str, int]) -> None:
+        if command == _STOP:
+            self._client, self._next = None, None
+        elif command in (_START, _START_BUFFERED):
+            if self._deaf:
+                self._deaf -= 1
+                return
+            limit = self.n_records if not number else min(number, self.n_records or number)
+            self._client = sender
+            self._stream = self._timed(self.per_datagram if command == _START_BUFFERED else 1, limit)
+            self._advance()
+        elif command == _BIAS:
+            at = len(self.send_stamps) % len(self._counts)
+            self._bias = self._counts[at].astype(np.int64)
+
+    def _timed(self, per_datagram: int, limit: int | None) -> Iterator[tuple[float, Datagram]]:
+        """Yield each datagram with the time at which it is to be sent."""
+        faults, plan = self.faults, self._plan(per_datagram, limit)
+        period_s = 1 / (self.rate_hz * (1 + faults.drift))
+        start, latest = time.monotonic(), 0.0
+        for chunk in count():
+            first = chunk * _CHUNK * per_datagram
+            n = _CHUNK * per_datagram if limit is None else min(_CHUNK * per_datagram, limit - first)
+            if n <= 0:
+                return
+            rows = np.arange(first, first + n) % len(self._counts)
+            counts = np.clip(self._counts[rows] - self._bias, -(2**31), 2**31 - 1).astype(np.int32)
+            for datagram in plan.datagrams(counts):
+                if faults.second_client and datagram.due >= faults.second_client:
+                    return
+                when = start + (datagram.due + 1) * period_s + datagram.delay_s
+                if faults.stall and datagram.due >= faults.stall:
+                    if datagram.due == faults.stall:
+                        self.injected.stalls += 1
+                    when = max(when, start + (faults.stall + 1) * period_s + faults.stall_s)
+                latest = max(latest, when)
+                # what the next stream begins with
+                self._ft = plan.next_ft
+                yield latest, datagram
+
+    def _plan(self, per_datagram: int, limit: int | None) -> FaultPlan:
+        return FaultPlan(
+            self.faults,
+            step=self._step,
+            first_ft=self._ft,
+            per_datagram=per_datagram,
+            n_records=limit,
+            seed=self._seed,
+            injected=self.injected,
+        )
+
+
+def _counts(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:
+    if signal is None:
+        phase = 2 * np.pi * np.arange(1000)[:, np.newaxis] / 1000
+        signal = np.array([3, 1, 5, 0.1, 0.3, 0.02]) * np.sin(phase * np.arange(1, 7))
+    wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
+    if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
+        raise ValueError(f"signal has shape {wrench.shape}; wanted (n, 6), N and N m")
+    return counts_of(wrench, float(per_newton), float(per_newton_metre))
+
+
+def _full_scale(force_unit: str, torque_unit: str) -> dict[str, str]:
+    # an ATI Mini45 SI-290-10, in the units of the page
+    force, torque = FORCE_UNITS[force_unit], TORQUE_UNITS[torque_unit]
+    values = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
+    return {"cfgmr": ";".join(f"{float(value):.9g}" for value in values)}
+
+
+if __name__ == "__main__":
+    from granular_id.live.fake_netft_command import main
+
+    main()

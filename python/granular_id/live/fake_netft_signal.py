@@ -1,0 +1,90 @@
+"""What the fake box measures: recordings, or simulated pushes, as counts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id.recording._values import checked_rate
+
+__all__ = ["counts_of", "played", "pushes"]
+
+_COUNTS = np.iinfo(np.int32)
+
+
+def counts_of(
+    wrench: ArrayLike, counts_per_newton: float, counts_per_newton_metre: float
+) -> NDArray[np.int32]:
+    """Turn wrenches into counts: rounded, and held at the ends of 32 bits.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (n, 6)
+        N and N m.
+    counts_per_newton, counts_per_newton_metre : float
+
+    Returns
+    -------
+    ndarray of int32, shape (n, 6)
+
+    Examples
+    --------
+    >>> from granular_id.live.fake_netft_signal import counts_of
+    >>> counts_of([[1.5, 0, -9e9, 0.25, 0, 0]], 1e6, 1e6).tolist()
+    [[1500000, 0, -2147483648, 250000, 0, 0]]
+    """
+    scale = np.repeat([counts_per_newton, counts_per_newton_metre], 3)
+    exact = np.rint(np.asarray(wrench, dtype=np.float64) * scale)
+    return np.clip(exact, _COUNTS.min, _COUNTS.max).astype(np.int32)
+
+
+def pushes(material: str, rate_hz: float, *, seed: int = 0, n_pushes: int = 4) -> NDArray[np.float64]:
+    """Simulate pushes through one material, one after the other.
+
+    Parameters
+    ----------
+    material : str
+        One of `granular_id.synthetic.PAPER_MATERIALS`.
+    rate_hz : float
+    seed : int, default 0
+    n_pushes : int, default 4
+        Then the signal begins anew.
+
+    Returns
+    -------
+    ndarray, shape (n, 6)
+        N and N m.
+    """
+    from granular_id.synthetic import synthesize  # noqa: PLC0415  # a box that plays a file needs no model
+
+    data = synthesize(material, n_pushes, rate_hz=rate_hz, seed=seed)
+    return np.concatenate([recording.wrench for recording in data])
+
+
+def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64], float]:
+    """Read recordings to be sent one after the other, and their rate.
+
+    Parameters
+    ----------
+    path : str or Path
+        Whatever `granular_id.load` reads.
+    rate_hz : float, optional
+        Rate to play them at; default: the rate they were recorded at.
+
+    Raises
+    ------
+    ValueError
+        Recordings without a common rate, or without the six axes.
+    """
+    from granular_id.io import load  # noqa: PLC0415
+
+    data = load(Path(path))
+    rates = {recording.rate_hz for recording in data}
+    if len(rates) != 1 or None in rates:
+        raise ValueError(f"{path} has recordings of several rates or none; wanted one rate: resample them first")
+    if any(recording.wrench.shape[1] != 6 for recording in data):
+        raise ValueError(f"{path} has recordings without six axes; a sensor box has six")
+    (own,) = rates
+    return np.concatenate([r.wrench for r in data]), checked_rate(own if rate_hz is None else rate_hz)

@@ -1,0 +1,274 @@
+"""Sensor boxes that speak RDT: ATI Net F/T and Ethernet Axia, OnRobot HEX; ``rdt://HOST``.
+
+Records are received by a thread of the core, which Python's work cannot delay; see ``docs/live/rdt.md``.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from typing import Literal
+
+from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
+from granular_id.live.netft_page import NetftPage, NetftPageError, read_page
+from granular_id.live.source import Health, SourceInfo, WrenchSink
+from granular_id.live.source_url import SourceUrl
+from granular_id.recording._values import checked_rate
+
+__all__ = ["RdtSource", "open_url"]
+
+Variant = Literal["auto", "netft", "axia", "onrobot"]
+VARIANTS = ("auto", "netft", "axia", "onrobot")
+
+_BEYOND_SENSE = 10.0
+"""Times the range of the calibration: a sensor breaks before it reads so much."""
+
+_ON_ROBOT_COUNTS = (10_000.0, 100_000.0)
+"""Per newton and newton metre; these boxes have no page, and no other scale."""
+
+_NET_FT_FILTER_HZ = (None, 838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 3000)
+"""Cut-off by the number of ``setuserfilter``, Net F/T manual."""
+
+
+class RdtSource:
+    """A sensor box as a source of wrenches.
+
+    Making one reads the box's page over HTTP (but for OnRobot, which has none): scale, units and rates are never assumed,
+    and no setting of the box is changed.
+
+    Parameters
+    ----------
+    host : str
+        Name or address of the box.
+    port : int, default 49152
+        UDP port of RDT.
+    http_port : int, default 80
+        Where the page is.
+    variant : {"auto", "netft", "axia", "onrobot"}
+        What kind of box it is: they share the framing, not the status word. "auto" tells Net F/T and Axia apart by the
+        page.
+    rate_hz : float, optional
+        Records per second. ATI boxes tell their own, and a different one here is refused; OnRobot boxes are asked for it
+        (default 500).
+    tick_hz : float, optional
+        Samples per second within the sensor, which records are stamped with; only where the page does not tell.
+    buffered : bool, default False
+        Ask for up to 40 records per datagram: fewer datagrams, later samples.
+    resume : bool, default False
+        Ask for the stream again after each second of silence. Two clients that both do so take it from each other for
+        ever.
+
+    Raises
+    ------
+    NetftPageError, OSError
+        The page says too little, or does not come; with its address and the field.
+    ValueError
+        A rate that contradicts the page.
+
+    Examples
+    --------
+    >>> from granular_id.live.fake_netft import FakeNetft
+    >>> from granular_id.live.rdt import RdtSource
+    >>> with FakeNetft() as box:
+    ...     source = RdtSource("127.0.0.1", box.port, http_port=box.http_port)
+    >>> source.info.rate_hz, source.info.tick_hz, source.info.serial
+    (500.0, 7000.0, 'FT00000')
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int = RDT_PORT,
+        *,
+        http_port: int = 80,
+        variant: Variant = "auto",
+        rate_hz: float | None = None,
+        tick_hz: float | None = None,
+        buffered: bool = False,
+        resume: bool = False,
+    ) -> None:
+        if variant not in VARIANTS:
+            raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
+        stated = None if rate_hz is None else checked_rate(rate_hz)
+        ticks = None if tick_hz is None else checked_rate(tick_hz, "tick_hz")
+        self._place = f"{host}:{port}"
+        if variant == "onrobot":
+            kind, self._info = "onrobot", _on_robot(host, stated or 500.0, ticks)
+            force, torque = _ON_ROBOT_COUNTS
+        else:
+            page = read_page(host, http_port)
+            kind = variant if variant != "auto" else "axia" if page.is_axia else "netft"
+            self._info = _of_page(page, host, kind, stated, ticks)
+            force, torque = page.counts_per_newton, page.counts_per_newton_metre
+        full_scale = self._info.full_scale or (math.inf,) * 6
+        self._receiver = RdtReceiver(
+            host,
+            port,
+            variant=kind,
+            counts_per_newton=force,
+            counts_per_newton_metre=torque,
+            limits=tuple(_BEYOND_SENSE * value for value in full_scale),
+            rate_hz=self._info.rate_hz,
+            buffered=buffered,
+            resume=resume,
+        )
+        # also when the interpreter ends: a box goes on sending until it is told to stop
+        self._finalizer = weakref.finalize(self, self._receiver.stop)
+
+    @property
+    def info(self) -> SourceInfo:
+        """What the box measures."""
+        return self._info
+
+    def start(self, buffer: WrenchSink) -> None:
+        """Ask for the stream; from then on rows arrive in `buffer`, which nobody else may push into.
+
+        Raises
+        ------
+        TypeError, ValueError
+            `buffer` is no `WrenchBuffer`, or its clock is not the sensor's.
+        RuntimeError
+            The source runs already, or another sensor has the buffer.
+        ConnectionError
+            Nobody listens there.
+        TimeoutError
+            No record within a second: another client may own the stream.
+        """
+        if not isinstance(buffer, WrenchBuffer):
+            raise TypeError(
+                f"buffer must be a WrenchBuffer, which the core can write into, got {type(buffer).__name__}"
+            )
+        if buffer.tick_hz != self._info.tick_hz:
+            raise ValueError(
+                f"buffer.tick_hz is {buffer.tick_hz:g}, the sensor counts {self._info.tick_hz:g} samples per second; "
+                "make the buffer with tick_hz=info.tick_hz"
+            )
+        self._receiver.start(buffer)
+
+    def stop(self) -> None:
+        """End the stream, and tell the box to stop sending."""
+        self._receiver.stop()
+
+    def health(self) -> Health:
+        """Tell how the stream is. Silence of a second is an error, which ends when records come again."""
+        state, silent_s = self._receiver.state()
+        error = {
+            "silent": f"no record from {self._place} for {silent_s:.1f} s: another client may own the stream, or the "
+            "box has no power or no cable",
+            "broken": f"the system cannot receive from {self._place}: is the network up?",
+            "forked": "this process was forked from the one that receives; open a source of its own here",
+        }.get(state)
+        return Health(state in ("streaming", "silent"), error, False, self._receiver.counters())
+
+    def bias(self) -> None:
+        """Make the present load the new zero, for every client of the box; it does not answer.
+
+        Never done unless you call this: what the sensor carries at that moment disappears from all samples that follow.
+
+        Raises
+        ------
+        RuntimeError
+            The source does not run.
+        """
+        self._receiver.bias()
+
+    def reset_threshold_latch(self) -> None:
+        """Make the box forget which of its thresholds were exceeded.
+
+        Raises
+        ------
+        RuntimeError
+            The source does not run.
+        """
+        self._receiver.reset_threshold_latch()
+
+
+def open_url(url: SourceUrl) -> RdtSource:
+    """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0&resume=0]``.
+
+    Examples
+    --------
+    >>> from granular_id.live.source import open_source
+    >>> open_source("rdt://192.168.1.1?bufered=1")
+    Traceback (most recent call last):
+    ...
+    ValueError: url 'rdt://192.168.1.1?bufered=1' has no option 'bufered'; known: buffered, http_port, rate_hz, \
+resume, tick_hz, variant
+    """
+    url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered", "resume")
+    if url.path not in ("", "/"):
+        raise ValueError(f"url {url.text!r} has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
+    given = set(url.options)
+    variant: Variant = url.choice("variant", "auto", VARIANTS)  # type: ignore[assignment]
+    return RdtSource(
+        url.need_host(),
+        RDT_PORT if url.port is None else url.port,
+        http_port=int(url.whole("http_port", 80) or 0),
+        variant=variant,
+        rate_hz=url.number("rate_hz", 500.0) if "rate_hz" in given else None,
+        tick_hz=url.number("tick_hz", 7000.0) if "tick_hz" in given else None,
+        buffered=_switch(url, "buffered"),
+        resume=_switch(url, "resume"),
+    )
+
+
+def _switch(url: SourceUrl, name: str) -> bool:
+    value = url.options.get(name, "0")
+    if isinstance(value, bool):
+        return value
+    return url.choice(name, "0", ("0", "1")) == "1"
+
+
+def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
+    period_ms = max(1, round(1000 / rate_hz))
+    if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
+        raise ValueError(
+            f"rate_hz must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
+        )
+    # its second counter has no documented unit: taken as one per record unless stated
+    return SourceInfo(
+        f"OnRobot {host}",
+        rate_hz,
+        tick_hz=rate_hz if tick_hz is None else tick_hz,
+        device_clock=True,
+        meta={"variant": "onrobot"},
+    )
+
+
+def _of_page(
+    page: NetftPage, host: str, variant: str, stated_hz: float | None, tick_hz: float | None
+) -> SourceInfo:
+    if page.tick_hz is None and tick_hz is None:
+        raise NetftPageError(
+            f"{page.url}: fields runrate and setrate give no rate of the sensor in Hz, in which samples are stamped; "
+            "state it: tick_hz=7000 for a Net F/T, for an Axia the ADC rate of its web page"
+        )
+    if page.tick_hz is not None and tick_hz is not None and tick_hz != page.tick_hz:
+        raise ValueError(f"tick_hz={tick_hz:g} was stated, {page.url} says {page.tick_hz:g}; leave it out")
+    ticks = tick_hz if page.tick_hz is None else page.tick_hz
+    assert ticks is not None
+    rate_hz = _actual_rate(page.rate_hz, ticks)
+    if stated_hz is not None and not math.isclose(stated_hz, rate_hz, rel_tol=1e-3):
+        raise ValueError(
+            f"rate_hz={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the "
+            "box's own web page, or leave it out"
+        )
+    filter_number = page.fields.get("setuserfilter", "")
+    cut_off = dict(enumerate(_NET_FT_FILTER_HZ)).get(int(filter_number)) if filter_number.isdigit() else None
+    return SourceInfo(
+        f"{page.product or 'Net F/T'} {host}",
+        rate_hz,
+        tick_hz=ticks,
+        device_clock=True,
+        filter_hz=None if cut_off is None or variant != "netft" else float(cut_off),
+        full_scale=page.full_scale,
+        serial=page.serial or None,
+        meta={"variant": variant, "page": dict(page.fields)},
+    )
+
+
+def _actual_rate(stated_hz: float, tick_hz: float) -> float:
+    """Return the rate that the page rounds: a box sends every k-th sample, and 2333 is 7000 / 3."""
+    nearest = tick_hz / max(1, round(tick_hz / stated_hz))
+    # other boxes send samples of uneven distance: then what the page says is the mean
+    return nearest if abs(nearest - stated_hz) < 1 else stated_hz
