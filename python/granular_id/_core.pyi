@@ -1,4 +1,4 @@
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
 from typing import Any, ClassVar, Literal, SupportsIndex, TypeAlias, final
 
@@ -10,6 +10,8 @@ __all__ = [
     "AXES",
     "MAX_LINE_BYTES",
     "MAX_MODEL_FILE_BYTES",
+    "RDT_PORT",
+    "RDT_SCALE_LIMITS",
     "SAMPLE_FLAGS",
     "SIMD",
     "UNITS",
@@ -18,6 +20,7 @@ __all__ = [
     "Model",
     "ModelFileError",
     "NumberTableError",
+    "RdtReceiver",
     "StreamingExtractor",
     "StreamingIdentifier",
     "Window",
@@ -43,6 +46,8 @@ SIMD: str
 SAMPLE_FLAGS: dict[str, int]
 MAX_LINE_BYTES: int
 MAX_MODEL_FILE_BYTES: int
+RDT_PORT: int
+RDT_SCALE_LIMITS: tuple[tuple[float, float], tuple[float, float]]
 
 _Floats: TypeAlias = NDArray[np.float64]
 
@@ -337,3 +342,25 @@ class WrenchBuffer:
     def tick_hz(self) -> float: ...
     @property
     def reorder_depth(self) -> int: ...
+
+@final
+class RdtReceiver:
+    def __new__(
+        cls,
+        host: str,
+        port: SupportsIndex,
+        *,
+        variant: str,
+        counts_per_newton: float,
+        counts_per_newton_metre: float,
+        limits: Sequence[float],
+        rate_hz: float,
+        buffered: bool,
+        resume: bool,
+    ) -> Self: ...
+    def start(self, buffer: WrenchBuffer) -> None: ...
+    def stop(self) -> None: ...
+    def bias(self) -> None: ...
+    def reset_threshold_latch(self) -> None: ...
+    def counters(self) -> dict[str, int]: ...
+    def state(self) -> tuple[str, float]: ...

@@ -31,6 +31,8 @@ mod _core {
     #[pymodule_export]
     use super::number_table::{parse_number_table, write_number_table, NumberTableError};
     #[pymodule_export]
+    use super::rdt::PyRdtReceiver;
+    #[pymodule_export]
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
     #[pymodule_export]
     use super::spec::PyFeatureSpec;
@@ -42,6 +44,9 @@ mod _core {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("MAX_MODEL_FILE_BYTES", crate::model::MAX_FILE_BYTES)?;
         module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
+        module.add("RDT_PORT", crate::rdt::PORT)?;
+        let limits = (crate::rdt::COUNTS_PER_NEWTON, crate::rdt::COUNTS_PER_NEWTON_METRE);
+        module.add("RDT_SCALE_LIMITS", limits)?;
         module.add("SIMD", crate::Path::detect().name())?;
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
         module.add("SAMPLE_FLAGS", crate::wrench::SAMPLE_FLAGS.into_py_dict(module.py())?)?;

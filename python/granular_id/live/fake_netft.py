@@ -102,13 +102,21 @@ class FakeNetft:
         port: int = 0,
         http_port: int = 0,
     ) -> None:
-        for name, unit, known in (("force_unit", force_unit, FORCE_UNITS), ("torque_unit", torque_unit, TORQUE_UNITS)):
+        for name, unit, known in (
+            ("force_unit", force_unit, FORCE_UNITS),
+            ("torque_unit", torque_unit, TORQUE_UNITS),
+        ):
             if unit not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, got {unit!r}")
         self.tick_hz = checked_rate(tick_hz, "tick_hz")
         self._step = max(1, round(self.tick_hz / checked_rate(rate_hz)))
         self.rate_hz = self.tick_hz / self._step
-        self.faults, self.n_records, self.per_datagram, self._seed = faults or Faults(), n_records, per_datagram, seed
+        self.faults, self.n_records, self.per_datagram, self._seed = (
+            faults or Faults(),
+            n_records,
+            per_datagram,
+            seed,
+        )
         self._counts = _counts(
             signal, counts_per_force / FORCE_UNITS[force_unit], counts_per_torque / TORQUE_UNITS[torque_unit]
         )

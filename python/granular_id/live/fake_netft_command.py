@@ -77,10 +77,18 @@ def _parser() -> argparse.ArgumentParser:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--play", type=Path, metavar="PATH", help="recordings to send, one after the other")
     what.add_argument("--material", help="material to simulate; default: slow sines")
-    parser.add_argument("--rate-hz", type=float, help="records per second (default 500, or that of the recordings)")
-    parser.add_argument("--tick-hz", type=float, default=7000.0, help="samples per second within the sensor (7000)")
     parser.add_argument(
-        "--fault", action="append", default=[], metavar="NAME=NUMBER", help="loss=0.01, wrap=100, ...; may be repeated"
+        "--rate-hz", type=float, help="records per second (default 500, or that of the recordings)"
+    )
+    parser.add_argument(
+        "--tick-hz", type=float, default=7000.0, help="samples per second within the sensor (7000)"
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER",
+        help="loss=0.01, wrap=100, ...; may be repeated",
     )
     parser.add_argument("--force-unit", default="N")
     parser.add_argument("--torque-unit", default="Nm")
@@ -90,5 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--port", type=int, default=0, help="UDP port (any)")
     parser.add_argument("--http-port", type=int, default=0, help="TCP port of the page (any)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--stamps", type=Path, metavar="FILE.npy", help="where to store the time of each datagram")
+    parser.add_argument(
+        "--stamps", type=Path, metavar="FILE.npy", help="where to store the time of each datagram"
+    )
     return parser

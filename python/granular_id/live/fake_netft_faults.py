@@ -200,7 +200,9 @@ class FaultPlan:
         self._held: bytes | None = None
         self._before = ""
         self._shares = np.cumsum([getattr(faults, name) for name in _FATES])
-        self._is_plain = not (self._shares[-1] or faults.jitter_s or any(getattr(faults, n) for n in STATUSES))
+        self._is_plain = not (
+            self._shares[-1] or faults.jitter_s or any(getattr(faults, n) for n in STATUSES)
+        )
 
     @property
     def next_ft(self) -> int:

@@ -83,7 +83,9 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
     data = load(Path(path))
     rates = {recording.rate_hz for recording in data}
     if len(rates) != 1 or None in rates:
-        raise ValueError(f"{path} has recordings of several rates or none; wanted one rate: resample them first")
+        raise ValueError(
+            f"{path} has recordings of several rates or none; wanted one rate: resample them first"
+        )
     if any(recording.wrench.shape[1] != 6 for recording in data):
         raise ValueError(f"{path} has recordings without six axes; a sensor box has six")
     (own,) = rates

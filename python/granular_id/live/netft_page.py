@@ -164,7 +164,9 @@ def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> Net
     if expired.is_set():
         raise TimeoutError(f"{url} did not answer within {timeout_s:g} s")
     if response.status != 200:
-        raise NetftPageError(f"{url} answers {response.status} {response.reason}; wanted the page of a Net F/T box")
+        raise NetftPageError(
+            f"{url} answers {response.status} {response.reason}; wanted the page of a Net F/T box"
+        )
     if len(text) > MAX_PAGE_BYTES:
         raise NetftPageError(f"{url} is longer than {MAX_PAGE_BYTES} bytes; wanted the page of a Net F/T box")
     return parse_page(text, url)
@@ -205,7 +207,9 @@ wanted a number above 0 (counts per unit of force)
     return NetftPage(
         url=url,
         counts_per_newton=fields.scale("cfgcpf", force_counts / force_unit, "newton", force_limits),
-        counts_per_newton_metre=fields.scale("cfgcpt", torque_counts / torque_unit, "newton metre", torque_limits),
+        counts_per_newton_metre=fields.scale(
+            "cfgcpt", torque_counts / torque_unit, "newton metre", torque_limits
+        ),
         rate_hz=float(fields.positive("comrdtrate", "records per second")),
         tick_hz=fields.tick_hz(),
         full_scale=fields.full_scale(force_unit, torque_unit),

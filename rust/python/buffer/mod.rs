@@ -367,13 +367,11 @@ impl PyWrenchBuffer {
 impl PyWrenchBuffer {
     /// The writer, for a sensor that pushes from a thread of its own; pushing from Python is refused until
     /// [`give_back`](Self::give_back). An error when another sensor has it.
-    #[allow(dead_code)] // for sensors of the core
     pub(super) fn take_writer(&self) -> PyResult<Writer> {
         self.input().writer.take().ok_or_else(sensor_writes)
     }
 
     /// Takes the writer back from a sensor that has stopped; rows that wait are written.
-    #[allow(dead_code)] // for sensors of the core
     pub(super) fn give_back(&self, mut writer: Writer) {
         writer.flush();
         self.input().writer = Some(writer);
