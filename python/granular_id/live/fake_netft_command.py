@@ -48,12 +48,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _box(options: argparse.Namespace) -> FakeNetft:
-    rate_hz = options.rate_hz
+    rate_hz = 500.0 if options.rate_hz is None else options.rate_hz
+    signal = None
     if options.play is not None:
-        signal, rate_hz = played(options.play, rate_hz)
-    else:
-        rate_hz = 500.0 if rate_hz is None else rate_hz
-        signal = None if options.material is None else pushes(options.material, rate_hz, seed=options.seed)
+        signal, rate_hz = played(options.play, options.rate_hz)
+    elif options.material is not None:
+        signal = pushes(options.material, rate_hz, seed=options.seed)
     return FakeNetft(
         signal,
         rate_hz=rate_hz,

@@ -210,11 +210,12 @@ class FaultPlan:
         return self._ft
 
     def datagrams(self, counts: NDArray[np.int32]) -> Iterator[Datagram]:
-        """Number the records and send them on their way; as many as make whole datagrams, but for the last one.
+        """Give records their numbers, and what happens to them on the way.
 
         Parameters
         ----------
         counts : ndarray of int32, shape (n, 6)
+            `per_datagram` to each; only the last datagram of a stream may have fewer.
         """
         for start in range(0, len(counts), self.per_datagram):
             part = counts[start : start + self.per_datagram]

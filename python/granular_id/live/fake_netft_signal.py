@@ -37,7 +37,8 @@ def counts_of(
     """
     scale = np.repeat([counts_per_newton, counts_per_newton_metre], 3)
     exact = np.rint(np.asarray(wrench, dtype=np.float64) * scale)
-    return np.clip(exact, _COUNTS.min, _COUNTS.max).astype(np.int32)
+    counts: NDArray[np.int32] = np.clip(exact, _COUNTS.min, _COUNTS.max).astype(np.int32)
+    return counts
 
 
 def pushes(material: str, rate_hz: float, *, seed: int = 0, n_pushes: int = 4) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Scale, units and rate of a Net F/T box, from the XML page that it serves.
 
-A record holds counts; what they mean is told by ``http://HOST/netftapi2.xml``. Scale and units are never assumed: a page
-that does not give them, or gives what no sensor has, is refused.
+A record holds counts; what they mean is told by ``http://HOST/netftapi2.xml``. Scale and units are never
+assumed: a page that does not give them, or gives what no sensor has, is refused.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ wanted a number above 0 (counts per unit of force)
     )
 
 
-class _Doctype(Exception):
+class _DoctypeError(Exception):
     pass
 
 
@@ -229,7 +229,7 @@ class _Builder(ET.TreeBuilder):
     """A tree without DOCTYPE: entities could make a short page long, or lead elsewhere."""
 
     def doctype(self, *_: object) -> None:
-        raise _Doctype
+        raise _DoctypeError
 
 
 def _values(text: bytes, url: str) -> dict[str, str]:
@@ -237,7 +237,7 @@ def _values(text: bytes, url: str) -> dict[str, str]:
     try:
         parser.feed(text)
         root = parser.close()
-    except _Doctype:
+    except _DoctypeError:
         raise NetftPageError(f"{url} has a DOCTYPE, which no Net F/T page has") from None
     except (ET.ParseError, ValueError, LookupError) as error:  # an encoding that is none is a LookupError
         raise NetftPageError(f"{url} is no XML: {error}; wanted the page of a Net F/T box") from error

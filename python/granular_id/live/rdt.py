@@ -33,8 +33,8 @@ _NET_FT_FILTER_HZ = (None, 838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 30
 class RdtSource:
     """A sensor box as a source of wrenches.
 
-    Making one reads the box's page over HTTP (but for OnRobot, which has none): scale, units and rates are never assumed,
-    and no setting of the box is changed.
+    Making one reads the box's page over HTTP (but for OnRobot, which has none): scale, units and rates are never
+    assumed, and no setting of the box is changed.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class RdtSource:
         What kind of box it is: they share the framing, not the status word. "auto" tells Net F/T and Axia apart by the
         page.
     rate_hz : float, optional
-        Records per second. ATI boxes tell their own, and a different one here is refused; OnRobot boxes are asked for it
-        (default 500).
+        Records per second. ATI boxes tell their own, and a different one here is refused; OnRobot boxes are asked
+        for it (default 500).
     tick_hz : float, optional
         Samples per second within the sensor, which records are stamped with; only where the page does not tell.
     buffered : bool, default False
