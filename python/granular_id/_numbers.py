@@ -7,7 +7,7 @@ from numbers import Integral, Real
 
 import numpy as np
 
-__all__ = ["positive_number", "real_number", "whole_number"]
+__all__ = ["finite_number", "non_negative_number", "positive_number", "real_number", "whole_number"]
 
 
 def real_number(name: str, value: object, wanted: str = "a number") -> float:
@@ -40,6 +40,34 @@ def real_number(name: str, value: object, wanted: str = "a number") -> float:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf  # type: ignore[operator]  # Real knows it, its stub does not
+
+
+def finite_number(name: str, value: object, wanted: str = "a real number") -> float:
+    """Return an argument as a finite float, or name it in an error; see `real_number`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no real number; it is infinite or NaN.
+    """
+    number = real_number(name, value, wanted)
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite, got {number}")
+    return number
+
+
+def non_negative_number(name: str, value: object, wanted: str = "a real number") -> float:
+    """Return an argument as a finite float of at least 0, or name it in an error; see `real_number`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no real number; it is infinite, NaN or below 0.
+    """
+    number = finite_number(name, value, wanted)
+    if number < 0:
+        raise ValueError(f"{name} must not be negative, got {number:g}")
+    return number
 
 
 def positive_number(name: str, value: object, wanted: str = "a number") -> float:

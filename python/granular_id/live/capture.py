@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._numbers import whole_number
+from granular_id._numbers import non_negative_number, whole_number
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.clock import start_utc_s, utc_at_origin_s
 from granular_id.live.lag import LagWatch
@@ -18,7 +18,6 @@ from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
 from granular_id.recording import Recording
 from granular_id.recording._values import checked_rate
-from granular_id.synthetic._checks import non_negative
 
 __all__ = ["Capture"]
 
@@ -64,14 +63,10 @@ class Capture:
     state : CaptureState
     reason, text : FailureReason or None, str
         What happened, where it failed.
-    n_rows : int
-        Rows taken, of `n_samples`.
-    n_pre : int
-        Rows before the trigger.
+    n_rows, n_pre : int
+        Rows taken, of `n_samples`; rows before the trigger.
     trigger_time_s : float or None
         Device time of the first row of the motion.
-    max_lag_s : float
-        As given.
 
     Examples
     --------
@@ -100,7 +95,7 @@ class Capture:
     ) -> None:
         self.rate_hz = checked_rate(rate_hz)
         self.n_samples = whole_number("n_samples", n_samples, least=2)
-        self.n_pre = round(non_negative("pre_s", pre_s) * self.rate_hz)
+        self.n_pre = round(non_negative_number("pre_s", pre_s) * self.rate_hz)
         if self.n_pre >= self.n_samples:
             raise ValueError(
                 f"pre_s={pre_s:g} is {self.n_pre} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
@@ -109,9 +104,9 @@ class Capture:
         self.info = info
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
-        self._rate_tolerance = non_negative("rate_tolerance", rate_tolerance)
+        self._rate_tolerance = non_negative_number("rate_tolerance", rate_tolerance)
         self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
-        self._timeout_s = non_negative("timeout_s", timeout_s)
+        self._timeout_s = non_negative_number("timeout_s", timeout_s)
         self._utc_at_zero_s = utc_at_zero_s
 
         self.state = CaptureState.IDLE
@@ -170,7 +165,7 @@ class Capture:
         return Rows.joined(taken).wrench if taken else _NO_ROWS
 
     def fail(self, reason: FailureReason, text: str) -> None:
-        """End the capture for a reason from outside; nothing happens where it is over already."""
+        """End the capture for a reason from outside, unless it is over already."""
         if not self.state.is_over:
             self.state, self.reason, self.text = CaptureState.FAILED, reason, text
 

@@ -87,6 +87,7 @@ def drive(
     reader = stream.buffer.reader() if reader is None else reader
     motion: Motion | None = None
     newest_s = time.monotonic()
+    came_to_its_end = False
     try:
         while not capture.state.is_over:
             reader.wait(_WAIT_S)
@@ -101,8 +102,9 @@ def drive(
             if motion is not None and motion.error is not None:
                 capture.fail(FailureReason.ROBOT, f"the robot's motion failed: {motion.error}")
             yield Step(block, rows, motion)
+        came_to_its_end = capture.state is CaptureState.COMPLETE
     finally:
-        if capture.state is not CaptureState.COMPLETE:
+        if not came_to_its_end:
             capture.fail(FailureReason.INTERRUPTED, "ended from outside")
             if robot is not None:
                 robot.stop()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular_id.synthetic._checks import non_negative
+from granular_id._numbers import non_negative_number
 
 __all__ = ["LagWatch"]
 
@@ -29,8 +29,8 @@ class LagWatch:
     """
 
     def __init__(self, max_lag_s: float, patience_s: float, rate_hz: float) -> None:
-        self.max_lag_s = non_negative("max_lag_s", max_lag_s)
-        self._patience_s = non_negative("lag_patience_s", patience_s)
+        self.max_lag_s = non_negative_number("max_lag_s", max_lag_s)
+        self._patience_s = non_negative_number("lag_patience_s", patience_s)
         self._rate_hz = rate_hz
         self._n_late = 0
 

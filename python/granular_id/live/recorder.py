@@ -165,7 +165,7 @@ class Recorder:
         )
 
     def _facts(self, motion: Motion | None, longest_s: float) -> dict[str, Any]:
-        """Wait for the end of the motion, and gather what is worth keeping."""
+        """Wait for the end of the motion, stop it if there is none, and gather what is worth keeping."""
         facts: dict[str, Any] = {}
         truth = getattr(self._stream.source, "truth", None)
         if truth is not None:
@@ -173,10 +173,14 @@ class Recorder:
         if motion is None or self._robot is None:
             return facts
         deadline_s = time.monotonic() + longest_s
-        while not motion.finished() and time.monotonic() < deadline_s:
-            time.sleep(_POLL_S)
+        try:
+            while not motion.finished() and time.monotonic() < deadline_s:
+                time.sleep(_POLL_S)
+        finally:
+            if not motion.finished():
+                self._robot.stop()
         report = thaw(dict(motion.report()))
-        return {**facts, "robot": {**report, "finished": motion.finished(), "error": motion.error}}
+        return {**facts, "robot": {**report, "error": motion.error}}
 
     def _write(self, recording: Recording, folder: str, stem: str) -> Path:
         with made_folder(self.folder / folder) as place:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._numbers import non_negative_number, positive_number
 from granular_id.io import load
 from granular_id.live.clock import host_ns
 from granular_id.live.source import SourceInfo, WrenchSink
@@ -18,7 +19,6 @@ from granular_id.live.source_url import SourceUrl
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
 from granular_id.recording import AXES, Dataset
 from granular_id.recording._values import thaw
-from granular_id.synthetic._checks import non_negative, positive
 
 __all__ = ["ReplaySource", "open_url"]
 
@@ -52,9 +52,9 @@ class ReplaySource(ThreadedSource):
 
     def __init__(self, recordings: Dataset, *, speed: float = 1.0, pause_s: float = 1.0) -> None:
         rate_hz = _common_rate(recordings)
-        self.speed = positive("speed", speed)
+        self.speed = positive_number("speed", speed)
         # Whole samples, so that every sample stands where it would in one long recording.
-        pause = max(1, round(non_negative("pause_s", pause_s) * rate_hz))
+        pause = max(1, round(non_negative_number("pause_s", pause_s) * rate_hz))
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]

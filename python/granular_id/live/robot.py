@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
+from granular_id._numbers import finite_number, positive_number
 from granular_id.live.clock import host_ns
-from granular_id.synthetic._checks import positive, real
 
 __all__ = ["Motion", "Pose", "Robot", "TimedMotion", "checked_move"]
 
@@ -77,12 +77,12 @@ def checked_move(
     >>> checked_move([0, 2, 0], 0.03, 3)
     ((0.0, 1.0, 0.0), 0.03, 3.0)
     """
-    parts = [real("direction", part) for part in direction]
+    parts = [finite_number("direction", part) for part in direction]
     length = math.hypot(*parts)
     if len(parts) != 3 or length == 0:
         raise ValueError(f"direction must hold three numbers, not all 0, got {tuple(direction)!r}")
     x, y, z = (part / length for part in parts)
-    return (x, y, z), positive("speed_m_s", speed_m_s), positive("duration_s", duration_s)
+    return (x, y, z), positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
 
 
 class TimedMotion:

@@ -7,9 +7,9 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TextIO
 
+from granular_id._numbers import non_negative_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, TimedMotion, checked_move
-from granular_id.synthetic._checks import non_negative
 
 __all__ = ["CallbackRobot", "ManualRobot"]
 
@@ -31,7 +31,7 @@ class ManualRobot:
     """
 
     def __init__(self, countdown_s: float = 3.0, console: TextIO | None = None) -> None:
-        self._countdown_s = non_negative("countdown_s", countdown_s)
+        self._countdown_s = non_negative_number("countdown_s", countdown_s)
         self._console = console
         self._motion: TimedMotion | None = None
         self._stopped = threading.Event()

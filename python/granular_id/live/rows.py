@@ -133,7 +133,7 @@ def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
     line = Rows.joined([before, rows])
     shift = len(before)
     parts, done = [], 0
-    for at in where:
+    for at in where.tolist():
         left, right = line[at + shift - 1 : at + shift], line[at + shift : at + shift + 1]
         parts += [rows[done:at], _between(left, right, int(rows.missing_before[at]))]
         done = at

@@ -46,7 +46,7 @@ def runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> I
         gap[0] = False
     saturated = np.zeros(len(rows), dtype=np.bool_) if allow_saturated else rows.has(SampleFlag.SATURATED)
     start = 0
-    for at in np.flatnonzero(gap | saturated):
+    for at in np.flatnonzero(gap | saturated).tolist():
         if at > start:
             yield rows[start:at]
         when = f"at {rows.time_s[at]:.3f} s of the sensor's time"

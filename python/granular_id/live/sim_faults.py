@@ -6,8 +6,7 @@ import threading
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from granular_id._numbers import whole_number
-from granular_id.synthetic._checks import non_negative, real
+from granular_id._numbers import finite_number, non_negative_number, whole_number
 
 __all__ = ["Fault", "FaultKind", "FaultPlan"]
 
@@ -46,9 +45,9 @@ class Fault:
         if self.kind not in get_args(FaultKind):
             raise ValueError(f"kind must be one of {', '.join(get_args(FaultKind))}, got {self.kind!r}")
         if self.after_s is not None:
-            real("after_s", self.after_s)
+            finite_number("after_s", self.after_s)
         whole_number("rows", self.rows)
-        non_negative("stall_s", self.stall_s)
+        non_negative_number("stall_s", self.stall_s)
 
 
 class FaultPlan:

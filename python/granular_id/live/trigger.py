@@ -7,10 +7,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granular_id._numbers import positive_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Motion
 from granular_id.live.rows import Rows
-from granular_id.synthetic._checks import positive
 
 __all__ = ["ForceTrigger", "ManualTrigger", "MotionTrigger", "TimeTrigger", "Trigger"]
 
@@ -145,7 +145,7 @@ class ForceTrigger:
     name = "force"
 
     def __init__(self, threshold_n: float = 0.5) -> None:
-        self.threshold_n = positive("threshold_n", threshold_n)
+        self.threshold_n = positive_number("threshold_n", threshold_n)
         self._level: NDArray[np.float64] | None = None
 
     def arm(self, rest: Rows) -> None:

@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import math
+from granular_id._numbers import finite_number as real
+from granular_id._numbers import non_negative_number as non_negative
 
-from granular_id._numbers import real_number
-
-
-def real(name: str, value: object) -> float:
-    """Return ``value`` as float; raise unless it is a finite real number."""
-    number = real_number(name, value, "a real number")
-    if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {number}")
-    return number
+__all__ = ["MAX_RATE_HZ", "non_negative", "positive", "rate", "real"]
 
 
 def positive(name: str, value: object) -> float:
@@ -20,14 +13,6 @@ def positive(name: str, value: object) -> float:
     number = real(name, value)
     if number <= 0:
         raise ValueError(f"{name} must be positive, got {number:g}")
-    return number
-
-
-def non_negative(name: str, value: object) -> float:
-    """Return ``value`` as float; raise unless it is finite and at least zero."""
-    number = real(name, value)
-    if number < 0:
-        raise ValueError(f"{name} must not be negative, got {number:g}")
     return number
 
 

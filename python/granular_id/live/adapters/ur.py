@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from granular_id._numbers import positive_number
 from granular_id.live.adapters import NOT_RUN
 from granular_id.live.adapters.polling import PollingSource, library
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
-from granular_id.synthetic._checks import positive
 
 __all__ = ["URRobot", "URSource", "open_url"]
 
@@ -122,7 +122,7 @@ class URRobot:
     """
 
     def __init__(self, host: str, acceleration_m_s2: float = 1.2) -> None:
-        self._acceleration = positive("acceleration_m_s2", acceleration_m_s2)
+        self._acceleration = positive_number("acceleration_m_s2", acceleration_m_s2)
         self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
         self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
 

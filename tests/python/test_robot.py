@@ -1,0 +1,93 @@
+"""Robots that need no library: people and callbacks."""
+
+from __future__ import annotations
+
+import io
+import threading
+
+import pytest
+
+from granular_id.live.clock import host_ns
+from granular_id.live.robot import Motion, Robot
+from granular_id.live.robots import CallbackRobot, ManualRobot
+from sink_cases import eventually
+
+
+def test_countdown():
+    console = io.StringIO()
+    robot = ManualRobot(countdown_s=0.12, console=console)
+    assert isinstance(robot, Robot)
+    assert robot.tcp_pose() is None
+    before_ns = host_ns()
+    motion = robot.move_line((1, 0, 0), 0.03, 0.05)
+    assert isinstance(motion, Motion)
+    assert motion.start_time_s is None
+    assert 0.11e9 < motion.start_host_ns - before_ns < 5e9
+    assert not motion.finished()
+    eventually(lambda: "push" in console.getvalue())
+    assert host_ns() >= motion.start_host_ns
+    assert console.getvalue() == "1 ...\npush: 30 mm/s for 0.1 s\n"
+    eventually(motion.finished)
+    assert motion.report() == {"robot": "manual", "countdown_s": 0.12}
+    robot.stop()
+    assert "stop" not in console.getvalue(), "it was over"
+
+
+def test_countdown_stopped():
+    console = io.StringIO()
+    robot = ManualRobot(countdown_s=30, console=console)
+    robot.stop()
+    motion = robot.move_line((1, 0, 0), 0.03, 3)
+    eventually(lambda: console.getvalue() == "30 ...\n")
+    robot.stop()
+    assert motion.finished()
+    assert console.getvalue() == "30 ...\nstop\n"
+    with pytest.raises(ValueError, match="countdown_s must not be negative"):
+        ManualRobot(-1)
+
+
+def test_callback():
+    calls, release = [], threading.Event()
+
+    def move(direction, speed_m_s, duration_s):
+        calls.append((direction, speed_m_s, duration_s))
+        release.wait(20)
+
+    robot = CallbackRobot(move, lambda: calls.append("stop"), pose=lambda: [1, 2, 3, 0, 0, 0], name="gantry")
+    assert isinstance(robot, Robot)
+    assert robot.tcp_pose() == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    motion = robot.move_line([0, 0, 4], 0.02, 0.01)
+    eventually(lambda: calls == [((0.0, 0.0, 1.0), 0.02, 0.01)])
+    assert not motion.finished(), "the function has not returned"
+    release.set()
+    eventually(motion.finished)
+    assert motion.error is None
+    assert motion.report() == {
+        "robot": "gantry",
+        "direction": [0.0, 0.0, 1.0],
+        "speed_m_s": 0.02,
+        "duration_s": 0.01,
+    }
+    robot.stop()
+    assert calls[-1] == "stop"
+
+
+def test_callback_that_returns_at_once_moves_on():
+    robot = CallbackRobot(lambda *_: None, lambda: None)
+    motion = robot.move_line((1, 0, 0), 0.03, 60)
+    assert not motion.finished()
+    robot.stop()
+    eventually(motion.finished)
+    assert robot.tcp_pose() is None
+
+
+def test_callback_that_fails():
+    def move(*_):
+        raise OSError("gone")
+
+    motion = CallbackRobot(move, lambda: None).move_line((1, 0, 0), 0.03, 60)
+    eventually(motion.finished)
+    assert motion.error == "OSError: gone"
+    for role, functions in {"move": (1, print), "stop": (print, None), "pose": (print, print, 3)}.items():
+        with pytest.raises(TypeError, match=f"{role} must be callable"):
+            CallbackRobot(*functions)
