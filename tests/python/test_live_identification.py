@@ -1,0 +1,220 @@
+"""Pushes named while they happen: the same answers as from whole recordings, and honest failures."""
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from granular_id.live import (
+    CaptureError,
+    FailureReason,
+    LiveIdentifier,
+    Recorder,
+    SimSource,
+    Views,
+    opened,
+    setup_of,
+)
+from granular_id.live.replay import ReplaySource
+from granular_id.live.sim_faults import Fault
+from granular_id.recording import Dataset
+
+MATERIALS = ("rice", "fine sugar")
+
+
+@pytest.fixture(scope="module")
+def pushes():
+    """One second each, as a recorder would have them: 0.1 s of rest, then the motion."""
+    data = gid.synthesize(MATERIALS, n_per_class=12, duration_s=1.3, seed=5)
+    return data.align(trigger="recorded", lead_s=0.1, n_samples=500)
+
+
+@pytest.fixture(scope="module")
+def model(pushes):
+    return gid.Identifier.fit(pushes, "hfmh", estimate=False)
+
+
+class Kept:
+    """A view that keeps what it is shown."""
+
+    def __init__(self):
+        self.snapshots = []
+
+    def publish(self, snapshot):
+        self.snapshots.append(snapshot)
+
+    def close(self):
+        pass
+
+
+def test_simulated_pushes_are_named_and_the_truth_is_told(model):
+    source = SimSource(MATERIALS, seed=2, speed=20)
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model)
+        answers = [live.push() for _ in range(4)]
+    assert all(push.decision.final and push.reason is None for push in answers)
+    assert [push.truth for push in answers] == [push.decision.label for push in answers]
+    assert (live.n_pushes, live.n_answered, live.n_right) == (4, 4, 4)
+
+
+def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
+    chosen = Dataset([pushes[k] for k in (0, 13, 5)])
+    scores = model.scores(chosen.X)
+    with opened(ReplaySource(chosen, speed=20, pause_s=0.5)) as stream:
+        live = LiveIdentifier(stream, model)
+        for recording, expected in zip(chosen, model.losses(chosen.X), strict=True):
+            push = live.push()
+            assert push.text == ""
+            assert push.decision.label == recording.label == push.truth
+            losses = dict(push.decision.ranking)
+            assert [losses[name] for name in model.classes] == expected.tolist()
+    assert scores.shape == (3, 1)
+
+
+def test_recorded_and_live_windows_are_the_same_rows(model, tmp_path):
+    """Same seed, same push: what the recorder stores gets the answer that was given live."""
+    with opened("sim:rice?seed=9&speed=20") as stream:
+        decision = LiveIdentifier(stream, model).push().decision
+    with opened("sim:rice?seed=9&speed=20") as stream:
+        recorder = Recorder(
+            stream, stream.source.robot(), tmp_path, n_samples=model.n_samples, pre_s=model.lead_s
+        )
+        recording = recorder.record("rice").recording
+    again = model.identify(recording)
+    assert again.ranking == decision.ranking
+
+
+def test_provisional_answers_grow_into_the_final_one(model):
+    seen = []
+    with opened(SimSource("rice", seed=4, speed=5)) as stream:
+        push = LiveIdentifier(stream, model).push(seen.append)
+    n_seen = [decision.n_seen for decision in seen]
+    assert n_seen == sorted(set(n_seen))
+    assert len(n_seen) > 3
+    assert not any(decision.final for decision in seen[:-1])
+    assert seen[-1] == push.decision
+    assert push.decision.seconds == model.n_samples / model.rate_hz
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("gap", FailureReason.GAP),
+        ("saturation", FailureReason.SATURATION),
+        ("restart", FailureReason.RESTART),
+        ("death", FailureReason.SOURCE),
+    ],
+)
+def test_faults_fail_the_push_and_the_next_one_is_named(model, kind, reason):
+    source = SimSource("rice", seed=3, speed=10)
+    source.inject(Fault(kind, after_s=0.3))
+    kept = Kept()
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model, views=Views([kept]))
+        failed = live.push()
+        assert (failed.decision, failed.reason) == (None, reason)
+        assert failed.text
+        assert kept.snapshots[-1].state == "failed"
+        assert kept.snapshots[-1].hint == failed.text
+        if not reason.is_lasting:
+            assert live.push().decision.label == "rice"
+    assert live.n_answered == (not reason.is_lasting)
+
+
+def test_filled_gaps_and_saturation_are_warned_of_where_they_are_allowed(model):
+    source = SimSource("rice", seed=3, speed=10)
+    source.inject(Fault("gap", after_s=0.2, rows=2))
+    source.inject(Fault("saturation", after_s=0.4, rows=3))
+    with opened(source) as stream:
+        push = LiveIdentifier(stream, model, max_gap=2, allow_saturated=True).push()
+    assert push.decision.warnings == ("gap", "saturation")
+    assert push.decision.final
+
+
+def test_views_see_every_state_and_the_last_answer(model):
+    kept = Kept()
+    with opened(SimSource("rice", seed=6, speed=5)) as stream:
+        push = LiveIdentifier(stream, model, views=Views([kept])).push()
+    states = [snapshot.state for snapshot in kept.snapshots]
+    assert {"arming", "triggered"} & set(states)
+    assert states[-1] == "complete"
+    last = kept.snapshots[-1]
+    assert last.decision == push.decision
+    assert last.synthetic
+    assert last.counts.sum() <= 6 * model.n_samples
+    assert (last.n_captures, last.n_correct) == (1, 1)
+
+
+def test_identify_yields_one_decision_per_push(model, tmp_path):
+    path = tmp_path / "m.safetensors"
+    model.save(path)
+    labels = [decision.label for decision in gid.identify("sim:rice?seed=3&speed=20", path, n=2)]
+    assert labels == ["rice", "rice"]
+
+
+def test_identify_ends_with_a_replay(model, pushes):
+    source = ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
+    assert len(list(gid.identify(source, model))) == 2
+
+
+def test_identify_raises_or_skips_what_could_not_be_captured(model):
+    def source():
+        made = SimSource("rice", seed=3, speed=10)
+        made.inject(Fault("gap", after_s=0.3))
+        return made
+
+    with pytest.raises(CaptureError, match="missing|gap") as caught:
+        next(gid.identify(source(), model, n=1))
+    assert caught.value.reason is FailureReason.GAP
+    (decision,) = gid.identify(source(), model, n=1, on_failure="skip")
+    assert decision.final
+
+
+def test_refusals_name_what_does_not_fit(model, pushes):
+    with pytest.raises(ValueError, match="the model is for 500 Hz, simulated rice delivers 100 Hz"):
+        next(gid.identify("sim:rice?rate_hz=100", model))
+    with pytest.raises(ValueError, match="on_failure must be 'raise' or 'skip', got 'stop'"):
+        gid.identify("sim:rice", model, on_failure="stop")
+    with pytest.raises(ValueError, match="n must be a whole number of at least 1, or None, got 0"):
+        gid.identify("sim:rice", model, n=0)
+    unknown = Dataset([gid.Recording(r.wrench, rate_hz=500, label=r.label) for r in pushes])
+    other = gid.Identifier.fit(unknown, "hfmh", estimate=False)
+    with pytest.raises(ValueError, match="pre_s must be given"):
+        next(gid.identify("sim:rice", other))
+
+
+def test_no_machine_moves_unasked():
+    class Arm(SimSource):
+        """Not synthetic by its own account, as an arm's sensor is."""
+
+        def __init__(self):
+            super().__init__("rice", seed=1)
+            self._info = type(self._info)("an arm", 500, device_clock=True)
+
+    assert setup_of(Arm()).robot is None
+    assert setup_of(Arm()).trigger().name == "force"
+    assert setup_of(Arm(), "source").robot is not None
+    with pytest.raises(ValueError, match="robot='source' asks for the robot of the source, and replay"):
+        setup_of(ReplaySource(gid.synthesize(["rice"], 1)), "source")
+    with pytest.raises(
+        ValueError, match=r"trigger='motion' needs a robot: there is no robot; use trigger='force'"
+    ):
+        setup_of(Arm(), trigger="motion")
+    with pytest.raises(
+        ValueError, match="robot must be one of auto, none, manual, source or a Robot, got 'arm'"
+    ):
+        setup_of(Arm(), "arm")
+    with pytest.raises(TypeError, match="robot must have tcp_pose, move_line and stop, got int"):
+        setup_of(Arm(), 3)
+
+
+def test_early_answers_stop_the_robot(model):
+    """An answer that cannot change any more ends the push; the next one begins at rest."""
+    source = SimSource("rice", seed=8, speed=5)
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model, early=True)
+        pushes = [live.push() for _ in range(2)]
+    for push in pushes:
+        assert push.reason is None
+        assert push.decision.settled or push.decision.sure or push.decision.final
+        assert push.decision.label == "rice"
+    assert np.all([push.truth == "rice" for push in pushes])
