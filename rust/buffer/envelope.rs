@@ -10,8 +10,9 @@ use super::clock::ClockLine;
 /// Points kept: the fastest row of each stretch of time.
 const POINTS: usize = 32;
 
-/// Longest stretch that one point stands for: the hull reaches back 16 to 32 of them.
-const LONGEST_NS: f64 = 1e9;
+/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is told from a
+/// drift as long as the time without it takes up more of the hull.
+const LONGEST_NS: f64 = 1e10;
 
 /// A row this much below the line is a step of a clock, not a faster row.
 const STEP_NS: f64 = 5e8;
@@ -19,7 +20,7 @@ const STEP_NS: f64 = 5e8;
 /// Device time and host minus device time, in nanoseconds since the first row.
 type Point = (f64, f64);
 
-/// The fastest rows of the last half minute and the line below them. Never allocates.
+/// The fastest rows of the last minutes and the line below them. Never allocates.
 pub(super) struct Envelope {
     points: [Point; POINTS],
     len: usize,

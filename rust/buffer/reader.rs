@@ -136,10 +136,10 @@ impl Reader {
         Some(self.newest_on_line()?.0.host_ns(ticks))
     }
 
-    /// Device time in ticks at a moment of host time, in the newest epoch.
+    /// Device time in ticks at a moment of host time, in the newest epoch; `None` too where all rows came at one moment.
     #[must_use]
     pub fn ticks_at(&self, host_ns: u64) -> Option<f64> {
-        Some(self.newest_on_line()?.0.ticks(host_ns))
+        Some(self.newest_on_line()?.0.ticks(host_ns)).filter(|ticks| ticks.is_finite())
     }
 
     /// The newest row and the clock of its epoch.

@@ -118,6 +118,7 @@ fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
     }
     let too_few = |have| WindowError::TooFew { n, have };
     let (mut number, mut row) = shared.newest().ok_or(too_few(0))?;
+    let oldest = shared.oldest(number + 1);
     loop {
         if rows.last().is_some_and(|later| later.epoch != row.epoch) {
             return Err(WindowError::EpochBorder { n, have });
@@ -141,7 +142,7 @@ fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
         }
         let measured = have;
         have += u64::from(missing);
-        number = number.checked_sub(1).ok_or(too_few(measured))?;
+        number = number.checked_sub(1).filter(|number| *number >= oldest).ok_or(too_few(measured))?;
         row = shared.row(number).ok_or(too_few(measured))?;
     }
 }

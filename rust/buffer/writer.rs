@@ -223,25 +223,34 @@ impl Writer {
     }
 
     fn write(&mut self, row: &Row, packet: Packet) {
+        let missing_before = self.advance(row);
+        self.count(row, missing_before);
+        let row = BufferedRow { row: *row, missing_before, epoch: self.epoch };
+        self.shared.rows.publish(&row.to_words(packet));
+    }
+
+    /// Moves device time on to a row, the clock's line with it; the instants that are missing before it.
+    fn advance(&mut self, row: &Row) -> u32 {
         let Self { shared, epoch, written, .. } = self;
-        let counters = &shared.counters;
-        let missing_before = match written {
-            Some(written) => {
-                let missing = shared.spec.missing_between(written.newest, row.ticks);
-                written.newest = row.ticks;
-                if written.envelope.add(row.ticks, row.host_ns) {
-                    shared.clock.publish(&written.envelope.line().to_words());
-                }
-                missing
+        if let Some(written) = written {
+            let missing = shared.spec.missing_between(written.newest, row.ticks);
+            written.newest = row.ticks;
+            if written.envelope.add(row.ticks, row.host_ns) {
+                shared.clock.publish(&written.envelope.line().to_words());
             }
-            None => {
-                let line = ClockLine::new(*epoch, 1e9 / shared.spec.tick_hz, row.ticks, row.host_ns);
-                shared.clock.publish(&line.to_words());
-                let envelope = Envelope::new(line);
-                *written = Some(Written { begin: shared.rows.head(), newest: row.ticks, envelope });
-                0
-            }
-        };
+            missing
+        } else {
+            let line = ClockLine::new(*epoch, 1e9 / shared.spec.tick_hz, row.ticks, row.host_ns);
+            shared.clock.publish(&line.to_words());
+            let (begin, envelope) = (shared.rows.head(), Envelope::new(line));
+            *written = Some(Written { begin, newest: row.ticks, envelope });
+            0
+        }
+    }
+
+    fn count(&self, row: &Row, missing_before: u32) {
+        let counters = &self.shared.counters;
+        counters.written.add(1);
         if missing_before > 0 {
             counters.gaps.add(1);
             counters.missing.add(u64::from(missing_before));
@@ -252,9 +261,6 @@ impl Writer {
         if row.flags & BAD_STATUS != 0 {
             counters.bad_status.add(1);
         }
-        counters.written.add(1);
-        let row = BufferedRow { row: *row, missing_before, epoch: *epoch };
-        shared.rows.publish(&row.to_words(packet));
     }
 
     fn count_held(&self) {

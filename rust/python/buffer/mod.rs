@@ -71,7 +71,7 @@ pub(super) fn host_ns() -> u64 {
 /// True
 /// >>> buffer.window(4).wrench[:, 2].tolist()
 /// [0.0, 0.0, 0.0, -5.2]
-/// >>> buffer.stats()["written"]
+/// >>> buffer.stats()['written']
 /// 11
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "WrenchBuffer", module = "granular_id.live")]
@@ -93,6 +93,7 @@ impl Input {
     }
 }
 
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pymethods]
 impl PyWrenchBuffer {
     #[new]
@@ -211,7 +212,7 @@ impl PyWrenchBuffer {
         let mut input = self.input();
         let (writer, clock) = input.writing()?;
         let before = self.reader.stats().written;
-        for row in rows.iter()? {
+        for row in rows.given()? {
             let ticks = clock.ticks(row.ticks, writer);
             writer.push(&buffer::Row { ticks, host_ns: row.host_ns, wrench: row.wrench, flags: row.flags });
         }

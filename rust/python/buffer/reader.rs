@@ -36,6 +36,7 @@ pub(in crate::python) struct PyWrenchReader {
     pause: Duration,
 }
 
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pymethods]
 impl PyWrenchReader {
     /// The rows not yet read: never blocks.

@@ -85,7 +85,7 @@ impl<'py> Rows<'py> {
 }
 
 impl BorrowedRows<'_, '_> {
-    pub(super) fn iter(&self) -> PyResult<impl Iterator<Item = GivenRow> + '_> {
+    pub(super) fn given(&self) -> PyResult<impl Iterator<Item = GivenRow> + '_> {
         let Rows { ticks, flags, host_ns, .. } = self.rows;
         let wrench = self.wrench.as_slice()?.as_chunks().0;
         Ok(wrench.iter().enumerate().map(move |(row, wrench)| GivenRow {
@@ -173,6 +173,7 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> 
     let array = readable(&array, "flags")?;
     let known = |(row, flag): (usize, &f64)| {
         // Known flags are few whole numbers: every one is found, and nothing else is.
+        #[allow(clippy::float_cmp)]
         let found = (0..=KNOWN_FLAGS).find(|known| f64::from(*known) == *flag);
         found.ok_or_else(|| {
             PyValueError::new_err(format!(

@@ -1,0 +1,68 @@
+//! What runs for every sample allocates nothing: counted by an allocator.
+
+use allocation_counter::measure;
+use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row, Widener};
+
+/// Runs something often and asserts that memory was neither taken nor given back.
+fn allocates_nothing(what: &str, run: impl FnOnce()) {
+    let counted = measure(run);
+    assert_eq!((counted.count_total, counted.bytes_total, counted.count_current), (0, 0, 0), "{what}");
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(measure(|| drop(std::hint::black_box(vec![0_u8; 100]))).count_total, 1);
+}
+
+#[test]
+fn buffer() {
+    for reorder_depth in [0, 8] {
+        let spec = BufferSpec { seconds: 0.5, tick_hz: 5000.0, reorder_depth, ..BufferSpec::default() };
+        let (mut writer, mut reader) = wrench_buffer(spec).unwrap();
+        let mut rows = [BufferedRow::EMPTY; 64];
+        let what = format!("reorder_depth = {reorder_depth}");
+        let mut seen = 0;
+        allocates_nothing(&what, || {
+            for n in 0..20_000_u64 {
+                // Gaps, rows out of order, duplicates, NaN, drift of the clocks, a restart: every way through the writer.
+                let ticks = match n % 100 {
+                    30 | 60 => n - 3,
+                    31 => n - 2,
+                    70 => n + 5,
+                    90 => n - 60,
+                    _ => n,
+                } % 9000;
+                let value = if n % 77 == 7 { f64::NAN } else { 1.0 };
+                let row = Row {
+                    ticks: 10 * ticks,
+                    host_ns: 2_000_100 * n + n * n % 1013,
+                    wrench: [value; 6],
+                    flags: 0,
+                };
+                writer.push_packet(&row, n);
+                if n % 50 == 0 {
+                    let taken = reader.read(&mut rows);
+                    seen += taken.n_rows;
+                    assert!(reader.latest().is_some() && reader.lag_ns(row.host_ns).is_some());
+                }
+            }
+            writer.new_epoch();
+            writer.flush();
+        });
+        let stats = reader.stats();
+        assert!(seen > 10_000, "{seen}");
+        assert!(stats.gaps > 100 && stats.epochs >= 2 && stats.non_finite > 100, "{stats:?}");
+        assert!(stats.late > 100 && stats.stale > 100, "{stats:?}");
+        assert_eq!(stats.reordered > 100, reorder_depth > 0, "{stats:?}");
+    }
+}
+
+#[test]
+fn widener() {
+    let mut widener = Widener::new(100);
+    allocates_nothing("widen", || {
+        for n in 0..1000_u32 {
+            std::hint::black_box(widener.widen(n.wrapping_mul(0x1234_5678)));
+        }
+    });
+}
