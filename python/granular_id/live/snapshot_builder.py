@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,34 +18,12 @@ from granular_id.recording._values import as_floats, checked_index, checked_numb
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Rows", "SnapshotBuilder"]
+    from granular_id.live.rows import BlockLike
+
+__all__ = ["SnapshotBuilder"]
 
 _MOST_ROWS = 600  # more than a trace on any screen has columns of its own
 _MOST_ANSWERS = 600  # twenty seconds at thirty answers a second; thinned beyond
-
-
-class Rows(Protocol):
-    """The part of a block of the buffer that is read here."""
-
-    @property
-    def wrench(self) -> NDArray[np.float64]:
-        """Shape (k, C)."""
-
-    @property
-    def time_s(self) -> NDArray[np.float64]:
-        """Device time, shape (k,)."""
-
-    @property
-    def missing_before(self) -> NDArray[np.uint32]:
-        """Instants without a row before each row, shape (k,)."""
-
-    @property
-    def epoch(self) -> int:
-        """Number of the epoch: the device's clock goes on within one, and begins anew with the next."""
-
-    @property
-    def missed(self) -> int:
-        """Rows that were overwritten before they were read."""
 
 
 class SnapshotBuilder:
@@ -148,7 +126,7 @@ class SnapshotBuilder:
         self._counted = {"rows": 0, "missing": 0, "missed": 0, "epochs": 0}
         self._answers: list[tuple[float, tuple[float, ...]]] = []
 
-    def rows(self, block: Rows) -> None:
+    def rows(self, block: BlockLike) -> None:
         """Take the next block of the stream.
 
         Where instants are missing the traces are interrupted and the high-pass starts anew; a new epoch clears

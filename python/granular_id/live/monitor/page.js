@@ -58,7 +58,7 @@ function tell(now) {
   write($("detail"), detail);
   write($("state"), frame.state_name);
   write($("score"), frame.score);
-  write($("source"), ["granular_id live", frame.source, `${frame.rate_hz} Hz`].filter(Boolean).join(" \u00b7 "));
+  write($("source"), ["granular_id live", frame.source, frame.synthetic && "SYNTHETIC", `${frame.rate_hz} Hz`].filter(Boolean).join(" \u00b7 "));
   write($("synthetic"), frame.synthetic);
   $("synthetic").hidden = !frame.synthetic;
   const seen = frame.history_s.length ? frame.history_s[frame.history_s.length - 1] : 0;

@@ -1,0 +1,167 @@
+"""One screen of the terminal view. Loaded only where rich is there."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich import box
+from rich.align import Align
+from rich.console import Group
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, printable, score_of, state_of
+from granular_id.plotting.style import AXIS_COLOURS, short
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rich.console import RenderableType
+
+    from granular_id.live.snapshot import Snapshot
+
+__all__ = ["screen"]
+
+_LEVELS = "▁▂▃▄▅▆▇█"
+_ASCII_LEVELS = "_.-~=+*#"
+_STYLES = {"none": "white", "provisional": "yellow", "final": "green", "failed": "red"}
+_NARROW = 64  # below this many columns there is one trace per axis, not two
+
+
+def screen(snapshot: Snapshot, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
+    """Draw a snapshot for a terminal of so many columns and lines.
+
+    What must not be missed stands on top: the mark of synthetic sources, the answer, the health of the stream and
+    warnings. Where lines are few the ranking is cut, where columns are few the high-passed traces are left out.
+
+    Parameters
+    ----------
+    snapshot : Snapshot
+    width, height : int
+        Size of the terminal.
+    ascii_only : bool
+        No block characters: the terminal's encoding has none.
+    """
+    parts: list[RenderableType] = []
+    if snapshot.synthetic:
+        parts.append(
+            Text(SYNTHETIC, style="bold black on yellow", justify="center", no_wrap=width >= len(SYNTHETIC))
+        )
+    parts += [_head(snapshot), _answer(snapshot, ascii_only=ascii_only), _health(snapshot)]
+    parts += [Text(f"! {printable(text)}", style="bold yellow") for text in snapshot.warnings]
+    parts += [Text(), _axes(snapshot, width, ascii_only=ascii_only)]
+    used = len(snapshot.axes) + len(snapshot.warnings) + 13
+    if snapshot.decision is not None:
+        parts += [Text(), _ranking(snapshot, width, max(height - used, 3), ascii_only=ascii_only)]
+    return Group(*parts)
+
+
+def _head(snapshot: Snapshot) -> RenderableType:
+    line = Table.grid(expand=True, padding=(0, 1))
+    line.add_column(ratio=1)
+    line.add_column(justify="right")
+    where = " · ".join(part for part in (printable(snapshot.source), f"{snapshot.rate_hz:g} Hz") if part)
+    line.add_row(Text(f"granular_id live · {where}", style="dim"), Text(score_of(snapshot)))
+    return line
+
+
+def _answer(snapshot: Snapshot, *, ascii_only: bool) -> RenderableType:
+    answer = answer_of(snapshot)
+    style = _STYLES[answer.kind]
+    strong = f"bold reverse {style}" if answer.kind in ("provisional", "final") else f"bold {style}"
+    words = Group(
+        Align.center(Text(f"  {answer.title.upper()}  ", style=strong)),
+        Text(answer.stage, style="bold", justify="center"),
+        Text(answer.detail, justify="center"),
+    )
+    return Panel(
+        words,
+        title=Text(state_of(snapshot)),
+        border_style=style,
+        box=box.ASCII if ascii_only else box.HEAVY,
+        padding=(0, 1),
+    )
+
+
+def _health(snapshot: Snapshot) -> RenderableType:
+    line = Text()
+    for name, value, alarm in figures_of(snapshot):
+        line.append(f"{name} ", style="dim").append(
+            f"{value}{' !' * alarm}", style="bold red" if alarm else "bold"
+        )
+        line.append("   ")
+    return line
+
+
+def _axes(snapshot: Snapshot, width: int, *, ascii_only: bool) -> RenderableType:
+    wide = width >= _NARROW
+    room = max(8, (width - 46) // 2 if wide else width - 22)
+    table = Table.grid(padding=(0, 1))
+    for justify in ("left", "right", "left", "left", "right", "left", "right"):
+        table.add_column(justify=justify, no_wrap=True)
+    heads = ["", "", "", "last seconds", "from to", f"above {snapshot.cutoff_hz:g} Hz", "at most"]
+    table.add_row(*(Text(head, style="dim") for head in heads[: 7 if wide else 4]))
+    for i, (axis, unit, value) in enumerate(zip(snapshot.axes, snapshot.units, snapshot.latest, strict=True)):
+        colour = AXIS_COLOURS[i % len(AXIS_COLOURS)]
+        cells = [
+            Text(axis, style="bold"),
+            Text("-" if math.isnan(value) else f"{value:.{3 if unit == 'N' else 4}f}", style="bold"),
+            Text(unit, style="dim"),
+            Text(_bars(snapshot.wrench[:, i], room, ascii_only=ascii_only), style=colour),
+        ]
+        if wide:
+            size = abs(snapshot.residual[:, i])
+            cells += [
+                Text(_range(snapshot.wrench[:, i]), style="dim"),
+                Text(_bars(size, room, ascii_only=ascii_only), style=colour),
+                Text(_range(size).rpartition(" ")[2], style="dim"),
+            ]
+        table.add_row(*cells)
+    return table
+
+
+def _range(values: NDArray[np.float64]) -> str:
+    known = values[np.isfinite(values)]
+    return f"{known.min():.2g} {known.max():.2g}" if len(known) else ""
+
+
+def _bars(values: NDArray[np.float64], room: int, *, ascii_only: bool) -> str:
+    """Draw the largest value of each piece of time, between the smallest and the largest of all; gaps are blank."""
+    levels = _ASCII_LEVELS if ascii_only else _LEVELS
+    if not len(values):
+        return ""
+    edges = np.linspace(0, len(values), min(room, len(values)) + 1).astype(int)
+    high = np.fmax.reduceat(values, edges[:-1])
+    known = high[np.isfinite(high)]
+    if not len(known):
+        return ""
+    low, span = float(known.min()), float(known.max() - known.min()) or 1.0
+    return "".join(
+        " " if math.isnan(value) else levels[min(int((value - low) / span * len(levels)), len(levels) - 1)]
+        for value in high
+    )
+
+
+def _ranking(snapshot: Snapshot, width: int, lines: int, *, ascii_only: bool) -> RenderableType:
+    assert snapshot.decision is not None
+    ranking = snapshot.decision.ranking
+    shown = ranking if len(ranking) <= lines else ranking[: max(lines - 1, 2)]
+    largest = max((loss for _, loss in ranking if math.isfinite(loss)), default=1.0) or 1.0
+    room = max(6, min(60, width - 38))
+    table = Table.grid(padding=(0, 1))
+    for justify in ("left", "right", "left"):
+        table.add_column(justify=justify, no_wrap=True)
+    table.add_row(*(Text(head, style="dim") for head in ("material", "mean loss", "the shorter the better")))
+    for place, (name, loss) in enumerate(shown):
+        style = "bold green" if place == 0 else "default" if place == 1 else "dim"
+        bar = round(room * min(loss, largest) / largest)
+        table.add_row(
+            Text(short(printable(name)), style=style),
+            Text(f"{loss:.3f}", style=style),
+            Text(("#" if ascii_only else "━") * bar, style=style),
+        )
+    if len(shown) < len(ranking):
+        table.add_row(Text(f"and {len(ranking) - len(shown)} more", style="dim"))
+    return table
