@@ -1,14 +1,16 @@
-"""When an answer may be given before the recording ends: margins calibrated on recordings that were held out.
+"""When an answer may be given before the recording ends: calibrated on recordings that were held out.
 
-An early answer is the first provisional one whose margin reaches what the rule needs at that moment. The rule is a
-list of moments with a margin each. All of them follow from one number, the tail error r: the margin of a moment is the
-least from which on the provisional answers of that moment are wrong in at most a share r of cases. r is the largest
-for which the rule as a whole, with its many looks at each recording, errs in at most the share that was asked for,
-when each partition is answered by the margins of the others.
+The rule has two numbers: from `n_seen` samples on, the first provisional answer whose margin reaches `margin` is given.
+Among all pairs of them the one is taken that answers soonest, while the share of wrong early answers stays within a
+level. Each partition is then answered by the pair that the *others* choose, and the level is lowered until the answers
+so found are wrong in at most the share that was asked for.
 
-Shares are counted as (wrong + 1) / (answered + 1), as if the next recording were answered wrongly: ten right answers
+That share is counted as (wrong + 1) / (answered + 1), as if the next recording were answered wrongly: ten right answers
 out of ten say little about an error of one in a hundred. A small set of recordings therefore gives no rule for a small
 error, and the result says how many would be needed.
+
+Two numbers, and not a margin for each moment: with some hundred recordings those follow chance, and early answers then
+err more often than asked for.
 
 Source of the count: Angelopoulos, Bates, Fisch, Lei, Schuster, "Conformal risk control", ICLR 2024 (arXiv 2208.02814);
 there for a share of all recordings, here for a share of those answered early, which is larger.
@@ -26,42 +28,42 @@ import numpy.typing as npt
 from granular_id.identifier.held_out import HeldOut
 from granular_id.recording._values import checked_number
 
-__all__ = ["NEVER", "EarlyRule", "calibrate", "first_reached"]
+__all__ = ["EarlyRule", "calibrate", "first_reached"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
-BoolArray = npt.NDArray[np.bool_]
 
-NEVER = float(np.finfo(np.float64).max)
-"""Margin of a moment at which no answer is given: no margin reaches it, and a file may hold it."""
+_N_BEGINNINGS, _N_MARGINS = 40, 60
+"""Pairs that are tried: moments from which on to answer, and margins."""
 
+_LEVELS = (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.0)
+"""Shares of wrong answers that a pair may have where it is chosen, in units of the share asked for."""
 
-_TAIL_ERRORS = tuple(np.geomspace(0.5, 0.0005, 40).tolist())
-"""Tail errors to try, the most daring first."""
+_OTHER_TARGETS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
+"""Proposed where the one asked for cannot be reached."""
 
 
 @dataclass(frozen=True, eq=False)
 class EarlyRule:
-    """From which margin on an answer is given at each moment, and what that is worth.
+    """From when on, and from which margin on, an answer is given; and what that is worth.
 
     Attributes
     ----------
-    n_seen : ndarray of int, shape (M,)
-        Moments, in samples seen, ascending; the first is the earliest at which an answer can be given.
-        Empty: no rule could be had.
-    margins : ndarray, shape (M,)
-        Margin needed from that moment until the next; `NEVER` where there is no answer.
+    n_seen : int
+        Samples that must have been seen; 0 without a rule.
+    margin : float
+        Margin needed.
     target_error : float
         Share of early answers that may be wrong.
     stops : ndarray of int, shape (n,)
-        Where each held-out recording was answered, by margins of the other partitions: a place among the moments of
+        Where each held-out recording was answered, by the rule of the other partitions: a place among the moments of
         `HeldOut`, -1 where it was not. Empty without a rule.
     why_not : str
         Why there is no rule; empty when there is one.
     """
 
-    n_seen: IntArray
-    margins: FloatArray
+    n_seen: int
+    margin: float
     target_error: float
     stops: IntArray
     why_not: str = ""
@@ -69,22 +71,20 @@ class EarlyRule:
     @classmethod
     def none(cls, target_error: float, why_not: str) -> EarlyRule:
         """Return the absence of a rule."""
-        empty = np.empty(0, dtype=np.intp)
-        return cls(empty, np.empty(0), target_error, empty, why_not)
+        return cls(0, math.nan, target_error, np.empty(0, dtype=np.intp), why_not)
 
     def __bool__(self) -> bool:
         """Whether there is a rule."""
-        return bool(self.n_seen.size)
+        return self.n_seen > 0
 
     def table(self) -> FloatArray | None:
-        """Return the rule as a model keeps it, shape (M, 2): samples seen and margin needed; None without one."""
-        return np.column_stack((self.n_seen, self.margins)).astype(np.float64) if self else None
+        """Return the rule as a model keeps it, shape (1, 2): samples seen and margin needed; None without one."""
+        return np.array([[self.n_seen, self.margin]]) if self else None
 
     def to_dict(self, held: HeldOut, rate_hz: float) -> dict[str, Any]:
         """Return what a reader of the model should know, in types that JSON knows.
 
-        Shares and seconds are those of the held-out recordings, answered by margins of the other partitions; the tail
-        error was chosen on them, the margins were not.
+        Shares and seconds are those of the held-out recordings, answered by the rules of the other partitions.
         """
         said: dict[str, Any] = {"target_error": self.target_error, "why_not": self.why_not}
         if not self:
@@ -99,7 +99,7 @@ class EarlyRule:
 
 
 def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
-    """Find the rule whose early answers are wrong in at most a share of cases.
+    """Find the rule that answers soonest, with early answers wrong in at most a share of cases.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
     Returns
     -------
     EarlyRule
-        Without moments, and with the reason, where no rule reaches the target.
+        Without numbers, and with the reason, where no rule reaches the target.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
     >>> from granular_id.identifier.held_out import HeldOut
     >>> truth = np.repeat([0, 1], 20)
     >>> winners = np.stack((np.zeros(40, dtype=int), truth, truth), axis=1)  # right from the second moment on
-    >>> margins = np.tile([0.1, 0.5, 1.0], (40, 1))
+    >>> margins = np.tile([0.9, 0.5, 1.0], (40, 1))
     >>> folds = np.tile([0, 1], 20)
     >>> held = HeldOut(np.array([1, 2, 3]), np.arange(40), folds, truth, winners, margins, "kfold", "", "", ())
     >>> calibrate(held, 0.05).table()
@@ -145,49 +145,83 @@ def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
             f"an error of {100 * target:g} % can be shown by {least} held-out recordings or more, there are {n}: "
             f"{100 / (n + 1):.3g} % is the least",
         )
-    # The last moment has seen everything: an answer then is not early.
-    margins, right = held.margins[:, :-1], held.right[:, :-1]
-    folds = [held.folds == fold for fold in np.unique(held.folds)]
-    of_others = [_Tails(margins[~fold], right[~fold]) for fold in folds]
-    of_all = _Tails(margins, right)
-    for tail_error in _TAIL_ERRORS:
-        stops = np.full(n, -1, dtype=np.intp)
-        for fold, others in zip(folds, of_others, strict=True):
-            stops[fold] = first_reached(margins[fold], others.thresholds(tail_error))
-        answered = np.flatnonzero(stops >= 0)
-        wrong = int((~right[answered, stops[answered]]).sum())
-        thresholds = of_all.thresholds(tail_error)
-        if (wrong + 1) / (answered.size + 1) <= target and (thresholds < NEVER).any():
-            first = int(np.argmax(thresholds < NEVER))
-            return EarlyRule(held.n_seen[:-1][first:], thresholds[first:], target, stops)
-    return EarlyRule.none(target, f"no margins keep the error of early answers within {100 * target:g} %")
+    if len(held.n_seen) < 2:
+        return EarlyRule.none(target, "recordings of one sample leave nothing to wait for")
+    pairs = _Pairs(held)
+    found = pairs.found(target)
+    if found is not None:
+        return found
+    kept = next(
+        (other for other in _OTHER_TARGETS if other > target and pairs.found(other) is not None), None
+    )
+    hint = "" if kept is None else f"; one of {100 * kept:g} % could be kept"
+    return EarlyRule.none(target, f"no rule keeps the error of early answers within {100 * target:g} %{hint}")
 
 
-def first_reached(margins: FloatArray, thresholds: FloatArray) -> IntArray:
-    """Return the first moment (n,) at which margins (n, M) reach thresholds (M,); -1 where they never do."""
-    reached = margins >= thresholds
-    if not reached.shape[1]:
-        return np.full(len(margins), -1, dtype=np.intp)
-    return np.where(reached.any(axis=1), reached.argmax(axis=1), -1)
+def first_reached(margins: FloatArray, margin: float, beginning: int = 0) -> IntArray:
+    """Return the first moment (n,), from a beginning on, at which margins (n, M) reach one; -1 where they never do."""
+    reached = margins[:, beginning:] >= margin
+    return np.where(reached.any(axis=1), beginning + reached.argmax(axis=1), -1)
 
 
-class _Tails:
-    """For each moment, which share of the answers with at least a margin is wrong."""
+class _Pairs:
+    """What each pair of a beginning and a margin would have done with each held-out recording."""
 
-    def __init__(self, margins: FloatArray, right: BoolArray) -> None:
-        self._margins = margins
-        self._shares = np.empty(margins.shape)
-        for k in range(margins.shape[1]):
-            order = np.argsort(-margins[:, k], kind="stable")
-            descending = -margins[order, k]
-            wrong = np.cumsum(~right[order, k])
-            # Of equal margins all count or none: each has the counts of the last.
-            last = np.searchsorted(descending, descending, side="right") - 1
-            self._shares[order, k] = (wrong[last] + 1) / (last + 2)
+    def __init__(self, held: HeldOut) -> None:
+        self._held = held
+        # The last moment has seen everything: an answer then is not early.
+        self._margins = held.margins[:, :-1]
+        self._whole = int(held.n_seen[-1])
+        n_moments = self._margins.shape[1]
+        beginnings = np.unique(np.linspace(0, n_moments - 1, _N_BEGINNINGS).round().astype(int))
+        levels = np.unique(np.quantile(self._margins, np.linspace(0, 1, _N_MARGINS), method="lower"))
+        self.each = [(int(beginning), float(level)) for beginning in beginnings for level in levels]
+        self._wrong = np.zeros((len(self.each), len(held.rows)), dtype=np.bool_)
+        self._answered = np.zeros_like(self._wrong)
+        self._seen = np.empty(self._wrong.shape, dtype=np.int32)
+        places = np.arange(len(held.rows))
+        for k in range(len(self.each)):
+            stops = self.stops(k)
+            self._answered[k] = stops >= 0
+            self._wrong[k] = self._answered[k] & ~held.right[places, stops]
+            self._seen[k] = np.where(self._answered[k], held.n_seen[stops], self._whole)
 
-    def thresholds(self, tail_error: float) -> FloatArray:
-        """Least margin (M,) of each moment from which on at most a share is wrong; `NEVER` without one."""
-        within: FloatArray = np.where(self._shares <= tail_error, self._margins, NEVER).min(
-            axis=0, initial=NEVER
-        )
-        return within
+    def found(self, target: float) -> EarlyRule | None:
+        """Return the rule that reaches a target; None where none does."""
+        held = self._held
+        everything = np.ones(len(held.rows), dtype=np.bool_)
+        folds = [held.folds == fold for fold in np.unique(held.folds)]
+        for level in _LEVELS:
+            chosen = self.soonest(everything, level * target)
+            if chosen is None:
+                continue
+            stops = np.full(len(held.rows), -1, dtype=np.intp)
+            for fold in folds:
+                own = self.soonest(~fold, level * target) if len(folds) > 1 else chosen
+                if own is not None:
+                    stops[fold] = self.stops(own)[fold]
+            answered = np.flatnonzero(stops >= 0)
+            wrong = int((~held.right[answered, stops[answered]]).sum())
+            if (wrong + 1) / (answered.size + 1) <= target:
+                beginning, margin = self.each[chosen]
+                return EarlyRule(int(held.n_seen[beginning]), margin, target, stops)
+        return None
+
+    def stops(self, pair: int) -> IntArray:
+        """Return where each recording is answered by a pair; -1 where it is not."""
+        beginning, margin = self.each[pair]
+        return first_reached(self._margins, margin, beginning)
+
+    def soonest(self, members: npt.NDArray[np.bool_], level: float) -> int | None:
+        """Return the pair that answers some recordings soonest, with at most a share of wrong answers.
+
+        A recording that is not answered early counts as answered at its end. None where no pair keeps within the
+        level and answers any; of equally soon pairs the one that asks for more.
+        """
+        answered = self._answered[:, members].sum(axis=1)
+        wrong = self._wrong[:, members].sum(axis=1)
+        fits = np.flatnonzero((answered > 0) & (wrong <= level * answered))
+        if not fits.size:
+            return None
+        seen = self._seen[fits][:, members].sum(axis=1)
+        return int(fits[len(fits) - 1 - np.argmin(seen[::-1])])

@@ -7,7 +7,6 @@ from textwrap import shorten
 from typing import Any
 
 from granular_id.identifier.answers import Answers
-from granular_id.identifier.early import NEVER
 
 __all__ = ["description", "promises"]
 
@@ -100,8 +99,8 @@ def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
     if table is None:
         why = "" if known is None else known.get("why_not", "")
         return f"none{': ' + why if why else ''}"
-    usable = table[table[:, 1] < NEVER]
-    first = f"from {usable[0, 0] / model.rate_hz:.2f} s on, margin {usable[:, 1].min():.3g} to {usable[:, 1].max():.3g}"
+    n_seen, margin = table[0].tolist()
+    first = f"from {n_seen / model.rate_hz:.2f} s on, with a margin of {margin:.3g} or more"
     if not known:
         return first
     return (

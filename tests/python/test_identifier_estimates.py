@@ -1,0 +1,318 @@
+"""What a model says about itself: held-out answers, early rule, accuracy over time."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluation_cases import LABELS, changed, make_data
+from granular_id import evaluate, synthesize
+from granular_id.identifier import Identifier, accuracy_over_time
+from granular_id.identifier.early import calibrate, first_reached
+from granular_id.identifier.held_out import HeldOut, checkpoints, honest_partitions, provisional_answers
+from granular_id.identifier.over_time import over_time
+from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.training import train
+from granular_id.identifier.words import description, promises
+from granular_id.recording import Dataset, Recording
+from identifier_twin import hinge_losses, provisional_scores
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Materials that differ in level, with some pushes off theirs."""
+    rng = np.random.default_rng(0)
+    recordings = []
+    for k, label in enumerate(LABELS):
+        for i in range(8):
+            wrench = rng.normal(k + rng.normal(0, 0.3), 0.3, (60, 6))
+            known = {
+                "session": f"{label} day {i % 2}",
+                "start_time": 1e9 + 60.0 * (4 * i + k),
+                "label": label,
+            }
+            recordings.append(Recording(wrench, rate_hz=500.0, name=f"{label}_{i}", **known))
+    return Dataset(recordings)
+
+
+@pytest.fixture(scope="module")
+def training(data):
+    return train(data, Recipe(), target_error=0.3)
+
+
+# -- protocols
+
+
+def test_sessions_are_held_out_where_every_class_has_several(data, training):
+    held = training.held
+    assert (held.protocol, held.held_out) == ("session", "held-out sessions")
+    for partition in held.partitions:
+        assert not {*data.sessions[partition.train]} & {*data.sessions[partition.test]}
+    assert sorted(held.rows.tolist()) == list(range(32))
+
+
+def test_else_halves_in_time_order_else_random_folds_and_it_is_said(data):
+    untold = changed(data, session=lambda r: None)
+    protocol, partitions, note = honest_partitions(untold)
+    assert (protocol, len(partitions)) == ("chronological", 2)
+    assert note.startswith("chronological: by start time (session protocol left out: no recording says which")
+    timeless = changed(untold, start_time=lambda r: 1e9 if r.name == "oat_0" else None)
+    protocol, partitions, note = honest_partitions(timeless, n_folds=4, seed=3)
+    assert (protocol, len(partitions)) == ("kfold", 4)
+    assert "kfold: 4 folds, seed 3 (session protocol left out" in note
+    assert "chronological protocol left out: " in note
+
+
+def test_held_out_answers_are_those_of_pipelines_fitted_on_the_others(data, training):
+    held, wrong = training.held, 0
+    assert held.n_seen[-1] == 60
+    for fold, partition in enumerate(held.partitions):
+        pipeline = Recipe().pipeline(500.0).fit(data.X[partition.train], data.y[partition.train])
+        mine = held.folds == fold
+        assert held.rows[mine].tolist() == partition.test.tolist()
+        said = [LABELS[k] for k in held.winners[mine, -1]]
+        assert said == pipeline.predict(data.X[partition.test]).tolist()
+        wrong += np.mean(np.array(said) != data.y[partition.test])
+    estimate = training.trained["estimate"]
+    assert wrong > 0
+    assert estimate["accuracy"] == pytest.approx(1 - wrong / len(held.partitions))
+
+
+def test_the_estimate_is_that_of_an_evaluation(data, training):
+    result = evaluate(data, "raw+hfmh", "session", controls=False, progress=False)
+    estimate = training.trained["estimate"]
+    assert estimate["accuracy"] == pytest.approx(result.mean_accuracy("raw+hfmh"), abs=1e-12)
+    assert estimate["recall"] == pytest.approx(dict(zip(LABELS, result.recall().tolist(), strict=True)))
+    assert (estimate["n_answers"], estimate["n_partitions"]) == (32, 2)
+    assert estimate["interval_95"] is None
+
+
+def test_an_interval_needs_three_partitions():
+    data = changed(make_data(9, separation=0.2), session=lambda r: f"day {int(r.name.split('_')[1]) % 3}")
+    result = evaluate(data, "raw+hfmh", "session", controls=False, progress=False)
+    estimate = train(data, Recipe()).trained["estimate"]
+    assert estimate["interval_95"] == pytest.approx(list(result.interval("raw+hfmh")))
+
+
+def test_one_recording_of_a_class_gives_a_model_without_estimate(data):
+    few = Dataset([*data[:8], data[8]])
+    training = train(few, Recipe(space="hfmh"))
+    assert training.held is None
+    assert training.early is None
+    assert training.trained["estimate"] is None
+    assert "class 'peas' has 1 recording" in training.why_none
+    model = Identifier(training.core)
+    assert model.predict(few.X).tolist() == few.y.tolist()
+    assert any("not known: class 'peas' has 1 recording" in line for line in promises(model))
+    with pytest.raises(ValueError, match="nothing can be held out: class 'peas' has 1 recording"):
+        accuracy_over_time(few, "hfmh")
+
+
+def test_one_recording_of_each_class_is_enough_for_a_model(data):
+    few = data[::8]
+    model = Identifier.fit(few, "raw")
+    assert model.predict(few.X).tolist() == list(LABELS)
+
+
+# -- answers while samples arrive
+
+
+@pytest.mark.parametrize("space", ["raw", "hfmh", "raw+hfmh"])
+def test_provisional_answers_are_those_of_the_definition(data, space):
+    core = Identifier.fit(data, space, estimate=False).core
+    moments = [1, 7, 8, 41, 59, 60]
+    winners, margins = provisional_answers(core, data.X[3], moments)
+    for n, winner, margin in zip(moments, winners, margins, strict=True):
+        losses = hinge_losses(core, provisional_scores(core, data.X[3], n))
+        best, second = np.sort(losses)[:2]
+        assert margin == pytest.approx(second - best, abs=1e-9)
+        assert losses[winner] == pytest.approx(best, abs=1e-9)
+
+
+@given(st.integers(1, 5000), st.integers(1, 300))
+def test_moments_rise_to_the_end_evenly(n_samples, most):
+    moments = checkpoints(n_samples, most)
+    assert moments[-1] == n_samples
+    assert len(moments) == min(n_samples, most)
+    steps = np.diff(np.concatenate(([0], moments)))
+    assert steps.min() >= 1
+    assert steps.max() - steps.min() <= 1
+
+
+# -- early answers
+
+
+def held_of(truth, winners, margins, folds):
+    n, m = winners.shape
+    return HeldOut(
+        np.arange(1, m + 1), np.arange(n), folds, truth, winners, margins, "kfold", "folds", "", ()
+    )
+
+
+@st.composite
+def held_outs(draw):
+    n, m = draw(st.integers(2, 60)), draw(st.integers(1, 8))
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
+    truth = rng.integers(0, 3, n)
+    right = rng.random((n, m)) < np.linspace(draw(st.floats(0.2, 1.0)), 1.0, m)
+    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
+    margins = np.where(right, 1.0, draw(st.floats(0.1, 1.5))) * rng.random((n, m))
+    if draw(st.booleans()):
+        margins = margins.round(1)  # with many equal ones
+    return held_of(truth, winners, margins, rng.integers(0, draw(st.integers(1, 4)), n))
+
+
+@given(held_outs(), st.sampled_from([0.02, 0.05, 0.1, 0.3]))
+def test_early_answers_keep_within_the_target_with_one_more_error(held, target):
+    rule = calibrate(held, target)
+    if not rule:
+        assert rule.why_not
+        assert rule.table() is None
+        return
+    answered = np.flatnonzero(rule.stops >= 0)
+    wrong = (~held.right[answered, rule.stops[answered]]).sum()
+    assert (wrong + 1) / (len(answered) + 1) <= target
+    assert rule.stops.max() < len(held.n_seen) - 1, "an answer at the end is not early"
+    assert rule.table().tolist() == [[rule.n_seen, rule.margin]]
+    assert 1 <= rule.n_seen < held.n_seen[-1]
+    said = rule.to_dict(held, 500.0)
+    assert said["error"] == wrong / len(answered)
+    assert said["mean_seconds"] == pytest.approx((rule.stops[answered] + 1).mean() / 500.0)
+
+
+def test_a_fold_is_answered_by_what_the_others_choose():
+    truth, folds = np.zeros(40, int), np.repeat([0, 1], 20)
+    winners = np.zeros((40, 5), int)
+    winners[20:, :3] = 1  # fold 0 is right from the start, fold 1 from the fourth moment on
+    rule = calibrate(held_of(truth, winners, np.full((40, 5), 0.5), folds), 0.6)
+    assert rule.stops.tolist() == [3] * 20 + [0] * 20
+    assert rule.to_dict(held_of(truth, winners, np.full((40, 5), 0.5), folds), 1.0)["error"] == 0.5
+
+
+def test_the_pair_that_answers_soonest_is_found_among_all():
+    """Written anew, slowly: all pairs of a moment and a margin, on a set small enough to try each."""
+    rng = np.random.default_rng(4)
+    n, m = 60, 8
+    truth = rng.integers(0, 3, n)
+    right = rng.random((n, m)) < np.linspace(0.4, 1.0, m)
+    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
+    margins = (rng.random((n, m)) * np.where(right, 1.0, 0.5)).round(1)
+    held = held_of(truth, winners, margins, np.zeros(n, int))
+    target = 0.1
+    options = []
+    for first in range(m - 1):
+        for level in np.unique(margins[:, :-1]):
+            stops = [next((k for k in range(first, m - 1) if margins[i, k] >= level), -1) for i in range(n)]
+            answered = [i for i in range(n) if stops[i] >= 0]
+            wrong = sum(not right[i, stops[i]] for i in answered)
+            waited = sum(stops[i] + 1 if stops[i] >= 0 else m for i in range(n))
+            options.append((wrong, len(answered), waited, first + 1, level))
+    for share in np.array([1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.0]) * target:
+        fits = [o for o in options if o[1] and o[0] <= share * o[1]]
+        best = min(o[2] for o in fits)
+        kept = [o for o in fits if o[2] == best]
+        if (kept[-1][0] + 1) / (kept[-1][1] + 1) <= target:
+            break
+    rule = calibrate(held, target)
+    assert (rule.n_seen, rule.margin) == kept[-1][3:]
+
+
+def test_a_larger_target_answers_no_later():
+    rng = np.random.default_rng(0)
+    n, m = 300, 20
+    truth = rng.integers(0, 3, n)
+    right = rng.random((n, m)) < np.linspace(0.5, 1.0, m)
+    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
+    margins = rng.random((n, m)) * np.where(right, 1.0, 0.6)
+    held = held_of(truth, winners, margins, np.arange(n) % 4)
+    shares = [calibrate(held, target).to_dict(held, 1.0) for target in (0.02, 0.05, 0.2)]
+    assert [said["answered_early"] for said in shares] == sorted(said["answered_early"] for said in shares)
+    seconds = [said["mean_seconds"] for said in shares]
+    assert seconds == sorted(seconds, reverse=True)
+
+
+def test_a_small_set_says_what_it_can_show(training, data):
+    rule = train(data, Recipe(), target_error=0.01).early
+    assert not rule
+    assert rule.why_not == (
+        "an error of 1 % can be shown by 99 held-out recordings or more, there are 32: 3.03 % is the least"
+    )
+    hopeless = held_of(np.zeros(40, int), np.ones((40, 3), int), np.ones((40, 3)), np.arange(40) % 2)
+    assert calibrate(hopeless, 0.1).why_not == "no rule keeps the error of early answers within 10 %"
+    one = held_of(np.zeros(40, int), np.zeros((40, 1), int), np.ones((40, 1)), np.arange(40) % 2)
+    assert calibrate(one, 0.1).why_not == "recordings of one sample leave nothing to wait for"
+
+
+def test_a_target_out_of_reach_names_one_within():
+    truth = np.zeros(200, int)
+    winners = np.zeros((200, 3), int)
+    winners[:5] = 1
+    held = held_of(truth, winners, np.ones((200, 3)), np.arange(200) % 2)
+    assert calibrate(held, 0.01).why_not.endswith("within 1 %; one of 3 % could be kept")
+
+
+def test_thresholds_are_reached_or_not():
+    margins = np.array([[0.1, 0.5, 0.2], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    assert first_reached(margins, 0.3).tolist() == [1, 0, -1]
+    assert first_reached(margins, 0.2, beginning=2).tolist() == [2, -1, -1]
+
+
+def test_the_rule_is_in_the_model_and_can_be_left_out(training, data):
+    assert np.array_equal(training.core.early, training.early.table())
+    known = training.trained["early"]
+    assert known == training.early.to_dict(training.held, 500.0)
+    assert known["target_error"] == 0.3
+    without = train(data, Recipe(), early=False)
+    assert without.core.early is None
+    assert without.trained["early"] is None
+    assert without.trained["estimate"] == training.trained["estimate"]
+
+
+# -- over time
+
+
+def test_accuracy_over_time_counts_answers(training, data):
+    course = accuracy_over_time(data, target_error=0.3)
+    held, rule = training.held, training.early
+    assert course.seconds[-1] == pytest.approx(0.12)
+    assert course.accuracy[-1] == pytest.approx(held.right[:, -1].mean())
+    assert course.answered[-1] == pytest.approx((rule.stops >= 0).mean())
+    assert (np.diff(course.answered) >= 0).all()
+    assert course.error[-1] == pytest.approx(training.trained["early"]["error"])
+    assert course.mean_seconds == pytest.approx(training.trained["early"]["mean_seconds"])
+    assert (course.chance, course.n_answers, course.synthetic) == (0.25, 32, False)
+    first = int(np.argmax(course.answered > 0))
+    assert np.isnan(course.error[:first]).all()
+    assert course.to_dict()["error"][:first] == [None] * first
+    assert str(course).startswith("Accuracy over time\n")
+    assert "aim: at most 30 %" in str(course)
+
+
+def test_without_a_rule_accuracy_over_time_says_why(training):
+    course = over_time(training.held, 500.0, None, synthetic=True)
+    assert math.isnan(course.mean_seconds)
+    assert course.answered.max() == 0
+    assert "SYNTHETIC" in str(course)
+    assert "no early answers: no early rule was asked for" in str(course)
+
+
+def test_a_model_describes_itself_in_words(training):
+    model = Identifier(training.core)
+    text = "\n".join((*description(model), *promises(model)))
+    for words in (
+        "materials: 4: oat, peas, rice, sugar",
+        "trained on: 32 recordings, 8 of each material, 8 sessions",
+        "takes: 60 samples at 500 Hz (0.12 s) of fx fy fz tx ty tz",
+        "6 learners (onevsone), hinge loss, loss-weighted decoding",
+        "accuracy, held-out sessions: ",
+        "least recognised: ",
+        "aim: at most 30 %",
+    ):
+        assert words in text, text
+    assert "SYNTHETIC" not in text
+    simulated = Identifier.fit(synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3))
+    assert description(simulated)[0].startswith("SYNTHETIC: trained on simulated recordings")
+    assert "(SYNTHETIC recordings)" in promises(simulated)[0]
