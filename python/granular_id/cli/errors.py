@@ -52,6 +52,9 @@ OPTIONS = {
     "block_weights": "--block-weights",
     "n_outer": "--outer",
     "n_inner": "--inner",
+    "pre_s": "--pre-s",
+    "speed_m_s": "--speed-m-s",
+    "threshold_n": "--threshold-n",
 }
 
 TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")

@@ -181,4 +181,6 @@ def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None
         else ""
     )
     synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
-    console.print(f"{synthetic}{n} answers{right}; {failed} pushes could not be captured", soft_wrap=True)
+    answers = "1 answer" if n == 1 else f"{n} answers"
+    lost = f"; {failed} could not be captured" if failed else ""
+    console.print(f"{synthetic}{answers}{right}{lost}", soft_wrap=True)

@@ -63,6 +63,8 @@ def record(
     at_least("--n", n, 1)
     at_least("--retries", retries, 0)
     positive("--duration-s", duration_s)
+    if not 0 <= pre_s < duration_s:
+        raise ValueError(f"--pre-s must be at least 0 and below --duration-s {duration_s:g}, got {pre_s:g}")
     labels = names_in(label)
     if not labels:
         raise ValueError(f"--label must name at least one material, got {label!r}")

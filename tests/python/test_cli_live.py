@@ -1,0 +1,166 @@
+"""``granular-id record`` and ``granular-id live``, end to end with a simulated sensor."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import granular_id as gid
+from cli_cases import ended_well, refused, run
+
+SIM = "sim:?seed=4"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live") / "pushes"
+    words = ("--label", "rice,fine sugar", "--n", 6, "--speed", 20, "--duration-s", 1, "--session", "Monday")
+    out = ended_well("record", "--source", SIM, *words, "-o", folder)
+    assert "fine sugar 6/6: 500 samples, mean fx +" in out
+    assert "wrote 12 SYNTHETIC recordings of 2 materials into" in out
+    assert "session 'Monday'" in out
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(folder, tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "m.safetensors"
+    ended_well("train", folder, "-o", path, "--space", "hfmh", "--quiet")
+    return path
+
+
+def test_what_was_recorded_loads_with_all_that_is_known(folder):
+    data = gid.load(folder)
+    assert len(data) == 12
+    assert data.labels == ("fine sugar", "rice")
+    for recording in data:
+        assert (recording.n_samples, recording.rate_hz, recording.trigger_index) == (500, 500.0, 125)
+        assert recording.session == "Monday"
+        assert recording.meta["synthetic"]
+        assert recording.meta["truth"] == recording.label
+        assert recording.meta["trigger"] == "motion"
+        assert recording.start_time is not None
+
+
+def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    words = ("--source", "sim:unknown?materials=rice,fine_sugar&seed=3", "--speed", 20, "--model", model)
+    out = ended_well("live", *words, "--n", 3, "--quiet", "--json", rows)
+    assert out.count("final: margin") == 3
+    assert "SYNTHETIC: 3 answers, " in out
+    answers = [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
+    assert len(answers) == 3
+    for answer in answers:
+        assert answer["synthetic"]
+        assert answer["truth"] in ("rice", "fine sugar")
+        assert answer["decision"]["final"]
+        assert answer["failure"] is None
+    ended_well("live", *words, "--n", 1, "--quiet", "--json", rows)
+    assert len(rows.read_text(encoding="utf-8").splitlines()) == 4  # added to what is there
+
+
+def test_live_without_a_terminal_prints_lines_of_what_changes(model):
+    words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1)
+    out = ended_well("live", *words)
+    assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
+
+
+def test_a_page_is_offered_and_logs_are_whole(model, tmp_path):
+    pytest.importorskip("rerun")
+    log = tmp_path / "log.rrd"
+    words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1, "--quiet")
+    out = ended_well("live", *words, "--view", "--no-browser", "--rerun", log)
+    assert "page: http://127.0.0.1:" in out
+    assert log.stat().st_size > 1000
+
+
+def test_a_recorded_folder_is_replayed(model, folder):
+    out = ended_well(
+        "live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model, "-q"
+    )
+    assert "SYNTHETIC: 12 answers, 12 right (100 %)" in out
+
+
+def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
+    line = refused("record", "--source", SIM, "--label", "rice,suger", "-o", tmp_path / "x")
+    assert "'suger'; known: dry peas, rice" in line
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "part"),
+    [
+        (("--label", ","), "--label must name at least one material"),
+        (("--label", "rice", "--n", 0), "--n must be at least 1, got 0"),
+        (("--label", "rice", "--direction", "1,0"), "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
+        (("--label", "rice", "--speed-m-s", 0), "--speed-m-s must be positive and finite, got 0"),
+        (("--label", "rice", "--pre-s", 9), "--pre-s must be at least 0 and below --duration-s 3.2, got 9"),
+        (("--label", "rice", "--duration-s", 5), "shorten it"),
+        (
+            ("--label", "rice", "--robot", "source", "--trigger", "force", "--threshold-n", -1),
+            "--threshold-n",
+        ),
+        (("--label", "rice", "--speed", -1), "--speed must be positive"),
+    ],
+)
+def test_record_refuses_what_cannot_be(tmp_path, words, part):
+    assert part in refused("record", "--source", SIM, *words, "-o", tmp_path / "x")
+
+
+def test_a_source_that_is_none_is_named(model, tmp_path):
+    assert "'simm'; known: bota, franka, rdt" in refused("live", "--source", "simm:rice", "--model", model)
+    assert "no option 'sped'; known:" in refused("live", "--source", "sim:rice?sped=2", "--model", model)
+    line = refused("live", "--source", f"replay:{tmp_path}/none", "--model", model)
+    assert "none" in line
+    line = refused("live", "--source", "sim:rice?rate_hz=100", "--model", model)
+    assert "the model is for 500 Hz, simulated rice delivers 100 Hz" in line
+    line = refused("live", "--source", "sim:rice", "--model", tmp_path / "no.safetensors")
+    assert "no.safetensors" in line
+
+
+def test_nobody_pushes(model):
+    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--robot", "none", "--timeout-s", 1)
+    line = refused("live", *words, "--model", model, "--quiet")
+    assert "nothing triggered within 1 s" in line
+
+
+@pytest.fixture
+def heeding_interrupts():
+    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
+    command = [
+        sys.executable,
+        "-m",
+        "granular_id",
+        "record",
+        "--source",
+        "sim:rice?seed=1",
+        "--label",
+        "rice",
+    ]
+    command += ["--speed", "10", "--n", "500", "-o", str(tmp_path / "x")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        for _ in range(2):
+            assert "1600 samples" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert error == "Interrupted: no file was left half-written.\n"
+    assert len(gid.load(tmp_path / "x")) >= 2
+    assert not list((tmp_path / "x").rglob(".*"))
+
+
+def test_help_has_examples():
+    for command in ("record", "live"):
+        assert "Examples" in run(command, "--help").stdout
