@@ -182,7 +182,7 @@ def test_overflow(tmp_path):
             slow.set()
             time.sleep(0.3)
 
-    with opened(source, seconds=1.0) as stream:
+    with opened(source, seconds=0.05) as stream:
         recorder = Recorder(stream, Watched(source), tmp_path / "data", on_step=dawdle, n_samples=1600)
         with pytest.raises(CaptureError, match="rows were overwritten") as raised:
             recorder.record("rice")

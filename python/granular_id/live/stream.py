@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from granular_id._core import WrenchBuffer
+from granular_id._numbers import positive_number
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "opened"]
@@ -61,7 +62,7 @@ def opened(
     source : str or WrenchSource
         A URL (see `open_source`) or a source that is not started yet.
     seconds : float, default 30
-        Length of the buffer: so far back can a reader fall.
+        Length of the buffer, by the host's clock: so far back can a reader fall.
     reorder_depth : int, default 0
         See `WrenchBuffer`.
     first_row_s : float, default 5
@@ -94,7 +95,12 @@ def opened(
             f"source must be a URL or have info, start, stop and health, got {type(source).__name__}"
         )
     info = chosen.info
-    buffer = WrenchBuffer(seconds, rate_hz=info.rate_hz, tick_hz=info.tick_hz, reorder_depth=reorder_depth)
+    buffer = WrenchBuffer(
+        positive_number("seconds", seconds) * info.speed,
+        rate_hz=info.rate_hz,
+        tick_hz=info.tick_hz,
+        reorder_depth=reorder_depth,
+    )
     first = buffer.reader(from_oldest=True)
     try:
         chosen.start(buffer)
