@@ -57,8 +57,7 @@ impl Notes {
     }
 
     /// The same with some entries of the metadata replaced.
-    #[allow(dead_code)] // without the extension module
-    pub(crate) fn with(&self, texts: Entries) -> Result<Self, Fault> {
+    pub fn with(&self, texts: BTreeMap<String, String>) -> Result<Self, Fault> {
         let mut entries = self.entries();
         for (key, text) in texts {
             if entries.insert(key.clone(), text).is_none() {

@@ -3,6 +3,7 @@
 use safetensors::{Dtype, SafeTensors};
 
 use super::json::{self, Json};
+use super::read::{OPTIONAL, REQUIRED};
 use super::{LENGTH_BYTES, MAX_HEADER_BYTES};
 use crate::model::fault::Fault;
 use crate::model::notes::Entries;
@@ -46,7 +47,8 @@ pub(super) fn text(bytes: &[u8]) -> Result<&str, Fault> {
         .map_err(|error| Fault::Json { what: "header", problem: format!("is no UTF-8 text: {error}") })
 }
 
-/// The metadata of a header; refuses names that are there twice, which the library would let pass.
+/// The metadata of a header; refuses names that are there twice, which the library would let pass, and tensors and entries
+/// that no model has, before anything else is made of them.
 pub(super) fn metadata(text: &str) -> Result<Entries, Fault> {
     let mut header = json::object("header", text)?;
     let problem = |problem: String| Fault::Json { what: "header", problem };
@@ -54,6 +56,10 @@ pub(super) fn metadata(text: &str) -> Result<Entries, Fault> {
         Json::Object(entries) => Some(entries),
         _ => None,
     })?;
+    let is_known = |name: &&String| REQUIRED.contains(&name.as_str()) || OPTIONAL.contains(&name.as_str());
+    if let Some(name) = header.names().find(|name| !is_known(name)) {
+        return Err(Fault::UnknownTensor { name: shown(name.as_bytes()) });
+    }
     let entries = texts.into_iter().map(|(key, value)| {
         let kind = value.kind();
         match value.text() {
@@ -66,10 +72,7 @@ pub(super) fn metadata(text: &str) -> Result<Entries, Fault> {
 
 /// The tensors, if they fill the file from the header to its end without gaps and overlaps.
 pub(super) fn tensors(bytes: &[u8]) -> Result<SafeTensors<'_>, Fault> {
-    SafeTensors::deserialize(bytes).map_err(|error| {
-        let problem = error.to_string().chars().take(160).flat_map(char::escape_debug).collect();
-        Fault::Layout { problem }
-    })
+    SafeTensors::deserialize(bytes).map_err(|error| Fault::Layout { problem: json::complaint(&error) })
 }
 
 /// Refuses a type other than float64.

@@ -9,8 +9,8 @@ use serde_json::Value;
 use crate::model::fault::Fault;
 use crate::number_table::shown;
 
-/// Characters of a complaint of the parser, which may quote the text.
-const MAX_PROBLEM: usize = 160;
+/// Characters of what a library says, which may quote the file.
+const MAX_COMPLAINT: usize = 160;
 
 /// A JSON value; numbers as float64.
 #[derive(Debug)]
@@ -105,8 +105,20 @@ pub(in crate::model) fn names(what: &'static str, text: &str) -> Result<Vec<Stri
 
 /// A complaint of the parser, short and printable.
 fn not_json(what: &'static str, error: &serde_json::Error) -> Fault {
-    let text: String = error.to_string().chars().take(MAX_PROBLEM).flat_map(char::escape_debug).collect();
-    Fault::Json { what, problem: format!("is no valid JSON: {text}") }
+    Fault::Json { what, problem: format!("is no valid JSON: {}", complaint(error)) }
+}
+
+/// What a library says about a file, short and printable.
+pub(super) fn complaint(error: &impl fmt::Display) -> String {
+    let mut text = String::new();
+    for character in error.to_string().chars().take(MAX_COMPLAINT) {
+        if character.is_control() {
+            text.extend(character.escape_debug());
+        } else {
+            text.push(character);
+        }
+    }
+    text
 }
 
 impl Json {
@@ -133,10 +145,15 @@ impl Json {
 #[derive(Debug)]
 pub(in crate::model) struct Object {
     what: &'static str,
-    pub(super) entries: BTreeMap<String, Json>,
+    entries: BTreeMap<String, Json>,
 }
 
 impl Object {
+    /// Names of the entries that are left.
+    pub(super) fn names(&self) -> impl Iterator<Item = &String> {
+        self.entries.keys()
+    }
+
     /// Takes the entry `name` if it is what `convert` wants.
     pub(super) fn take<T>(
         &mut self,
@@ -153,7 +170,7 @@ impl Object {
 
     /// Refuses entries that nobody took.
     pub(super) fn end(self) -> Result<(), Fault> {
-        match self.entries.keys().next() {
+        match self.names().next() {
             None => Ok(()),
             Some(name) => Err(self.fault(format!("has an unknown entry {}", shown(name.as_bytes())))),
         }

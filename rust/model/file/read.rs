@@ -21,6 +21,25 @@ pub(super) const REQUIRED: [&str; 3] = ["coding_matrix", "coef", "intercept"];
 pub(super) const OPTIONAL: [&str; 6] =
     ["early", "posterior_weights", "raw_high", "raw_low", "raw_mean", "sigmoid"];
 
+/// The entries of the metadata, all of which every model has, but for the format and its version.
+const ENTRIES: [&str; 15] = [
+    "axes",
+    "classes",
+    "coding",
+    "decoding",
+    "feature_spec",
+    "feature_spec_sha256",
+    "lead_s",
+    "library_version",
+    "loss",
+    "n_axes",
+    "n_samples",
+    "posterior",
+    "trained",
+    "training_sha256",
+    "units",
+];
+
 impl Model {
     /// The model in the bytes of a file, of at most `max_file_bytes` ([`MAX_FILE_BYTES`] is what [`read`](Self::read)
     /// allows).
@@ -30,7 +49,10 @@ impl Model {
         check_size(bytes.len() as u64, max_file_bytes)?;
         let mut entries = header::metadata(header::text(bytes)?)?;
         check_format(&mut entries)?;
-        let tensors = Tensors::new(header::tensors(bytes)?)?;
+        if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
+            return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
+        }
+        let tensors = Tensors(header::tensors(bytes)?);
         let spec_text = take(&mut entries, "feature_spec")?;
         if hash(&spec_text) != take(&mut entries, "feature_spec_sha256")? {
             return Err(Fault::Hash);
@@ -53,9 +75,6 @@ impl Model {
             posterior_weights: tensors.optional("posterior_weights")?,
             notes: Notes::take(&mut entries)?,
         };
-        if let Some(key) = entries.keys().next() {
-            return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
-        }
         Self::new(parts)
     }
 
@@ -127,19 +146,10 @@ fn choice<T: Copy>(entries: &mut Entries, key: &'static str, named: &[(&str, T)]
     })
 }
 
-/// The tensors of a file, all of known names.
+/// The tensors of a file.
 struct Tensors<'a>(SafeTensors<'a>);
 
 impl<'a> Tensors<'a> {
-    fn new(tensors: SafeTensors<'a>) -> Result<Self, Fault> {
-        let mut names = tensors.names();
-        names.sort_unstable();
-        match names.into_iter().find(|name| !(REQUIRED.contains(name) || OPTIONAL.contains(name))) {
-            Some(name) => Err(Fault::UnknownTensor { name: shown(name.as_bytes()) }),
-            None => Ok(Self(tensors)),
-        }
-    }
-
     fn optional(&self, name: &'static str) -> Result<Option<Tensor<'a>>, Fault> {
         let Ok(view) = self.0.tensor(name) else { return Ok(None) };
         header::check_dtype(name, view.dtype())?;

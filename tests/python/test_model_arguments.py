@@ -1,0 +1,163 @@
+"""Arguments of a model: what is refused says so, in the words of the argument; what is kept comes back."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from granular_id._core import FeatureSpec, Model, ModelFileError
+from model_cases import N_AXES, N_SAMPLES, random_model, small_model
+
+SPEC = FeatureSpec(hfmh=False)
+PARTS = {
+    "spec": SPEC,
+    "coef": [[0.0, 2.0, 0.0]],
+    "intercept": [-1.0],
+    "coding_matrix": [[1], [-1]],
+    "classes": ["rice", "salt"],
+    "n_samples": 3,
+    "n_axes": 1,
+}
+
+
+def made(**changes):
+    return Model(**{**PARTS, **changes})
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "message"),
+    [
+        ({"spec": None}, TypeError, "spec"),
+        ({"coef": [[1.0, 2.0]]}, ValueError, r"coef must have shape \(1, 3\)"),
+        ({"coef": [0.0, 2.0, 0.0]}, ValueError, r"coef must have shape \(1, 3\)"),
+        ({"coef": [["a", "b", "c"]]}, TypeError, "coef must hold real numbers"),
+        ({"coef": [[0.0, np.nan, 0.0]]}, ValueError, r"coef\[0, 1\] must be finite"),
+        ({"coef": np.ma.masked_array([[0.0, 2.0, 0.0]])}, TypeError, "coef must be a plain array"),
+        ({"intercept": -1.0}, ValueError, r"intercept must have shape \(L,\)"),
+        ({"intercept": []}, ValueError, r"intercept must have shape \(L,\)"),
+        ({"coding_matrix": [[1], [2]]}, ValueError, r"coding_matrix\[1, 0\] must be -1, 0 or 1"),
+        ({"coding_matrix": [[1], [1]]}, ValueError, "coding_matrix column 0 must hold both"),
+        ({"classes": "ab"}, TypeError, "classes must be a sequence of str, got 'ab'"),
+        ({"classes": [1, 2]}, TypeError, "classes must be a sequence of str"),
+        ({"classes": 5}, TypeError, "classes must be a sequence of str, got 5"),
+        ({"classes": ["rice"]}, ValueError, "classes must be from 2 to 1024, got 1"),
+        ({"classes": ["rice", "rice"]}, ValueError, r"classes\[0\] and classes\[1\] are both 'rice'"),
+        ({"loss": "quadratic"}, ValueError, "loss must be 'hinge' or"),
+        ({"loss": 1}, TypeError, "loss must be 'hinge' or"),
+        ({"decoding": "mean"}, ValueError, "decoding must be 'loss_weighted' or 'loss_based'"),
+        ({"n_samples": 0}, ValueError, "n_samples must be an integer from 1 to 1048576, got 0"),
+        ({"n_samples": 1 << 21}, ValueError, "n_samples must be an integer from 1 to 1048576"),
+        ({"n_samples": 3.0}, TypeError, "n_samples must be an integer"),
+        ({"n_axes": 257}, ValueError, "n_axes must be an integer from 1 to 256, got 257"),
+        ({"metadata": {"trained": 1}}, TypeError, "metadata must be a dict of str to str"),
+        ({"metadata": []}, TypeError, "metadata must be a dict of str to str"),
+        ({"metadata": {"classes": "[]"}}, ValueError, "unknown entry 'classes'"),
+        ({"metadata": {"trained": "NaN"}}, ValueError, "trained: is no valid JSON"),
+        ({"metadata": {"axes": "fx"}}, ValueError, "axes: is no valid JSON"),
+        ({"metadata": {"lead_s": "soon"}}, ValueError, "lead_s must be seconds"),
+        ({"metadata": {"trained": '{"a": "' + "x" * (1 << 20) + '"}'}}, ValueError, "the header has"),
+        ({"raw_mean": [0.0]}, ValueError, r"raw_mean must have shape \(3,\)"),
+        ({"raw_low": [0.0] * 3}, ValueError, "raw_low is of no use without raw_high"),
+        ({"early": [[4, 1.0]]}, ValueError, r"early\[0\] must be"),
+        ({"sigmoid": [[1.0, 0.0]]}, ValueError, "sigmoid is of no use without a posterior"),
+    ],
+)
+def test_a_bad_part_is_named(changes, error, message):
+    with pytest.raises(error, match=message) as caught:
+        made(**changes)
+    assert caught.type is not ModelFileError
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("wrench", "error", "message"),
+    [
+        (np.zeros((3, 2)), ValueError, r"must have shape \(3, 1\), or one more dimension .* got \(3, 2\)"),
+        (np.zeros((1, 4, 1)), ValueError, r"got \(1, 4, 1\)"),
+        (np.zeros(3), ValueError, r"got \(3,\)"),
+        (np.zeros((0, 3, 1)), ValueError, "wrench must not be empty"),
+        ([[1.0], ["x"], [2.0]], (TypeError, ValueError), "wrench must"),
+        (
+            [[1.0], [np.nan], [2.0]],
+            ValueError,
+            "wrench must be finite, got NaN at recording 0, sample 1, axis 0",
+        ),
+        ([[0.0], [1e308], [0.0]], ValueError, "score of learner 0 of recording 0 must be finite, got inf"),
+    ],
+)
+def test_a_bad_recording_is_refused(wrench, error, message):
+    with pytest.raises(error, match=message):
+        made().scores(wrench)
+
+
+def test_the_bad_recording_of_a_batch_is_named():
+    wrench = np.zeros((300, 3, 1))
+    wrench[211, 2] = np.inf
+    with pytest.raises(ValueError, match="got inf at recording 211, sample 2, axis 0"):
+        made().scores(wrench)
+    wrench[211, 2] = 0.0
+    wrench[[299, 47], 1] = 1.5e308
+    with pytest.raises(ValueError, match="score of learner 0 of recording 47"):
+        made().scores(wrench, threads=2)
+
+
+@pytest.mark.parametrize("threads", [0, -1, "two", 1.5])
+def test_threads_are_at_least_one(threads):
+    with pytest.raises((TypeError, ValueError), match="threads must be an integer"):
+        made().scores(np.zeros((1, 3, 1)), threads)
+
+
+@pytest.mark.parametrize("scores", [np.zeros((2, 2)), np.zeros(0), 1.0, np.zeros((1, 1, 1))])
+def test_scores_of_another_shape_are_refused(scores):
+    with pytest.raises(ValueError, match=r"scores must have shape \(n, 1\) or \(1,\), one per learner"):
+        made().losses(scores)
+
+
+def test_losses_of_no_number_are_refused():
+    with pytest.raises(ValueError, match="score of learner 0 of recording 1 must be finite, got NaN"):
+        made().losses([[0.0], [np.nan]])
+    assert made().losses(np.zeros((0, 1))).shape == (0, 2)
+
+
+def test_parts_come_back():
+    model = small_model()
+    assert (model.n_samples, model.n_axes, model.n_learners, model.n_classes) == (N_SAMPLES, N_AXES, 3, 3)
+    assert model.coef.shape == (3, model.n_features)
+    assert model.coding_matrix.dtype == np.int8
+    assert model.classes == ("material 0", "material 1", "material 2")
+    assert (model.loss, model.decoding) == ("hinge", "loss_weighted")
+    np.testing.assert_array_equal(model.early, [[2, 0.5], [4, 0.0]])
+    np.testing.assert_array_equal(model.raw_high, np.full(10, 2.0))
+    assert model.sigmoid.shape == (3, 2)
+    assert model.metadata["trained"] == '{"C": 1.0, "note": "Grüße"}'
+    plain = made()
+    for name in ("raw_mean", "raw_low", "raw_high", "early", "sigmoid", "posterior_weights"):
+        assert getattr(plain, name) is None
+    assert plain.metadata["axes"] == '["axis0"]'
+    assert made(n_axes=1, metadata={"lead_s": "0.250"}).metadata["lead_s"] == "0.25"
+
+
+def test_arrays_are_copies():
+    coef = np.array(PARTS["coef"])
+    model = made(coef=coef)
+    coef[:] = 7.0
+    model.coef[:] = 8.0
+    np.testing.assert_array_equal(model.coef, PARTS["coef"])
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))]
+)
+def test_copies_are_equal(copied):
+    for model in (small_model(), made(), random_model(3, 12, 9, 6)):
+        assert copied(model) == model
+        assert copied(model).to_bytes() == model.to_bytes()
+    assert made() != made(loss="linear")
+    assert made() != 5
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(made())
+
+
+def test_repr_tells_the_sizes():
+    assert repr(made()) == "<Model: 2 classes, 1 learners, 3 x 1 samples>"

@@ -1,0 +1,135 @@
+"""Scores, losses and labels of a model against plain numpy, bit for bit where a bit is promised.
+
+``GRANULAR_ID_CASES=100000 pytest tests/python/test_model_scores.py -k campaign -s`` compares that many recordings of
+the paper's size.
+"""
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import model_twin as twin
+from effort import cases
+from granular_id._core import FeatureSpec
+from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc.decoding import decode
+from granular_id.ecoc.losses import LOSSES
+from granular_id.features import extract_features
+from model_cases import random_model
+from model_twin import bits
+
+REAL = [name for name, loss in LOSSES.items() if loss.scores == "real"]
+EXACT = ("hinge", "hamming", "linear")
+
+specs = st.builds(
+    FeatureSpec,
+    raw=st.just(True),
+    hfmh=st.booleans(),
+    density=st.booleans(),
+    outside=st.sampled_from(["drop", "clip"]),
+    initial=st.sampled_from(["zero", "steady"]),
+    n_bins=st.integers(1, 9),
+    order=st.integers(1, 8),
+) | st.builds(FeatureSpec, raw=st.just(False), n_bins=st.integers(1, 9))
+
+
+def assert_same_bits(got, expected):
+    np.testing.assert_array_equal(bits(got), bits(expected))
+
+
+@settings(max_examples=60)
+@given(
+    specs, st.integers(2, 5), st.integers(1, 30), st.integers(1, 8), st.integers(1, 9), st.integers(0, 2**32)
+)
+def test_scores_are_added_in_the_order_that_is_promised(spec, n_classes, n_samples, n_axes, n, seed):
+    model = random_model(seed, n_classes, n_samples, n_axes, spec)
+    wrench = np.random.default_rng(seed).normal(size=(n, n_samples, n_axes))
+    assert_same_bits(model.scores(wrench), twin.scores(model, wrench))
+
+
+@pytest.mark.parametrize("value", [0.0, -0.0, 5e-324, 1e-310])
+def test_zeros_and_subnormals_keep_their_bits(value):
+    model = random_model(1, 3, 4, 2, FeatureSpec(n_bins=3))
+    wrench = np.full((2, 4, 2), value)
+    assert_same_bits(model.scores(wrench), twin.scores(model, wrench))
+
+
+def test_one_recording_and_any_number_of_threads_give_the_same_bits():
+    model = random_model(2, 4, 50, 6, FeatureSpec(n_bins=10))
+    wrench = np.random.default_rng(3).normal(size=(101, 50, 6))
+    scores = model.scores(wrench, threads=1)
+    for threads in (2, 3, 64):
+        assert_same_bits(model.scores(wrench, threads=threads), scores)
+    for i in (0, 57, 100):
+        assert_same_bits(model.scores(wrench[i]), scores[i : i + 1])
+    assert_same_bits(model.scores(wrench[::-1])[::-1], scores)
+    assert_same_bits(model.scores(np.asfortranarray(wrench)), scores)
+
+
+def test_campaign():
+    """Recordings of the paper's size: scores to the bit, labels, and near to one matrix product."""
+    n = cases(12)
+    model = random_model(4, 11, 1600, 6, scale=0.01)
+    rng = np.random.default_rng(5)
+    apart = 0.0
+    for start in range(0, n, 400):
+        wrench = rng.normal(size=(min(400, n - start), 1600, 6))
+        scores = model.scores(wrench)
+        assert_same_bits(scores, twin.scores(model, wrench))
+        values = decode(scores, model.coding_matrix)
+        assert_same_bits(-model.losses(scores), values)
+        np.testing.assert_array_equal(model.losses(scores).argmin(axis=1), values.argmax(axis=1))
+        product = extract_features(wrench) @ model.coef.T + model.intercept
+        apart = max(apart, float(np.abs(scores - product).max()))
+    assert apart < 1e-9
+    if "GRANULAR_ID_CASES" in os.environ:
+        print(f"{n} recordings: 0 differing bits, at most {apart:.1e} from a matrix product")
+
+
+def random_scores(rng, n, n_learners):
+    scores = rng.normal(size=(n, n_learners)) * 10.0 ** rng.integers(-3, 4, size=(n, 1))
+    scores[rng.random(scores.shape) < 0.1] = 0.0
+    scores[rng.random(scores.shape) < 0.1] = 1.0
+    return scores
+
+
+@pytest.mark.parametrize("decoding", ["loss_weighted", "loss_based"])
+@pytest.mark.parametrize("loss", REAL)
+@pytest.mark.parametrize("coding", ["onevsone", "sparse", "dense"])
+def test_losses_are_those_of_the_classifier(loss, decoding, coding):
+    rng = np.random.default_rng(6)
+    matrix = {
+        "onevsone": onevsone(6),
+        "sparse": np.array([[1, 0, -1, 1], [-1, 1, 0, 0], [0, -1, 1, -1]], np.int8),
+        "dense": np.array([[1, 1, 1], [1, -1, 1], [-1, 1, -1], [-1, -1, -1]], np.int8),
+    }[coding]
+    model = random_model(
+        7, len(matrix), 2, 1, FeatureSpec(hfmh=False), coding_matrix=matrix, loss=loss, decoding=decoding
+    )
+    scores = random_scores(rng, 300, matrix.shape[1])
+    losses, expected = model.losses(scores), -decode(scores, matrix, loss, decoding)
+    if loss in EXACT:
+        np.testing.assert_array_equal(losses, expected)
+    else:
+        np.testing.assert_allclose(losses, expected, rtol=8 * np.finfo(float).eps)
+    np.testing.assert_array_equal(model.losses(scores[5]), losses[5:6])
+
+
+@pytest.mark.parametrize("loss", REAL)
+@pytest.mark.parametrize("size", [650.0, 651.0, 709.0, 800.0, 1e6, 1e19, 1e21, 1e30, 1e300])
+def test_losses_of_large_scores_follow_the_tangent(loss, size):
+    matrix = onevsone(3)
+    model = random_model(8, 3, 2, 1, FeatureSpec(hfmh=False), coding_matrix=matrix, loss=loss)
+    scores = np.array([[size, -size, 1.0], [-size, size, -1.0], [size, size, size]])
+    expected = -decode(scores, matrix, loss)
+    np.testing.assert_allclose(model.losses(scores), expected, rtol=8 * np.finfo(float).eps)
+
+
+def test_the_first_of_equal_classes_wins():
+    model = random_model(9, 3, 2, 1, FeatureSpec(hfmh=False), loss="hamming")
+    losses = model.losses(np.zeros((1, 3)))
+    assert losses.argmin() == 0
+    assert len(set(losses[0])) == 1
