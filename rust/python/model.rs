@@ -83,7 +83,7 @@ create_exception!(
 /// 'rice'
 /// >>> Model.from_bytes(model.to_bytes()).classes
 /// ('rice', 'salt')
-#[allow(clippy::doc_markdown)] // numpydoc, read by Python
+#[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Model", module = "granular_id._core")]
 pub(super) struct PyModel {
     pub(super) model: Arc<Model>,

@@ -133,6 +133,20 @@ impl Json {
         }
     }
 
+    pub(super) fn number(self) -> Option<f64> {
+        match self {
+            Self::Number(number) => Some(number),
+            _ => None,
+        }
+    }
+
+    pub(super) fn flag(self) -> Option<bool> {
+        match self {
+            Self::Flag(flag) => Some(flag),
+            _ => None,
+        }
+    }
+
     pub(super) fn text(self) -> Option<String> {
         match self {
             Self::Text(text) => Some(text),

@@ -124,7 +124,8 @@ fn check_format(entries: &mut Entries) -> Result<(), Fault> {
 
 /// SHA-256 of a text in hexadecimal digits.
 pub(super) fn hash(text: &str) -> String {
-    Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
+    let digits = Sha256::digest(text).into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    digits.filter_map(|digit| char::from_digit(digit.into(), 16)).collect()
 }
 
 /// A whole number as it is written: no sign, no leading zeros.

@@ -32,37 +32,24 @@ pub(super) fn read(text: &str) -> Result<FeatureSpec, Fault> {
     let mut object = json::object("feature_spec", text)?;
     let spec = FeatureSpec {
         bin_ranges: object.take("bin_range", "a list of pairs of numbers", ranges)?,
-        cutoff_hz: object.take("cutoff_hz", "a number", number)?,
-        density: object.take("density", "true or false", flag)?,
-        hfmh: object.take("hfmh", "true or false", flag)?,
+        cutoff_hz: object.take("cutoff_hz", "a number", Json::number)?,
+        density: object.take("density", "true or false", Json::flag)?,
+        hfmh: object.take("hfmh", "true or false", Json::flag)?,
         initial: object.take("initial", &listed(&Initial::NAMED), |value| choice(value, &Initial::NAMED))?,
         n_bins: object.take("n_bins", "a whole number", count)?,
         order: object.take("order", "a whole number", count)?,
         outside: object.take("outside", &listed(&Outside::NAMED), |value| choice(value, &Outside::NAMED))?,
-        rate_hz: object.take("rate_hz", "a number", number)?,
-        raw: object.take("raw", "true or false", flag)?,
+        rate_hz: object.take("rate_hz", "a number", Json::number)?,
+        raw: object.take("raw", "true or false", Json::flag)?,
     };
     object.end()?;
     Ok(spec)
 }
 
-fn number(value: Json) -> Option<f64> {
-    match value {
-        Json::Number(number) => Some(number),
-        _ => None,
-    }
-}
-
-fn flag(value: Json) -> Option<bool> {
-    match value {
-        Json::Flag(flag) => Some(flag),
-        _ => None,
-    }
-}
-
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole and small enough to be exact
 fn count(value: Json) -> Option<usize> {
-    number(value)
+    value
+        .number()
         .filter(|count| count.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(count))
         .map(|count| count as usize)
 }
@@ -78,7 +65,7 @@ fn ranges(value: Json) -> Option<Vec<(f64, f64)>> {
         .map(|pair| {
             let Json::List(pair) = pair else { return None };
             let [low, high]: [Json; 2] = pair.try_into().ok()?;
-            Some((number(low)?, number(high)?))
+            Some((low.number()?, high.number()?))
         })
         .collect()
 }
