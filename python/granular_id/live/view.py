@@ -24,8 +24,6 @@ __all__ = ["MAX_HZ", "BackgroundView", "View", "Views", "checked_max_hz"]
 MAX_HZ = 30.0
 """No view is updated more often: the eye gains nothing, and the capture needs the processor."""
 
-_PATIENCE_S = 2.0  # for a last picture; a terminal that is stopped must not keep the program alive
-
 
 def checked_max_hz(value: object) -> float:
     """Return a number of updates per second that a view may have, or say which it may."""
@@ -59,15 +57,20 @@ class BackgroundView(ABC):
         The thread looks this often.
     waiting : int
         Snapshots that may wait. 1: only the newest is of interest.
+    patience_s : float
+        How long `close` waits for the thread; a terminal that is stopped must not keep the program alive.
     """
 
-    def __init__(self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1) -> None:
+    def __init__(
+        self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1, patience_s: float = 2.0
+    ) -> None:
         self.name = name
         self.dropped = 0
         """Snapshots that came too fast for this view."""
         self.failure: Exception | None = None
         """What ended the view, if something did."""
         self._period_s = 1.0 / checked_max_hz(max_hz)
+        self._patience_s = patience_s
         self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
         self._published = 0
         self._handled = 0
@@ -98,7 +101,7 @@ class BackgroundView(ABC):
         self._waiting.append((self._published, snapshot))
 
     def close(self) -> None:
-        """Show what waits and end the thread; one that is stuck in a write is left behind after two seconds.
+        """Show what waits and end the thread; one that is stuck in a write is left behind after a while.
 
         Raises
         ------
@@ -106,7 +109,7 @@ class BackgroundView(ABC):
             The view has failed.
         """
         self._closing.set()
-        self._thread.join(_PATIENCE_S)
+        self._thread.join(self._patience_s)
         self._tell_failure()
 
     def __enter__(self) -> Self:
