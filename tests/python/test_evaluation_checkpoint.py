@@ -1,6 +1,7 @@
 """Checkpoints: killed anywhere, an evaluation goes on to the same numbers; other evaluations are refused."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,6 +27,20 @@ N_FILES = 5 * (2 + 4)
 @pytest.fixture(scope="module")
 def uninterrupted():
     return run(None)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the folder of an evaluation that is finished."""
+    folder = tmp_path_factory.mktemp("checkpoint") / "whole"
+    run(folder)
+    return folder
+
+
+@pytest.fixture
+def kept(whole, tmp_path):
+    """Return a copy of it, to be spoiled."""
+    return Path(shutil.copytree(whole, tmp_path / "kept"))
 
 
 def same(one, other):
@@ -96,21 +111,19 @@ def test_a_finished_one_is_only_read(tmp_path, uninterrupted, monkeypatch):
         lambda text: text.replace('"protocol": "paper"', '"protocol": "kfold"'),
     ],
 )
-def test_a_damaged_file_is_computed_anew_and_said(tmp_path, uninterrupted, damage):
-    run(tmp_path)
-    victim = next(path for path in finished(tmp_path) if "paper-0001" in path.name)
-    whole = victim.read_text()
-    victim.write_text(damage(whole))
-    resumed = run(tmp_path)
+def test_a_damaged_file_is_computed_anew_and_said(kept, uninterrupted, damage):
+    victim = next(path for path in finished(kept) if "paper-0001" in path.name)
+    text = victim.read_text()
+    victim.write_text(damage(text))
+    resumed = run(kept)
     same(resumed, uninterrupted)
     assert f"1 damaged checkpoint files were computed anew, the first is {victim.name!r}" in resumed.notes
-    assert json.loads(victim.read_text())["predicted"] == json.loads(whole)["predicted"]
+    assert json.loads(victim.read_text())["predicted"] == json.loads(text)["predicted"]
 
 
-def test_a_file_that_is_no_text_is_computed_anew(tmp_path, uninterrupted):
-    run(tmp_path)
-    finished(tmp_path)[0].write_bytes(b"\xff\xfe\x00")
-    same(run(tmp_path), uninterrupted)
+def test_a_file_that_is_no_text_is_computed_anew(kept, uninterrupted):
+    finished(kept)[0].write_bytes(b"\xff\xfe\x00")
+    same(run(kept), uninterrupted)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", "\xff"])
@@ -152,12 +165,21 @@ OTHERS = {
 PLAIN = {**SMALL, "spaces": {"raw": RawSignal()}, "protocol": "paper"}
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """Return the folder of the evaluation `PLAIN`, which nothing may touch again."""
+    folder = tmp_path_factory.mktemp("checkpoint") / "plain"
+    evaluate(make_data(), checkpoint=folder, **PLAIN)
+    return folder
+
+
 @pytest.mark.parametrize("change", OTHERS)
-def test_another_evaluation_is_refused(tmp_path, change):
-    evaluate(make_data(), checkpoint=tmp_path, **PLAIN)
+def test_another_evaluation_is_refused(plain, change):
+    before = {path.name: path.read_bytes() for path in plain.iterdir()}
     data, arguments = OTHERS[change]
     with pytest.raises(ValueError, match="belongs to another evaluation"):
-        evaluate(data, checkpoint=tmp_path, **{**PLAIN, **arguments})
+        evaluate(data, checkpoint=plain, **{**PLAIN, **arguments})
+    assert {path.name: path.read_bytes() for path in plain.iterdir()} == before
 
 
 def test_threads_and_progress_make_no_other_evaluation(tmp_path):

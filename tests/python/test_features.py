@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import features_twin as twin
 import granular_id as gid
+from effort import cases
 from granular_id.features import extract_features, feature_names
 
 pytestmark = [
@@ -77,7 +78,7 @@ def extract(wrench, *, out=None, **keywords):
     return result
 
 
-@settings(max_examples=150)
+@settings(max_examples=cases(150))
 @given(
     n_axes=st.sampled_from(AXES),
     n_recordings=st.one_of(st.none(), st.integers(1, 14)),
@@ -102,7 +103,7 @@ def test_equal_to_scipy_and_numpy(n_axes, n_recordings, n_samples, threads, dtyp
 
 
 def test_campaign():
-    n_cases = int(os.environ.get("GRANULAR_ID_CASES", "100"))
+    n_cases = cases(100)
     rng = np.random.default_rng(2024)
     compared = differing = 0
     for _ in range(n_cases):
