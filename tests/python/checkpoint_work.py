@@ -1,7 +1,8 @@
-"""Run as a program, to be killed: ``checkpoint_work.py FOLDER RESULT STOP``.
+"""Run as a program, to be killed: ``checkpoint_work.py FOLDER RESULT``.
 
-Evaluates the small data set with a checkpoint. The write number STOP kills the process with half a file written
-(SIGKILL: nothing is cleaned up); with STOP 0 it goes on to the end and writes the result.
+For every number that comes in, a process of its own evaluates the small data set with a checkpoint, and its exit code
+goes out. The write of that number kills it with half a file written (SIGKILL: nothing is cleaned up); with 0 it goes
+on to the end and writes the result. The libraries are imported once, before the processes part.
 """
 
 import os
@@ -19,8 +20,7 @@ def run(folder, **changes):
     return evaluate(make_data(), checkpoint=folder, **{**ARGUMENTS, **changes})
 
 
-def main():
-    folder, result, stop = sys.argv[1], sys.argv[2], int(sys.argv[3])
+def attempt(folder, result, stop):
     original, written = checkpoint.whole_file, 0
 
     @contextmanager
@@ -35,6 +35,15 @@ def main():
 
     checkpoint.whole_file = deadly
     run(folder).to_json(result)
+
+
+def main():
+    for stop in sys.stdin:
+        child = os.fork()
+        if not child:
+            attempt(sys.argv[1], sys.argv[2], int(stop))
+            os._exit(0)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 
 
 if __name__ == "__main__":

@@ -62,14 +62,22 @@ def finished(folder):
 def test_killed_and_resumed_equals_uninterrupted(tmp_path, uninterrupted):
     folder, result = tmp_path / "kept", tmp_path / "result.json"
     program = [sys.executable, checkpoint_work.__file__, folder, result]
-    for stop in (9, 6):
-        killed = subprocess.run([*program, str(stop)], cwd=Path(__file__).parent, check=False)
-        assert killed.returncode == -signal.SIGKILL
-        for path in finished(folder):
-            json.loads(path.read_text())
-    assert len(finished(folder)) == (9 - 2) + (6 - 1)  # the first write of the first run is that of run.json
-    assert not result.exists()
-    subprocess.run([*program, "0"], cwd=Path(__file__).parent, check=True)
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    with subprocess.Popen(program, cwd=Path(__file__).parent, **pipes) as working:
+
+        def end_of_run(stop):
+            working.stdin.write(f"{stop}\n")
+            return int(working.stdout.readline())
+
+        for stop in (9, 6):
+            assert end_of_run(stop) == -signal.SIGKILL
+            for path in finished(folder):
+                json.loads(path.read_text())
+        assert len(finished(folder)) == (9 - 2) + (
+            6 - 1
+        )  # the first write of the first run is that of run.json
+        assert not result.exists()
+        assert end_of_run(0) == 0
     resumed = EvaluationResult.from_json(result)
     same(resumed, uninterrupted)
     assert "resumed: 12 partitions were finished by an earlier run" in resumed.notes
