@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cli_cases import SMALL, ended_well, make, saved
+from granular_id.rica_search import descend
 
 NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
 FIGURES = tuple(f"{name}.png" for name in NAMES.split())
@@ -107,10 +108,10 @@ def test_excluded_materials_are_counted(folder):
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(
-        "granular_id.evaluation.report.files.plot_confusion",
-        lambda counts, labels, **more: drawn.append((counts, more)),
-    )
+    files = import_module("granular_id.evaluation.report.files")
+    for name in (name for name in vars(files) if name.startswith("plot_")):
+        monkeypatch.setattr(files, name, lambda *_, **more: None)
+    monkeypatch.setattr(files, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))
     json_file = tmp_path / "r.json"
     words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", json_file)
     out = ended_well("evaluate", folder, *SMALL, *words)
@@ -152,8 +153,10 @@ def test_help_names_every_option_with_examples():
 
 
 def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch):
-    # RICA is most of the time, and no different in more partitions.
+    # RICA is most of the time, and no different in more partitions or after more iterations.
     monkeypatch.setitem(import_module("granular_id.cli.demo").QUICK, "n_partitions", 2)
+    rica = import_module("granular_id.rica")
+    monkeypatch.setattr(rica, "descend", lambda *given: descend(*given[:2], {**given[2], "maxiter": 50}))
     out = ended_well("demo", "--quick", "-o", tmp_path / "demo")
     assert out.startswith("SYNTHETIC data: 132 simulated pushes through 11 materials")
     assert "Accuracy on SYNTHETIC recordings: says nothing about real materials" in out
