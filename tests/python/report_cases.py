@@ -60,7 +60,11 @@ CASES = {
 
 
 @cache
-def made(case):
-    """The result of a case and its page; drawing takes seconds."""
-    result = CASES[case]()
-    return result, html(result)
+def result_of(case):
+    return CASES[case]()
+
+
+@cache
+def page_of(case):
+    """The page of a case; drawing takes seconds."""
+    return html(result_of(case))

@@ -19,7 +19,7 @@ from granular_id.plotting import (
 )
 from granular_id.plotting.heat import shared_limits
 from granular_id.plotting.style import short
-from report_cases import HOSTILE, made, small_result
+from report_cases import HOSTILE, result_of, small_result
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ def test_figures_of_simulated_recordings_say_so(result, portrait):
 
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
 def test_names_are_names_even_where_they_look_like_mathematics(tmp_path):
-    result, _ = made("hostile names")
+    result = result_of("hostile names")
     for number, figure in enumerate(
         (
             plot_recall(result),

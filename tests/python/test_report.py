@@ -15,7 +15,7 @@ from granular_id.evaluation.report import figures, report
 from granular_id.evaluation.report.page import html
 from granular_id.evaluation.report.words import gap_of, split_notes
 from granular_id.synthetic import synthesize
-from report_cases import HOSTILE, made, small_result
+from report_cases import HOSTILE, page_of, result_of, small_result
 
 VOID = {"meta", "link", "br", "img", "hr", "line"}
 
@@ -60,12 +60,12 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def result():
-    return made("four classes")[0]
+    return result_of("four classes")
 
 
 @pytest.fixture(scope="module")
 def text():
-    return made("four classes")[1]
+    return page_of("four classes")
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def test_nothing_is_fetched_and_nothing_runs(text, page):
 
 
 def test_hostile_names_stay_text():
-    _, text = made("hostile names")
+    text = page_of("hostile names")
     page = Page(text)
     assert "<script" not in text
     assert "<img" not in text
@@ -163,7 +163,7 @@ def test_synthetic_recordings_are_called_so_first_of_all(no_pictures):
 
 
 def test_two_classes_and_one_space_leave_no_empty_section():
-    page = Page(made("two classes, one space")[1])
+    page = Page(page_of("two classes, one space"))
     sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
     assert "controls" not in sections
     assert "comparison" not in sections
@@ -171,7 +171,7 @@ def test_two_classes_and_one_space_leave_no_empty_section():
 
 
 def test_twenty_classes_make_a_page_of_moderate_size():
-    result, text = made("twenty classes")
+    result, text = result_of("twenty classes"), page_of("twenty classes")
     assert len(result.labels) == 20
     assert len(text.encode()) < 3_000_000
     page = Page(text)

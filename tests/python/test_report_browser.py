@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from report_cases import CASES, made
+from report_cases import CASES, page_of, result_of
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -46,7 +46,7 @@ def browser():
 @pytest.fixture(scope="module", params=CASES)
 def case(request, browser, tmp_path_factory):
     """A result and its page on disk."""
-    result, text = made(request.param)
+    result, text = result_of(request.param), page_of(request.param)
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(text, encoding="utf-8")
     return result, path
