@@ -2,13 +2,13 @@
 
 mod block;
 mod clock;
+mod input;
 mod reader;
 mod rows;
 mod window;
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::Mutex;
 
-use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -18,8 +18,8 @@ pub(super) use reader::PyWrenchReader;
 pub(super) use window::{PyWindow, WindowError};
 
 use super::scalars::{count, flag, number, whole, word};
-use crate::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, Writer, MAX_REORDER_DEPTH};
-use clock::DeviceClock;
+use crate::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, MAX_REORDER_DEPTH};
+use input::Input;
 use rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
 
 /// Words for what stands for an instant without a row.
@@ -71,26 +71,13 @@ pub(super) fn host_ns() -> u64 {
 /// True
 /// >>> buffer.window(4).wrench[:, 2].tolist()
 /// [0.0, 0.0, 0.0, -5.2]
-/// >>> buffer.stats()['written']
-/// 11
+/// >>> buffer.latest().time_s
+/// array([0.02])
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "WrenchBuffer", module = "granular_id.live")]
 pub(super) struct PyWrenchBuffer {
     reader: Reader,
     input: Mutex<Input>,
-}
-
-/// The writing end, as long as no sensor has it.
-struct Input {
-    writer: Option<Writer>,
-    clock: DeviceClock,
-}
-
-impl Input {
-    fn writing(&mut self) -> PyResult<(&mut Writer, &mut DeviceClock)> {
-        let writer = self.writer.as_mut().ok_or_else(sensor_writes)?;
-        Ok((writer, &mut self.clock))
-    }
 }
 
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
@@ -121,8 +108,7 @@ impl PyWrenchBuffer {
             spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
         }
         let (writer, reader) = wrench_buffer(spec)?;
-        let clock = DeviceClock::new(&spec);
-        Ok(Self { reader, input: Mutex::new(Input { writer: Some(writer), clock }) })
+        Ok(Self { reader, input: Mutex::new(Input::new(writer, &spec)) })
     }
 
     /// Take in one row.
@@ -363,27 +349,4 @@ impl PyWrenchBuffer {
         let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth } = self.reader.spec();
         format!("WrenchBuffer({seconds:?}, rate_hz={rate_hz:?}, tick_hz={tick_hz:?}, reorder_depth={reorder_depth})")
     }
-}
-
-impl PyWrenchBuffer {
-    /// The writer, for a sensor that pushes from a thread of its own; pushing from Python is refused until
-    /// [`give_back`](Self::give_back). An error when another sensor has it.
-    pub(super) fn take_writer(&self) -> PyResult<Writer> {
-        self.input().writer.take().ok_or_else(sensor_writes)
-    }
-
-    /// Takes the writer back from a sensor that has stopped; rows that wait are written.
-    pub(super) fn give_back(&self, mut writer: Writer) {
-        writer.flush();
-        self.input().writer = Some(writer);
-    }
-
-    /// Nothing that runs under this lock panics half-way or waits for Python.
-    fn input(&self) -> MutexGuard<'_, Input> {
-        self.input.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-fn sensor_writes() -> PyErr {
-    PyRuntimeError::new_err("a sensor is writing to this buffer: stop it before you push rows")
 }

@@ -145,11 +145,17 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
         return Err(PyTypeError::new_err(format!("host_ns must hold integers, got dtype {dtype}")));
     }
     check_length(untyped.shape(), n_rows, "host_ns")?;
-    if array.call_method1("__lt__", (0,))?.call_method0("any")?.is_truthy()? {
-        return Err(PyValueError::new_err("host_ns must not be negative, got a value below 0"));
+    if untyped.dtype().kind() != b'i' {
+        let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
+        return Ok(whole.as_array().to_vec());
     }
-    let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
-    Ok(whole.as_array().to_vec())
+    let signed: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
+    let place = |(row, value): (usize, &i64)| {
+        u64::try_from(*value).map_err(|_| {
+            PyValueError::new_err(format!("host_ns must not be negative, got {value} at row {row}"))
+        })
+    };
+    signed.as_array().iter().enumerate().map(place).collect()
 }
 
 /// The flags of one row.

@@ -1,0 +1,271 @@
+"""WrenchBuffer from Python: rows in, blocks and windows out, and every refusal with its reason."""
+
+import doctest
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from granular_id import _core
+from granular_id._core import SAMPLE_FLAGS, WindowError, WrenchBuffer, host_ns
+from granular_id.recording import SampleFlag
+
+T = np.arange(100) / 500
+X = np.random.default_rng(1).standard_normal((100, 6))
+
+
+def filled(n=100, **options):
+    buffer = WrenchBuffer(**options)
+    assert buffer.push_block(X[:n], T[:n]) == n
+    return buffer
+
+
+@pytest.mark.parametrize("name", ["WrenchBuffer", "WrenchReader"])
+def test_examples_of_the_documentation(name):
+    examples = doctest.DocTestFinder(recurse=False).find(getattr(_core, name), name, globs={})
+    assert sum(len(example.examples) for example in examples) > 3
+    for example in examples:
+        assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
+
+
+def test_what_goes_in_comes_out():
+    buffer = WrenchBuffer()
+    reader = buffer.reader()
+    flags = np.arange(100, dtype=np.uint8) % 16
+    arrived = np.arange(100, dtype=np.uint64) + 2**60
+    assert buffer.push_block(X, T, flags=flags, host_ns=arrived) == 100
+    block = reader.read()
+    assert len(block) == 100
+    assert (block.epoch, block.missed) == (0, 0)
+    np.testing.assert_array_equal(block.wrench, X)
+    np.testing.assert_array_equal(block.ticks, np.arange(100) * 2_000_000)
+    np.testing.assert_array_equal(block.time_s, block.ticks / 1e9)
+    np.testing.assert_array_equal(block.host_ns, arrived)
+    np.testing.assert_array_equal(block.flags, flags)
+    np.testing.assert_array_equal(block.missing_before, 0)
+    kinds = [block.wrench, block.time_s, block.ticks, block.host_ns, block.flags, block.missing_before]
+    assert [array.dtype.str[1:] for array in kinds] == ["f8", "f8", "u8", "u8", "u1", "u4"]
+    assert len(reader.read()) == 0
+
+
+def test_rows_one_by_one_are_the_same_as_a_block():
+    one, many = WrenchBuffer(), WrenchBuffer()
+    for row, t in zip(X, T, strict=True):
+        assert one.push(row, t, flags=2, host_ns=7)
+    many.push_block(X, T, flags=2, host_ns=7)
+    np.testing.assert_array_equal(one.window(100, allow_saturated=True).wrench, X)
+    assert one.stats() == many.stats()
+    assert one.stats()["saturated"] == 100
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "tick_hz"), [(500.0, 1e9), (300.0, 1e9), (7.0, 1000.0), (7000.0, 7000.0)]
+)
+def test_rows_without_time_follow_one_period_apart_without_drift(rate_hz, tick_hz):
+    buffer = WrenchBuffer(5000 / rate_hz, rate_hz=rate_hz, tick_hz=tick_hz)
+    buffer.push(np.zeros(6), 1.0)
+    for n in range(0, 4000, 40):
+        buffer.push_block(np.zeros((40, 6)))
+        assert buffer.latest().ticks[0] == round(tick_hz + (n + 40) * tick_hz / rate_hz)
+    assert buffer.stats()["gaps"] == 0
+
+
+def test_a_dropped_row_without_time_has_had_its_instant():
+    buffer = WrenchBuffer()
+    assert buffer.push_block([[0.0] * 6, [np.nan] * 6, [0.0] * 6]) == 2
+    assert not buffer.push([np.inf] * 6)
+    assert buffer.push([1] * 6)
+    np.testing.assert_array_equal(buffer.latest().time_s, 4 / 500)
+    stats = buffer.stats()
+    assert (stats["non_finite"], stats["missing"], stats["written"]) == (2, 2, 3)
+
+
+def test_time_without_any_begins_at_zero_in_every_epoch():
+    buffer = WrenchBuffer()
+    buffer.push(np.zeros(6), 5.0)
+    buffer.new_epoch()
+    buffer.push(np.zeros(6))
+    assert (buffer.latest().epoch, buffer.latest().time_s[0]) == (1, 0.0)
+    assert buffer.push(np.zeros(6), 100.0)
+    assert buffer.push(np.zeros(6), 98.0), "more than a second back: the device has started again"
+    buffer.push(np.zeros(6))
+    assert (buffer.latest().epoch, buffer.latest().time_s[0]) == (2, 98.002)
+
+
+def test_a_reader_that_comes_too_late_is_told_what_it_missed():
+    buffer = WrenchBuffer(0.02)
+    reader = buffer.reader()
+    buffer.push_block(X, T)
+    first = reader.read(4)
+    assert (first.missed, first.time_s.tolist()) == (90, T[90:94].tolist())
+    rest = reader.read()
+    assert (rest.missed, rest.time_s.tolist()) == (0, T[94:].tolist())
+    assert len(buffer.reader().read()) == 0
+    assert len(buffer.reader(from_oldest=True).read()) == 10
+
+
+def test_blocks_end_at_the_border_of_an_epoch():
+    buffer = filled(3)
+    buffer.new_epoch()
+    buffer.push_block(X[:2], [7.0, 7.5])
+    reader = buffer.reader(from_oldest=True)
+    assert [(len(block), block.epoch) for block in (reader.read(), reader.read(), reader.read())] == [
+        (3, 0),
+        (2, 1),
+        (0, 1),
+    ]
+
+
+def test_late_rows_wait_are_sorted_or_counted():
+    order = [0, 1, 3, 2, 5, 4, 9, 8, 7, 6]
+    strict, patient = WrenchBuffer(), WrenchBuffer(reorder_depth=3)
+    assert strict.push_block(X[order], T[order]) == 5
+    assert strict.stats()["late"] == 5
+    assert patient.push_block(X[order], T[order]) == 10
+    np.testing.assert_array_equal(patient.window(10).wrench, X[:10])
+    assert patient.stats()["reordered"] == 5
+    assert patient.push(X[12], T[12])
+    assert (patient.stats()["held"], patient.latest().time_s[0]) == (1, T[9])
+    patient.flush()
+    assert (patient.stats()["held"], patient.latest().missing_before[0]) == (0, 2)
+    assert not patient.push(X[12], T[12])
+    assert patient.stats()["duplicates"] == 1
+
+
+def test_windows_with_gaps():
+    buffer = WrenchBuffer()
+    rows = [0, 1, 2, 5, 6]
+    buffer.push_block(X[rows], T[rows], host_ns=[0, 10, 20, 50, 60])
+    measured = buffer.window(7, max_gap=2)
+    assert measured.mask.tolist() == [True, True, True, False, False, True, True]
+    np.testing.assert_array_equal(measured.wrench, X[rows])
+    np.testing.assert_array_equal(measured.time_s, T[rows])
+    line = buffer.window(7, max_gap=2, fill="linear")
+    np.testing.assert_allclose(line.wrench[3:5], X[2] + (X[5] - X[2]) * [[1 / 3], [2 / 3]], rtol=1e-12)
+    np.testing.assert_array_equal(line.wrench[line.mask], X[rows])
+    assert line.flags.tolist() == [0, 0, 0, SampleFlag.GAP_FILLED, SampleFlag.GAP_FILLED, 0, 0]
+    assert line.host_ns.tolist() == [0, 10, 20, 30, 40, 50, 60]
+    np.testing.assert_array_equal(line.ticks, np.arange(7) * 2_000_000)
+    holes = buffer.window(4, max_gap=2, fill="nan")
+    np.testing.assert_array_equal(np.isnan(holes.wrench).all(axis=1), ~holes.mask)
+    assert holes.mask.tolist() == [False, False, True, True]
+
+
+def test_a_window_is_a_copy():
+    buffer = filled()
+    window = buffer.window(10)
+    before = window.wrench.copy()
+    buffer.push_block(X[:50] + 1)
+    np.testing.assert_array_equal(window.wrench, before)
+    window.wrench[:] = 0
+    np.testing.assert_array_equal(buffer.window(10).wrench, X[40:50] + 1)
+
+
+def gap():
+    buffer = filled(3)
+    buffer.push(X[0], 0.1)
+    return buffer
+
+
+def restarted():
+    buffer = filled(30)
+    buffer.new_epoch()
+    buffer.push_block(X[:3])
+    return buffer
+
+
+def saturated():
+    buffer = filled(3)
+    buffer.push(X[0], flags=SampleFlag.SATURATED)
+    return buffer
+
+
+@pytest.mark.parametrize(
+    ("buffer", "n", "message"),
+    [
+        (WrenchBuffer, 1, "got 0 in the buffer"),
+        (lambda: filled(3), 4, "got 3 in the buffer"),
+        (gap, 2, "at most max_gap = 0 instants, got one of 47"),
+        (restarted, 4, "the present epoch has 3 instants"),
+        (saturated, 1, "unless allow_saturated"),
+    ],
+)
+def test_windows_say_why_there_is_none(buffer, n, message):
+    with pytest.raises(WindowError, match=message) as refused:
+        buffer().window(n)
+    assert isinstance(refused.value, ValueError)
+
+
+def test_lag_is_the_time_since_the_newest_row_should_have_come():
+    buffer = WrenchBuffer()
+    assert np.isnan(buffer.lag_s())
+    assert np.isnan(buffer.device_time_s(0))
+    arrived = 10**12 + np.arange(100) * 2_000_000
+    buffer.push_block(X, 5 + T, host_ns=arrived)
+    last = int(arrived[-1])
+    assert buffer.lag_s(last) == 0
+    assert buffer.lag_s(last + 25_000_000) == 0.025
+    assert buffer.device_time_s(last) == pytest.approx(5 + T[-1], abs=1e-9)
+    # Rows that come 30 ms late do not move the clock: they show as lag.
+    buffer.push_block(X[:20], 5 + T[-1] + T[1:21], host_ns=last + np.arange(1, 21) * 2_000_000 + 30_000_000)
+    assert buffer.lag_s(last + 70_000_000) == pytest.approx(0.03, abs=1e-4)
+    live = WrenchBuffer()
+    live.push(X[0])
+    assert 0 <= live.lag_s() < 10
+
+
+def test_waiting_ends_with_a_row_or_with_the_time():
+    buffer = filled()
+    reader = buffer.reader()
+    start = time.monotonic()
+    assert not reader.wait(0)
+    assert not reader.wait(0.03)
+    assert time.monotonic() - start >= 0.03
+    feeder = threading.Timer(0.05, lambda: buffer.push(X[0]))
+    feeder.start()
+    assert reader.wait(float("inf"))
+    assert reader.wait(0)
+    feeder.join()
+    assert len(reader.read()) == 1
+
+
+@pytest.mark.thread_unsafe(reason="installs a signal handler")
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+def test_a_signal_ends_a_wait():
+    import signal
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGUSR1, interrupt)
+    try:
+        timer = threading.Timer(0.1, lambda: signal.raise_signal(signal.SIGUSR1))
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            WrenchBuffer().reader().wait(30)
+        timer.join()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+
+
+def test_what_it_was_made_for():
+    buffer = WrenchBuffer(2.5, rate_hz=100, tick_hz=1000, reorder_depth=np.int64(2))
+    assert (buffer.seconds, buffer.rate_hz, buffer.tick_hz, buffer.reorder_depth) == (2.5, 100.0, 1000.0, 2)
+    assert buffer.capacity == 250
+    assert eval(repr(buffer)).capacity == 250
+    assert "0 rows" in repr(buffer.reader().read())
+    assert "3 instants, 3 rows" in repr(filled().window(3))
+    assert "100 rows ahead" in repr(filled().reader(from_oldest=True))
+
+
+def test_flags_have_one_truth():
+    assert {flag.name: flag.value for flag in SampleFlag} == SAMPLE_FLAGS
+
+
+def test_host_time_is_monotonic_and_in_nanoseconds():
+    start, before = time.monotonic_ns(), host_ns()
+    time.sleep(0.01)
+    after, end = host_ns(), time.monotonic_ns()
+    assert 10_000_000 <= after - before <= end - start
