@@ -129,7 +129,7 @@ FAULTS = {
     "saturation": (Fault("saturation", after_s=0.2), FailureReason.SATURATION, "end of its range"),
     "restart": (Fault("restart", after_s=0.2), FailureReason.RESTART, "time began anew"),
     "death": (Fault("death", after_s=0.2), FailureReason.SOURCE, "told to die"),
-    "silence": (Fault("stall", after_s=0.2, stall_s=1.5), FailureReason.NO_ROWS, "delivered nothing for 1 s"),
+    "silence": (Fault("stall", after_s=0.2, stall_s=60), FailureReason.NO_ROWS, "delivered nothing for 1 s"),
     "gap before the trigger": (Fault("gap", after_s=-0.05, rows=2), FailureReason.GAP, "triggered after"),
 }
 

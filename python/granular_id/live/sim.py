@@ -117,9 +117,9 @@ class SimSource(ThreadedSource):
 
     def push(self, speed_m_s: float, duration_s: float) -> PlannedPush:
         """Command a push; what `SimRobot` does."""
-        planned = self.world.plan(speed_m_s, duration_s)
-        self._faults.follow(planned.start_tick, self.info.rate_hz)
-        return planned
+        return self.world.plan(
+            speed_m_s, duration_s, lambda push: self._faults.follow(push.start_tick, self.info.rate_hz)
+        )
 
     def device_time_s(self, tick: float) -> float:
         """Return the sensor's time of a sample."""

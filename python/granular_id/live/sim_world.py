@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -113,8 +113,16 @@ class SimWorld:
         """The push that is commanded or under way."""
         return self._push
 
-    def plan(self, speed_m_s: float, duration_s: float) -> PlannedPush:
+    def plan(
+        self, speed_m_s: float, duration_s: float, on_plan: Callable[[PlannedPush], object] | None = None
+    ) -> PlannedPush:
         """Command a push: it begins about half a second after the next sample.
+
+        Parameters
+        ----------
+        speed_m_s, duration_s : float
+        on_plan : callable, optional
+            Called with the push before its first sample can be asked for.
 
         Raises
         ------
@@ -123,31 +131,34 @@ class SimWorld:
         ValueError
             It would run into the wall of the container.
         """
+        self._refuse_while_moving()
+        material, conditions, stream = self._material, self._conditions, self._stream
+        rig = replace(self._rig, speed_m_s=speed_m_s)
+        lead_s = (round(LEAD_S * self.rate_hz) - self._phase) / self.rate_hz
+        # Takes some milliseconds: outside the lock, so that samples go on meanwhile.
+        wrench = simulate_push(
+            material,
+            rig=rig,
+            rate_hz=self.rate_hz,
+            duration_s=lead_s + duration_s,
+            lead_s=lead_s,
+            sensor=self.sensor,
+            conditions=conditions,
+            seed=stream,
+        )
+        meta = push_meta(material, rig, conditions, lead_s) | {"push": self._n_pushes}
         with self._lock:
-            if self._push is not None:
-                raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
-            rig = replace(self._rig, speed_m_s=speed_m_s)
-            lead_s = (round(LEAD_S * self.rate_hz) - self._phase) / self.rate_hz
-            wrench = simulate_push(
-                self._material,
-                rig=rig,
-                rate_hz=self.rate_hz,
-                duration_s=lead_s + duration_s,
-                lead_s=lead_s,
-                sensor=self.sensor,
-                conditions=self._conditions,
-                seed=self._stream,
-            )
-            self._push = PlannedPush(
-                self._material,
-                self._tick,
-                self._tick + lead_s * self.rate_hz,
-                self._tick + len(wrench),
-                wrench,
-                push_meta(self._material, rig, self._conditions, lead_s) | {"push": self._n_pushes},
-            )
-            self._truth = self._material.name
-            return self._push
+            self._refuse_while_moving()
+            start_tick = self._tick + lead_s * self.rate_hz
+            push = PlannedPush(material, self._tick, start_tick, self._tick + len(wrench), wrench, meta)
+            if on_plan is not None:
+                on_plan(push)
+            self._push, self._truth = push, material.name
+            return push
+
+    def _refuse_while_moving(self) -> None:
+        if self._push is not None:
+            raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
 
     def cut(self, push: PlannedPush) -> None:
         """Stop a push where it is: the tool leaves the bed."""
