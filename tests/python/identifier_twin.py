@@ -10,7 +10,11 @@ def provisional_scores(core, wrench, n_seen):
     spec, n = core.spec, core.n_samples
     blocks = []
     if spec.raw:
-        raw = np.zeros((core.n_axes, n)) if core.raw_mean is None else core.raw_mean.reshape(core.n_axes, n).copy()
+        raw = (
+            np.zeros((core.n_axes, n))
+            if core.raw_mean is None
+            else core.raw_mean.reshape(core.n_axes, n).copy()
+        )
         raw[:, :n_seen] = wrench[:n_seen].T
         blocks.append(raw.ravel())
     if spec.hfmh:

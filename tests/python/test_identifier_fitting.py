@@ -80,6 +80,7 @@ def test_what_does_not_fit_is_refused(data, core, message):
 
 def test_what_does_not_fit_can_be_left_out():
     data = Dataset([recording(N), recording(12), recording(30), recording(31, 9)])
+    assert fitted(data[:2], model(lead_s=None), on_short="skip").names == ("r20",)
     kept = fitted(data, model(), on_short="skip")
     assert kept.names == ("r20", "r31")
     assert {row["name"]: row["skipped"] for row in kept.history[-1].rows if "skipped" in row}.keys() == {

@@ -25,6 +25,7 @@ OPTIONS = {
     "topic": "--topic",
     "lead_s": "--lead-s",
     "rest_s": "--rest-s",
+    "begin_at": "--begin-at",
     "overrule": "--onset-at",
     "sensor_range": "--sensor-range",
     "false_alarm_rate": "--false-alarm-rate",
@@ -52,6 +53,9 @@ OPTIONS = {
     "block_weights": "--block-weights",
     "n_outer": "--outer",
     "n_inner": "--inner",
+    "target_error": "--target-error",
+    "coding": "--coding",
+    "posterior": "--posterior",
     "pre_s": "--pre-s",
     "speed_m_s": "--speed-m-s",
     "threshold_n": "--threshold-n",
@@ -112,7 +116,8 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
     one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
     one_line = one_line.replace("call .find_onsets()", "add --begin-at onset")
-    one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz").replace("call add", "add")
+    one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz")
+    one_line = re.sub(r"\.resample\(([\d.e+]+)\)", r"add --rate-hz \1", one_line).replace("call add", "add")
     one_line = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", one_line)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.

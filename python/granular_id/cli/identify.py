@@ -185,7 +185,7 @@ def identify(
     console = Console(highlight=False)
     if quiet:
         for answer in answers:
-            console.print(f"{answer.name}\t{answer.label}", soft_wrap=True, markup=False)
+            typer.echo(f"{answer.name}\t{answer.label}")  # rich would turn the tab into blanks
         if answers.synthetic:
             Console(stderr=True).print(answers.synthetic, style="bold yellow")
     else:

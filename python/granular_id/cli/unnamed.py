@@ -38,7 +38,7 @@ def load_all(paths: Sequence[Path], settings: Mapping[str, Any], *, quiet: bool)
     if len(parts) == 1:
         return parts[0]
     named = [
-        Dataset([replace(r, name=_place(path, r.name)) for r in part], part.history)
+        Dataset([replace(r, name=_place(path, r.name, alone=len(part) == 1)) for r in part], part.history)
         for path, part in zip(paths, parts, strict=True)
     ]
     return Dataset.concatenate(named)
@@ -92,5 +92,7 @@ def _unlabelled(path: Path, settings: Mapping[str, Any]) -> list[Path]:
     return [entry for entry in (*files, *folders) if entry.name in named]
 
 
-def _place(path: Path, name: str) -> str:
-    return str(path / name) if path.is_dir() and name else str(path)
+def _place(path: Path, name: str, *, alone: bool) -> str:
+    if path.is_dir():
+        return str(path / name)
+    return str(path) if alone else f"{path}: {name}"

@@ -21,7 +21,7 @@ __all__ = ["MAX_FILE_BYTES", "common_lead", "core_of", "fingerprint", "refuse_la
 
 FloatArray = npt.NDArray[np.float64]
 
-MAX_FILE_BYTES = 16 * 2**20
+MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
 """Largest model file that is made, and read unless more is allowed: 16 MiB."""
 
 _HEADER_BYTES = 2**16

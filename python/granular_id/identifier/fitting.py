@@ -33,7 +33,7 @@ def refuse_others(data: Dataset, core: _core.Model) -> None:
             came = "is sampled irregularly" if recording.rate_hz is None else f"has {recording.rate_hz:g} Hz"
             raise ValueError(
                 f"recording {recording.name!r} {came}, the model was trained at {rate_hz:g} Hz; nothing is resampled "
-                f"unasked: resample to rate_hz={rate_hz:g}"
+                f"unasked: call .resample({rate_hz:g})"
             )
 
 
@@ -81,14 +81,14 @@ def fitted(
             f"model takes {n} ({n / rate_hz:g} s); {len(short)} of {len(data)} recordings are shorter: pass "
             "on_short='skip' to leave such recordings out"
         )
-    if begin_at == "first":
+    if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
         return data.align(n, on_short=on_short)
     lead = lead_of(core) if lead_s is None else lead_s
     if lead is None:
         longer = next((r for r in data if r.n_samples > n), data[0])
         raise ValueError(
             f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
-            "much rest comes before the motion: state lead_s, or begin at the first sample"
+            "much rest comes before the motion: state lead_s, or pass begin_at='first'"
         )
     marked = data
     if begin_at == "auto":

@@ -134,7 +134,8 @@ def train(
         "estimate": None if held is None else estimate_of(held, tuple(classes)),
         "why_no_estimate": why_none,
         "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
-        "notes": [*warnings_in(data), *complaints],
+        # What may mislead a reader of the estimate.
+        "notes": [*([] if held is None else warnings_in(data)), *complaints],
     }
     core = core_of(
         parts,
