@@ -1,17 +1,14 @@
-"""The result: every figure follows from the predictions, files are whole, synthetic data are marked."""
+"""The result: every figure follows from the predictions, synthetic data are marked."""
 
 import csv
 import json
 import re
-import stat
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix, f1_score, recall_score
 
-from granular_id._files import check_target, made_folder, whole_file
 from granular_id.evaluation.export import CSV_COLUMNS
 from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
 from granular_id.evaluation.result import EvaluationResult, SpaceSummary
@@ -61,16 +58,6 @@ def result():
     return make_result()
 
 
-def names_in(folder):
-    return sorted(path.name for path in folder.iterdir())
-
-
-def write_half_and_raise(target, error):
-    with whole_file(target) as draft:
-        draft.write_text("half")
-        raise error
-
-
 def read_csv(path):
     with path.open(encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
@@ -112,6 +99,11 @@ def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
         assert space["gap"] == pytest.approx(means["paper"] - means["chronological"])
     assert checked == 4
     assert len(rows) == 2 * (4 * 9 + 36)
+
+
+def test_json_in_a_folder_that_is_not_there_is_refused(result, tmp_path):
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        result.to_json(tmp_path / "absent" / "r.json")
 
 
 def test_json_is_strict_and_marks_the_paper_and_synthetic_data(tmp_path):
@@ -258,71 +250,3 @@ def test_unknown_names_are_listed(result):
         ValueError, match=r"protocol must be one of those that ran \('paper'\), got 'session'"
     ):
         make_result(protocols=("paper",)).confusion("raw", "session")
-
-
-def test_whole_file_replaces_only_at_the_end(tmp_path):
-    target = tmp_path / "r.csv"
-    target.write_text("old")
-    for error in (KeyboardInterrupt, ValueError):
-        with pytest.raises(error):
-            write_half_and_raise(target, error)
-        assert target.read_text() == "old"
-        assert names_in(tmp_path) == ["r.csv"]
-    with whole_file(target) as draft:
-        assert draft.suffix == ".csv"
-        draft.write_text("new")
-        assert target.read_text() == "old"
-    assert target.read_text() == "new"
-    assert names_in(tmp_path) == ["r.csv"]
-    plain = tmp_path / "plain"
-    plain.touch()
-    assert stat.S_IMODE(target.stat().st_mode) == stat.S_IMODE(plain.stat().st_mode)
-
-
-def test_targets_are_refused_early(tmp_path, result):
-    with pytest.raises(IsADirectoryError, match="is a folder, wanted the name of a file"):
-        check_target(tmp_path)
-    with pytest.raises(FileNotFoundError, match="does not exist"):
-        result.to_json(tmp_path / "absent" / "r.json")
-    with pytest.raises(OSError, match=r"cannot write .*: File name too long$"):
-        check_target(tmp_path / ("x" * 300))
-    with pytest.raises(FileExistsError, match="cannot write /dev/null: it is no ordinary file"):
-        check_target("/dev/null")
-    assert names_in(tmp_path) == []
-    check_target(tmp_path / ("x" * 250))
-    assert names_in(tmp_path) == []
-
-
-@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that says it can be written")
-def test_a_folder_that_only_seems_writable_is_found_early():
-    for attempt in (check_target, lambda path: write_half_and_raise(path, AssertionError)):
-        with pytest.raises(OSError, match=r"^cannot write /proc/self/r.json: [^/]*$"):
-            attempt("/proc/self/r.json")
-
-
-def test_a_failed_write_names_the_target_not_the_temporary_file(tmp_path):
-    target = tmp_path / "r.csv"
-    with pytest.raises(OSError, match=r"cannot write .*/r.csv: No space left on device$"), whole_file(target):
-        raise OSError(28, "No space left on device", ".r-0123.csv")
-    assert names_in(tmp_path) == []
-
-
-def test_a_folder_made_in_vain_is_removed_again(tmp_path):
-    def fill(path, *, used):
-        with made_folder(path) as folder:
-            if used:
-                (folder / "kept").touch()
-            raise KeyboardInterrupt
-
-    for used in (False, True):
-        with pytest.raises(KeyboardInterrupt):
-            fill(tmp_path / "a" / "b", used=used)
-        assert (tmp_path / "a" / "b").exists() is used
-        assert (tmp_path / "a").exists() is used
-    (tmp_path / "mine").mkdir()
-    with pytest.raises(KeyboardInterrupt):
-        fill(tmp_path / "mine", used=False)
-    assert (tmp_path / "mine").is_dir()
-    for place in (tmp_path / "a" / "b" / "kept", tmp_path / "a" / "b" / "kept" / "deeper"):
-        with pytest.raises(NotADirectoryError, match="is or lies in a file, wanted a folder"):
-            fill(place, used=False)

@@ -1,0 +1,12 @@
+"""Classes that overlap, and what the couplings are called."""
+
+import numpy as np
+
+KL, WLW = "kullback_leibler", "wu_lin_weng"
+
+
+def blobs(n_classes=4, per_class=25, n_features=8, distance=1.0, seed=0):
+    rng = np.random.default_rng(seed)
+    y = rng.permutation(np.repeat(np.arange(n_classes), per_class))
+    centres = distance * np.random.default_rng(99).standard_normal((n_classes, n_features))
+    return rng.standard_normal((len(y), n_features)) + centres[y], y
