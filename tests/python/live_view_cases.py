@@ -64,7 +64,9 @@ def answer(seconds, *, final=False, classes=CLASSES, **options):
     ends[0] = 0.09
     wobble = 0.10 * np.sin(6 * seconds + rng.uniform(0, 6, len(classes))) * (1 - seen)
     losses = 0.5 + (ends - 0.5) * seen**0.6 + wobble
-    ranking = tuple(sorted(((classes[k], float(losses[i])) for i, k in enumerate(order)), key=lambda pair: pair[1]))
+    ranking = tuple(
+        sorted(((classes[k], float(losses[i])) for i, k in enumerate(order)), key=lambda pair: pair[1])
+    )
     margin = ranking[1][1] - ranking[0][1] if len(ranking) > 1 else 0.0
     return Answer(ranking[0][0], ranking, margin, final, seconds, n_seen=round(500 * seconds), **options)
 

@@ -130,6 +130,7 @@ class RerunLog(BackgroundView):
         """Log what has gathered: rows, losses and lag each in one message, and the latest histogram."""
         pieces, self._pieces = self._pieces, []
         timed = [piece for piece in pieces if piece.time_s is not None]
+        times = [float(piece.time_s or 0.0) for piece in timed]
         if not timed:
             return
         rows_s = np.concatenate([piece.fresh_time_s for piece in timed])
@@ -137,11 +138,12 @@ class RerunLog(BackgroundView):
             rows = np.concatenate([getattr(piece, f"fresh_{kind}") for piece in timed])
             for i, axis in enumerate(timed[0].axes):
                 self._send(f"{kind}/{axis}", rows_s, rows[:, i])
-        times = [piece.time_s for piece in timed]
         self._send("stream/lag_ms", times, [1e3 * piece.lag_s for piece in timed])
         self._send("stream/lost", times, [float(piece.lost) for piece in timed])
         answered = [
-            (piece.time_s, dict(piece.decision.ranking)) for piece in timed if piece.decision is not None
+            (time_s, dict(piece.decision.ranking))
+            for time_s, piece in zip(times, timed, strict=True)
+            if piece.decision is not None
         ]
         for name in answered[-1][1] if answered else ():
             path = self._rerun.new_entity_path(["loss", name])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["SnapshotBuilder"]
 
 _MOST_ROWS = 600  # more than a trace on any screen has columns of its own
-_MOST_ANSWERS = 600  # twenty seconds at thirty answers a second; thinned beyond
+_MOST_ANSWERS = 240  # eight seconds at thirty answers a second; thinned beyond
 
 
 class SnapshotBuilder:

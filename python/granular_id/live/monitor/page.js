@@ -87,13 +87,14 @@ function show() {
     words = now;
     tell(now);
   } else later = WORDS_MS - (now - words);
-  const rest = (calm.matches ? 500 : 0) - (now - drawings);
-  if (paused || document.hidden) return;
-  if (rest <= 0) {
-    drawings = now;
-    axes.draw(frame);
-    ranking.draw(frame);
-  } else later = Math.max(later, rest);
+  if (!paused && !document.hidden) {
+    const rest = (calm.matches ? 500 : 0) - (now - drawings);
+    if (rest <= 0) {
+      drawings = now;
+      axes.draw(frame);
+      ranking.draw(frame);
+    } else later = Math.max(later, rest);
+  }
   if (later) setTimeout(schedule, later);
 }
 

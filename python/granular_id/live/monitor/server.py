@@ -240,6 +240,7 @@ def _listening(port: int) -> socket.socket:
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((_LOOPBACK, port))
+        listener.listen()  # here, not in the thread: the address is good from the moment it is known
     except OSError as error:
         listener.close()
         raise type(error)(f"cannot serve the monitor on port {port}: {error.strerror}") from error

@@ -1,0 +1,226 @@
+"""The monitor's page in a real browser: quiet, true to what was published, readable everywhere."""
+
+import shutil
+from dataclasses import replace
+from urllib.parse import urlsplit
+
+import pytest
+
+from granular_id.live.monitor import MonitorServer
+from granular_id.live.snapshot import Snapshot
+from live_view_cases import CLASSES, listening
+from test_report_browser import CONTRAST
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+HOSTILE = (
+    '<script>document.title = "owned"</script>',
+    "<img src=x onerror=alert(1)>",
+    "a name " * 20,
+    "süß 糖",
+)
+CASES = {
+    "idle": Snapshot("idle", source="rdt://192.168.1.1", classes=CLASSES),
+    "listening": listening(1.7)[1],
+    "finished": listening(3.2)[1],
+    "in trouble": replace(
+        listening(1.7)[1],
+        warnings=("gap", "saturation"),
+        lag_s=0.043,
+        counters={"missing": 14, "gaps": 2, "saturated": 3},
+    ),
+    "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
+    "hostile names": replace(listening(3.2, classes=HOSTILE)[1], source=HOSTILE[0], warnings=HOSTILE),
+}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    chromium = shutil.which("chromium")
+    if chromium is None:
+        pytest.skip("no chromium on this machine")
+    with playwright.sync_playwright() as driver:
+        running = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def monitor():
+    with MonitorServer() as running:
+        yield running
+
+
+@pytest.fixture
+def opened(browser, monitor):
+    """Return a function that shows a snapshot; everything the page says or asks for is collected."""
+    contexts = []
+
+    def open_page(snapshot, width=1280, scheme="light", **options):
+        monitor.publish(snapshot)
+        context = browser.new_context(
+            viewport={"width": width, "height": 800}, color_scheme=scheme, **options
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.said, page.asked = [], []
+        page.on("console", lambda message: page.said.append(message.text))
+        page.on("pageerror", lambda error: page.said.append(str(error)))
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.add_init_script(
+            "window.violations = []; document.addEventListener('securitypolicyviolation', "
+            "(e) => window.violations.push(e.violatedDirective))"
+        )
+        page.goto(monitor.url, wait_until="load")
+        page.wait_for_selector("body[data-number]")
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def shows(page, number):
+    page.wait_for_selector(f"body[data-number='{number}']")
+
+
+@pytest.mark.parametrize("snapshot", CASES.values(), ids=CASES)
+def test_the_page_is_quiet_and_breaks_no_rule(opened, monitor, snapshot):
+    page = opened(snapshot)
+    page.wait_for_selector("#axes .axis")
+    assert page.said == []
+    assert page.evaluate("window.violations") == []
+    hosts = {urlsplit(url).netloc for url in page.asked if not url.startswith("data:")}
+    assert hosts == {f"127.0.0.1:{monitor.port}"}
+    assert "owned" not in page.title().replace("<script>document.title", "")
+
+
+def test_axis_values_are_those_published(opened, monitor):
+    snapshot = CASES["listening"]
+    page = opened(snapshot)
+    sent = [float(v) for v in page.eval_on_selector_all(".axis data", "all => all.map((d) => d.value)")]
+    assert sent == snapshot.latest.tolist()  # all digits
+    seen = page.locator(".axis data").all_inner_texts()
+    digits = [3, 3, 3, 4, 4, 4]
+    wanted = [f"{value:.{n}f}" for value, n in zip(snapshot.latest, digits, strict=True)]
+    assert [text.replace("\u2212", "-") for text in seen] == wanted
+    monitor.publish(CASES["finished"])
+    shows(page, 2)
+    sent = [float(v) for v in page.eval_on_selector_all(".axis data", "all => all.map((d) => d.value)")]
+    assert sent == CASES["finished"].latest.tolist()
+
+
+def test_the_ranking_is_that_published(opened):
+    snapshot = CASES["finished"]
+    page = opened(snapshot)
+    page.wait_for_selector("#ranking text.first")
+    wanted = [f"{name}, {loss:.3f}" for name, loss in snapshot.decision.ranking]
+    assert page.locator("#ranking-list li").all_text_contents() == wanted
+    drawn = page.locator("#ranking text:not(.tick)").all_text_contents()
+    assert set(drawn) == {text for name, loss in snapshot.decision.ranking for text in (name, f"{loss:.3f}")}
+    lines = page.eval_on_selector_all("#ranking polyline:not(.tie)", "all => all.map((p) => p.points.length)")
+    assert lines == [len(snapshot.ranking_history[0])] * len(CLASSES)
+
+
+def test_curves_are_drawn_and_paused(opened, monitor):
+    ink = """() => [...document.querySelectorAll('canvas')].map((c) => {
+        const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+        let sum = 0; for (let i = 3; i < d.length; i += 4) sum += d[i] * (i % 9973); return sum; })"""
+    page = opened(CASES["listening"])
+    page.wait_for_selector("#ranking text.first")
+    page.wait_for_timeout(300)
+    before = page.evaluate(ink)
+    assert len(before) == 18
+    assert min(before) > 0
+    page.click("#pause")
+    assert page.get_attribute("#pause", "aria-pressed") == "true"
+    monitor.publish(CASES["finished"])
+    shows(page, 2)
+    assert page.evaluate(ink) == before
+    assert page.inner_text("#stage").startswith("final")  # the answer is never held back
+    page.click("#pause")
+    page.wait_for_function(f"() => JSON.stringify(({ink})()) !== '{str(before).replace(' ', '')}'")
+
+
+@pytest.mark.parametrize(("width", "case"), [(360, "in trouble"), (400, "finished"), (1280, "in trouble")])
+def test_answer_lag_and_loss_are_always_in_sight(opened, width, case):
+    page = opened(CASES[case], width)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
+    for place in ("#title", "#figures", "#state"):
+        box = page.locator(place).bounding_box()
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 800, place
+    figures = page.locator("#figures div").all_inner_texts()
+    assert [text.split()[0] for text in figures[:2]] == ["lag", "lost"]
+    assert ("43.0 ms" in figures[0]) == (case == "in trouble")
+    assert page.locator("#figures .alarm").count() == (4 if case == "in trouble" else 0)
+    assert "SYNTHETIC" in page.inner_text("#source")
+
+
+@pytest.mark.parametrize("width", [360, 768, 1280])
+@pytest.mark.parametrize("case", ["idle", "hostile names"])
+def test_nothing_sticks_out(opened, width, case):
+    page = opened(CASES[case], width)
+    page.wait_for_selector("#axes .axis")
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("case", CASES)
+def test_text_stands_out_from_its_ground(opened, scheme, case):
+    page = opened(CASES[case], scheme=scheme)
+    page.wait_for_selector("#axes .axis")
+    assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, data, dt'")) == []
+
+
+def test_the_decision_is_spoken(opened, monitor):
+    page = opened(CASES["idle"])
+    assert page.get_attribute("#spoken", "aria-live") == "polite"
+    monitor.publish(CASES["finished"])
+    page.wait_for_function("() => document.getElementById('spoken').textContent.startsWith('Final answer: ')")
+    assert CASES["finished"].decision.label in page.text_content("#spoken")
+    assert page.evaluate(
+        "[...document.querySelectorAll('canvas, svg')].every((n) => n.getAttribute('aria-label'))"
+    )
+
+
+def test_reduced_motion_is_respected(opened, monitor):
+    page = opened(CASES["listening"], reduced_motion="reduce")
+    page.wait_for_selector("#ranking text.first")
+    assert page.evaluate("document.getAnimations().length") == 0
+    monitor.publish(CASES["finished"])
+    shows(page, 2)
+    page.wait_for_function(
+        f"() => document.querySelector('#ranking text.first').textContent === {CASES['finished'].decision.label!r}"
+    )
+
+
+def test_a_lost_connection_is_shown_and_made_again(browser, monitor, opened):
+    page = opened(CASES["listening"])
+    path = urlsplit(monitor.url).path
+    # As if the program had been killed: no farewell, and the same address later.
+    for writer in tuple(monitor._streams):
+        writer.transport.abort()
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert "lost" in page.inner_text("#trouble")
+    assert page.inner_text("#title") == CASES["listening"].decision.label
+    page.wait_for_selector("#trouble", state="hidden", timeout=15_000)
+    monitor.publish(CASES["finished"])
+    shows(page, 2)
+    assert path in page.url
+
+
+def test_the_end_of_the_session_is_shown_and_the_answer_stays(opened, monitor):
+    page = opened(CASES["finished"])
+    monitor.close()
+    page.wait_for_selector("body[data-link=ended]")
+    assert "ended" in page.inner_text("#trouble")
+    assert page.inner_text("#title") == CASES["finished"].decision.label
+    assert page.said == []
+
+
+def test_a_silent_session_is_shown(opened):
+    page = opened(CASES["idle"])
+    page.wait_for_selector("body[data-link=quiet]")
+    assert "nothing new for" in page.inner_text("#quiet")

@@ -1,0 +1,203 @@
+"""Snapshots tell the truth about the rows they were made of."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular_id import FeatureSpec, extract_features
+from granular_id.live.recent_rows import RecentRows, outline
+from granular_id.live.snapshot import Snapshot
+from granular_id.live.snapshot_builder import SnapshotBuilder
+from granular_id.signal import butter, sosfilt, sosfilt_zi
+from live_view_cases import CLASSES, answer, block, listening, push
+
+ROWS, WRENCH = push()
+SPECS = {
+    "paper": FeatureSpec(),
+    "clipped, steady": FeatureSpec(outside="clip", initial="steady", bin_range=(-0.1, 0.1), n_bins=7),
+    "ranges by axis": FeatureSpec(bin_range=[(-1, 1)] * 3 + [(-0.1, 0.2)] * 3, order=3, cutoff_hz=40),
+}
+
+
+@st.composite
+def cuts(draw, n=len(WRENCH)):
+    """Borders of the blocks into which n rows are cut; some are empty."""
+    return sorted(draw(st.lists(st.integers(0, n), max_size=30)))
+
+
+@pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
+@given(borders=cuts())
+def test_the_histogram_of_a_whole_capture_is_that_of_its_features(spec, borders):
+    builder = SnapshotBuilder(500.0, spec)
+    builder.captured(WRENCH[:100])
+    builder.begin_capture()
+    for piece in np.split(WRENCH, borders):
+        builder.captured(piece)
+    counts = builder.build("complete").counts
+    assert np.array_equal(counts.ravel(), extract_features(WRENCH, spec=spec)[WRENCH.size :])
+
+
+@given(borders=cuts(len(ROWS)))
+def test_traces_do_not_depend_on_how_the_rows_arrive(borders):
+    builder = SnapshotBuilder(500.0, view_s=1.0)
+    at = 0
+    for piece in np.split(ROWS, borders):
+        builder.rows(block(piece, at))
+        at += len(piece)
+    seen = builder.build("armed")
+    sections = butter(8, 23, "highpass", fs=500)
+    left, _ = sosfilt(sections, ROWS, axis=0, zi=sosfilt_zi(sections)[:, :, None] * ROWS[0])
+    assert np.array_equal(seen.wrench, ROWS[-500:])
+    assert np.array_equal(seen.residual, left[-500:])
+    assert np.array_equal(seen.latest, ROWS[-1])
+    assert seen.time_s == (len(ROWS) - 1) / 500
+    assert np.allclose(seen.row_age_s, np.arange(499, -1, -1) / 500)
+
+
+def test_a_long_view_is_thinned_and_keeps_every_peak():
+    builder = SnapshotBuilder(500.0, view_s=20.0)
+    rows = np.random.default_rng(0).normal(size=(15_000, 6))
+    rows[9_000] = 50.0
+    rows[9_001] = -60.0
+    for start in range(0, len(rows), 1000):
+        builder.rows(block(rows[start : start + 1000], start))
+    seen = builder.build("armed")
+    assert len(seen.wrench) <= 600
+    assert (seen.wrench.max(0) == 50.0).all()
+    assert (seen.wrench.min(0) == -60.0).all()
+    assert seen.row_age_s[-1] < 0.1
+    assert np.array_equal(np.sort(seen.row_age_s)[::-1], seen.row_age_s)
+
+
+def test_a_trace_that_moves_on_keeps_its_shape():
+    rows = np.random.default_rng(0).normal(size=(4000, 1))
+    early, late = outline(rows[:3000], 0, 9), outline(rows[500:3500], 500, 9)
+    assert set(early[1][200:-4].ravel()) <= set(late[1].ravel())
+
+
+@given(
+    st.lists(st.one_of(st.floats(-1e9, 1e9), st.just(np.nan)), max_size=60),
+    st.integers(0, 50),
+    st.integers(1, 9),
+)
+def test_outline_is_the_extremes_of_each_piece(values, first, step):
+    rows = np.array(values, float).reshape(-1, 1)
+    places, kept = outline(rows, first, step)
+    if step == 1:
+        assert np.array_equal(kept, rows, equal_nan=True)
+        return
+    pieces = {}
+    for i, value in enumerate(values):
+        pieces.setdefault((first + i) // step, []).append(value)
+    if first % step:
+        pieces.pop(first // step, None)
+    wanted = []
+    for piece in pieces.values():
+        known = [value for value in piece if not np.isnan(value)]
+        wanted.append((min(known), max(known)) if known else (np.nan, np.nan))
+    got = [(min(pair), max(pair)) for pair in kept.reshape(-1, 2).tolist()]
+    assert np.array_equal(np.array(got).reshape(-1, 2), np.array(wanted).reshape(-1, 2), equal_nan=True)
+    assert (np.diff(places) >= 0).all()
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 25)), max_size=20), st.integers(1, 12))
+def test_recent_rows_are_the_end_of_all_rows(steps, capacity):
+    recent, every = RecentRows(capacity, 1), []
+    for number, (there, n) in enumerate(steps):
+        if there:
+            recent.add(np.full((n, 1), float(number)))
+        else:
+            recent.skip(n)
+        every += [[float(number) if there else np.nan]] * n
+    assert recent.total == len(every)
+    wanted = np.array(every[-capacity:], float).reshape(-1, 1)
+    assert np.array_equal(recent.last(capacity), wanted, equal_nan=True)
+
+
+def test_what_never_came_is_a_gap_and_the_filter_starts_anew_behind_it():
+    builder = SnapshotBuilder(500.0, view_s=1.0)
+    rows = np.vstack([np.zeros((100, 6)), np.full((100, 6), 5.0)])
+    builder.rows(block(rows, missing_before={100: 30}, missed=7))
+    seen = builder.build("armed")
+    assert np.isnan(seen.wrench[100:130]).all()
+    assert np.isfinite(seen.wrench[:100]).all()
+    assert np.isfinite(seen.wrench[130:]).all()
+    assert len(seen.wrench) == 230
+    assert abs(seen.residual[130:]).max() < 1e-9  # the step lies in the gap: nobody saw it
+    assert seen.lost == 37
+    builder.rows(block(rows[:1], missing_before={0: 4_000_000_000}))
+    assert np.isnan(builder.build("armed").wrench[:-1]).all()
+
+
+def test_a_new_epoch_clears_the_traces():
+    builder = SnapshotBuilder(500.0, view_s=1.0)
+    builder.rows(block(ROWS[:200], epoch=0))
+    builder.rows(block(ROWS[:5], epoch=1))
+    seen = builder.build("armed")
+    assert len(seen.wrench) == 5
+    assert seen.counters["epochs"] == 2
+
+
+def test_fresh_rows_of_all_snapshots_are_all_rows():
+    builder = SnapshotBuilder(500.0, view_s=1.0)
+    times, rows = [], []
+    for start in range(0, len(ROWS), 37):
+        builder.rows(block(ROWS[start : start + 37], start))
+        if start % 2:
+            seen = builder.build("armed")
+            assert seen.fresh_lost == 0
+            times.append(seen.fresh_time_s)
+            rows.append(seen.fresh_wrench)
+    n = len(np.concatenate(rows))
+    assert np.array_equal(np.concatenate(rows), ROWS[:n])
+    assert np.allclose(np.concatenate(times), np.arange(n) / 500)
+    builder.rows(block(ROWS, 0, epoch=1))
+    assert builder.build("armed").fresh_lost == len(ROWS) - 500
+
+
+def test_the_ranking_over_time_begins_with_the_capture():
+    builder, seen = listening(1.0, step=50)
+    times, losses = seen.ranking_history
+    assert times.tolist() == pytest.approx(np.arange(1, 11) / 10)
+    assert dict(zip(CLASSES, losses[-1].tolist(), strict=True)) == dict(seen.decision.ranking)
+    builder.begin_capture()
+    again = builder.build("armed")
+    assert len(again.ranking_history[0]) == 0
+    assert again.counts.sum() == 0
+    assert len(seen.ranking_history[0]) == 10  # snapshots do not change
+    assert seen.counts.sum() > 0
+
+
+def test_a_ranking_that_grows_for_ever_stays_small():
+    builder = SnapshotBuilder(500.0, classes=CLASSES)
+    for i in range(700):
+        seen = builder.build("triggered", answer(i / 10))
+    assert len(seen.ranking_history[0]) <= 240
+    assert seen.ranking_history[0][-1] == pytest.approx(69.9)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SnapshotBuilder(0.0), "rate_hz must be positive"),
+        (lambda: SnapshotBuilder(1000.0, FeatureSpec()), "rate_hz is 1000, but spec was made for 500 Hz"),
+        (lambda: SnapshotBuilder(500.0, view_s=-1.0), "view_s must be above 0"),
+        (lambda: SnapshotBuilder(500.0, view_s=1e9), "view_s must be above 0 and hold at most"),
+        (lambda: SnapshotBuilder(500.0, n_samples=0), "n_samples must be at least 1"),
+        (lambda: SnapshotBuilder(500.0).rows(block(np.zeros((4, 3)))), r"block.wrench has shape \(4, 3\)"),
+        (
+            lambda: SnapshotBuilder(500.0).captured(np.full((4, 6), np.nan)),
+            "rows holds values that are not finite",
+        ),
+        (lambda: SnapshotBuilder(500.0, classes=["a"]).build("armed", answer(1.0)), "ranks other materials"),
+        (lambda: Snapshot("idle", wrench=np.zeros((3, 6))), r"wrench has shape \(3, 6\), wanted \(0, 6\)"),
+    ],
+)
+def test_what_does_not_fit_is_refused(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_slow_source_has_a_lower_cutoff():
+    assert SnapshotBuilder(40.0).build("idle").cutoff_hz == 10.0

@@ -1,0 +1,114 @@
+"""No view holds up a capture, and one that breaks is not missed in silence."""
+
+import threading
+
+import pytest
+
+from granular_id.live.snapshot import Snapshot
+from granular_id.live.view import MAX_HZ, BackgroundView, Views
+
+
+class Remembering(BackgroundView):
+    """Keeps what it shows; may be held, and may break."""
+
+    def __init__(self, *, broken=False, **options):
+        self.shown, self.finished, self.broken = [], 0, broken
+        self.reached, self.released = threading.Event(), threading.Event()
+        self.released.set()
+        super().__init__("remembering view", **options)
+
+    def show(self, snapshot):
+        self.reached.set()
+        self.released.wait(30)
+        if self.broken:
+            raise OSError("the disk is full")
+        self.shown.append(snapshot)
+
+    def finish(self):
+        self.finished += 1
+
+
+def snapshots(n):
+    return [Snapshot("triggered", time_s=float(i)) for i in range(n)]
+
+
+def test_the_last_snapshot_is_shown_before_closing():
+    with Remembering() as view:
+        for snapshot in snapshots(5):
+            view.publish(snapshot)
+    assert view.shown[-1].time_s == 4.0
+    assert view.finished == 1
+    view.close()
+    assert view.finished == 1
+
+
+def test_a_stuck_view_takes_nothing_of_the_publisher_and_drops_are_counted():
+    view = Remembering(waiting=3)
+    view.released.clear()
+    view.publish(Snapshot("idle"))
+    assert view.reached.wait(10)  # it holds the first, and will not come back
+    for snapshot in snapshots(1000):
+        view.publish(snapshot)
+    view.released.set()
+    view.close()
+    assert [snapshot.time_s for snapshot in view.shown] == [None, 997.0, 998.0, 999.0]
+    assert view.dropped == 997
+
+
+def test_a_view_that_wants_all_gets_all():
+    with Remembering(waiting=2000) as view:
+        for snapshot in snapshots(1000):
+            view.publish(snapshot)
+    assert [snapshot.time_s for snapshot in view.shown] == list(range(1000))
+    assert view.dropped == 0
+
+
+def test_a_broken_view_is_left_out_and_the_others_say_so():
+    broken, whole = Remembering(broken=True), Remembering(waiting=1000)
+    with Views([broken, whole]) as views:
+        views.publish(Snapshot("idle"))
+        broken._thread.join(10)
+        for snapshot in snapshots(2):
+            views.publish(snapshot)
+        assert views.complaints == ("the remembering view has stopped: the disk is full",)
+    assert whole.shown[-1].warnings == views.complaints
+    assert broken.finished == 1
+
+
+def test_what_breaks_at_the_end_is_told():
+    view = Remembering(broken=True)
+    views = Views([view])
+    views.publish(Snapshot("idle"))
+    views.close()
+    assert views.complaints == ("the remembering view has stopped: the disk is full",)
+    with pytest.raises(RuntimeError, match="the disk is full"):
+        view.close()
+
+
+def test_a_closed_view_shows_nothing_more():
+    view = Remembering()
+    view.close()
+    with pytest.raises(RuntimeError, match="is closed"):
+        view.publish(Snapshot("idle"))
+
+
+def test_snapshots_are_wanted_at_most_thirty_times_a_second(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr("granular_id.live.view.time.monotonic", lambda: now)
+    with Views([Remembering(waiting=1000)]) as views:
+        wanted = 0
+        for step in range(2000):  # two seconds of a loop that turns every millisecond
+            now = 100.0 + step / 1000
+            if views.wants_snapshot():
+                wanted += 1
+                views.publish(Snapshot("idle"))
+    assert 55 <= wanted <= 2 * MAX_HZ
+    assert not views.wants_snapshot()  # nobody is left
+
+
+@pytest.mark.parametrize("rate", [0, -1, 31, float("nan"), "10"])
+def test_no_view_is_faster(rate):
+    with pytest.raises((ValueError, TypeError), match="max_hz must be"):
+        Views([], max_hz=rate)
+    with pytest.raises((ValueError, TypeError), match="max_hz must be"):
+        Remembering(max_hz=rate)
