@@ -145,7 +145,8 @@ class FakeFranka:
                 fake.calls.append(("move", motion, asynchronous))
                 fake.moving = True
 
-            def poll_motion(self):
+            def join_motion(self, timeout=None):
+                assert timeout == 0
                 if fake.raises is not None:
                     raise fake.raises
                 return not fake.moving

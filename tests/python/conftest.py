@@ -1,6 +1,7 @@
 import atexit
 import os
 import shutil
+import signal
 import tempfile
 from pathlib import Path
 
@@ -25,3 +26,11 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip("no real recordings: set GRANULAR_ID_DATA, or put them into ../shared/data")
     return folder
+
+
+@pytest.fixture
+def heeding_interrupts():
+    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

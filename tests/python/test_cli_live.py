@@ -127,14 +127,6 @@ def test_nobody_pushes(model):
     assert "nothing triggered within 1 s" in line
 
 
-@pytest.fixture
-def heeding_interrupts():
-    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
     command = [
         sys.executable,

@@ -12,6 +12,8 @@ import pytest
 
 from cli_cases import SMALL, make, saved
 
+pytestmark = pytest.mark.usefixtures("heeding_interrupts")
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
@@ -75,14 +77,6 @@ def test_the_library_evaluates_without_the_extra():
     done = process(code=code)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Accuracy on SYNTHETIC recordings")
-
-
-@pytest.fixture(autouse=True)
-def heeding_interrupts():
-    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 def interrupted_after(first_line, module, *words):

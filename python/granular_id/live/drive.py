@@ -99,8 +99,10 @@ def drive(
                 _check_source(stream, capture, time.monotonic() - newest_s, rows_timeout_s)
             if robot is not None and motion is None and capture.state is CaptureState.ARMED:
                 motion = _set_in_motion(robot, capture, direction, speed_m_s)
-            if motion is not None and motion.error is not None:
-                capture.fail(FailureReason.ROBOT, f"the robot's motion failed: {motion.error}")
+            if motion is not None:
+                motion.finished()  # many controllers tell an error only when asked for the end
+                if motion.error is not None:
+                    capture.fail(FailureReason.ROBOT, f"the robot's motion failed: {motion.error}")
             yield Step(block, rows, motion)
         came_to_its_end = capture.state is CaptureState.COMPLETE
     finally:

@@ -5,14 +5,13 @@ Not run on hardware. Written against franky-control 2.0: https://timschneider42.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from scipy.spatial.transform import Rotation
 
 from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PollingSource, library
-from granular_id.live.clock import host_ns
+from granular_id.live.adapters.polling import PolledMotion, PollingSource, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo
 from granular_id.live.source_url import SourceUrl
@@ -63,31 +62,6 @@ class FrankaSource(PollingSource):
         return state.time.to_sec(), state.K_F_ext_hat_K, 0
 
 
-class FrankaMotion:
-    """A motion that runs in franky's own control loop."""
-
-    def __init__(self, arm: Any, start_time_s: float, report: Mapping[str, Any]) -> None:
-        self._arm = arm
-        self._report = dict(report)
-        self._done = False
-        self.start_time_s: float | None = start_time_s
-        self.start_host_ns = host_ns()
-        self.error: str | None = None
-
-    def finished(self) -> bool:
-        """Tell whether the control loop has ended; what it raised is the error."""
-        if not self._done:
-            try:
-                self._done = bool(self._arm.poll_motion())
-            except Exception as error:  # franky passes on whatever libfranka raised
-                self._done, self.error = True, f"{type(error).__name__}: {error}"
-        return self._done
-
-    def report(self) -> Mapping[str, Any]:
-        """Return what was commanded."""
-        return self._report
-
-
 class FrankaRobot:
     """A Franka arm that pushes at a constant speed of its tool.
 
@@ -108,7 +82,7 @@ class FrankaRobot:
         rx, ry, rz = (float(value) for value in Rotation.from_quat(pose.quaternion).as_rotvec())
         return (x, y, z, rx, ry, rz)
 
-    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> FrankaMotion:
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> PolledMotion:
         """Move straight on in the base frame; the speed is held for `duration_s` once it is reached."""
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         franky = self._franky
@@ -122,7 +96,8 @@ class FrankaRobot:
         }
         start_time_s = self._arm.state.time.to_sec()
         self._arm.move(push, asynchronous=True)
-        return FrankaMotion(self._arm, start_time_s, report)
+        # Joining without waiting tells whether the motion has ended, and raises what ended it.
+        return PolledMotion(start_time_s, lambda: self._arm.join_motion(timeout=0.0), report)
 
     def stop(self) -> None:
         """Brake."""

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
+from granular_id.live.clock import host_ns
 from granular_id.live.source import WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 
-__all__ = ["PollingSource", "library"]
+__all__ = ["PolledMotion", "PollingSource", "library"]
 
 _PER_SAMPLE = 4
 """How often a driver is asked per sample: it only knows its newest one, and none may pass unseen."""
@@ -53,3 +55,38 @@ class PollingSource(ThreadedSource):
                 buffer.new_epoch()  # its controller was started anew
             last_s = time_s
             buffer.push(np.asarray(wrench, dtype=np.float64), time_s, flags=flags)
+
+
+class PolledMotion:
+    """A motion that runs in a controller, which tells on request whether it has ended.
+
+    Parameters
+    ----------
+    start_time_s : float
+        The controller's time at the command.
+    has_ended : callable
+        Asked until it says True; what it raises is the motion's error.
+    report : mapping
+        See `Motion.report`.
+    """
+
+    def __init__(self, start_time_s: float, has_ended: Callable[[], bool], report: Mapping[str, Any]) -> None:
+        self.start_time_s: float | None = start_time_s
+        self.start_host_ns = host_ns()
+        self.error: str | None = None
+        self._has_ended = has_ended
+        self._report = dict(report)
+        self._done = False
+
+    def finished(self) -> bool:
+        """Tell whether the controller has ended the motion."""
+        if not self._done:
+            try:
+                self._done = bool(self._has_ended())
+            except Exception as error:  # whatever the robot's library raises
+                self._done, self.error = True, f"{type(error).__name__}: {error}"
+        return self._done
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what was commanded."""
+        return self._report

@@ -5,13 +5,12 @@ Not run on hardware. Written against ur-rtde 1.6: https://sdurobotics.gitlab.io/
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from granular_id._numbers import positive_number
 from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PollingSource, library
-from granular_id.live.clock import host_ns
+from granular_id.live.adapters.polling import PolledMotion, PollingSource, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
@@ -83,29 +82,6 @@ class URSource(PollingSource):
         return (before_s, wrench, 0) if receive.getTimestamp() == before_s else None
 
 
-class URMotion:
-    """A linear motion that runs on the controller."""
-
-    error: str | None = None
-
-    def __init__(self, control: Any, start_time_s: float, report: Mapping[str, Any]) -> None:
-        self._control = control
-        self._report = dict(report)
-        self._done = False
-        self.start_time_s: float | None = start_time_s
-        self.start_host_ns = host_ns()
-
-    def finished(self) -> bool:
-        """Tell whether the controller has ended the motion."""
-        if not self._done:
-            self._done = not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
-        return self._done
-
-    def report(self) -> Mapping[str, Any]:
-        """Return what was commanded."""
-        return self._report
-
-
 class URRobot:
     """A UR arm that pushes with ``moveL``.
 
@@ -131,7 +107,7 @@ class URRobot:
         x, y, z, rx, ry, rz = (float(value) for value in self._receive.getActualTCPPose())
         return (x, y, z, rx, ry, rz)
 
-    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> URMotion:
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> PolledMotion:
         """Move straight on in the base frame.
 
         Raises
@@ -143,21 +119,20 @@ class URRobot:
         pose = self.tcp_pose()
         # Two ramps take the time of one: the tool covers speed * (duration - one ramp).
         length_m = speed_m_s * max(duration_s - speed_m_s / self._acceleration, 0.5 * duration_s)
-        target = [place + length_m * part for place, part in zip(pose[:3], ahead, strict=True)] + list(
-            pose[3:]
-        )
+        place = [begin + length_m * part for begin, part in zip(pose[:3], ahead, strict=True)]
+        target = [*place, *pose[3:]]
         start_time_s = self._receive.getTimestamp()
         if not self._control.moveL(target, speed_m_s, self._acceleration, True):
             raise RuntimeError("the controller refused moveL: is the arm in remote control and released?")
-        return URMotion(
-            self._control,
-            start_time_s,
-            {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s},
-        )
+        report = {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s}
+        return PolledMotion(start_time_s, self._has_ended, report)
 
     def stop(self) -> None:
         """Brake."""
         self._control.stopL(self._acceleration)
+
+    def _has_ended(self) -> bool:
+        return not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
 
     def close(self) -> None:
         """End the script on the controller and both connections."""
