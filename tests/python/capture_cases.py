@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from granular_id.live.capture import Capture
+from granular_id.live.robot import TimedMotion
+from granular_id.live.trigger import MotionTrigger
 
 RATE_HZ = 500.0
 
@@ -80,3 +82,24 @@ class Line:
 def run(capture: Capture, line: Line, cuts=()) -> np.ndarray:
     """Feed a stream and return the rows that the capture gave back."""
     return np.concatenate([capture.feed(block) for block in line.blocks(cuts)])
+
+
+N = 400
+PRE_S = 0.1  # 50 rows
+
+
+class Motion(TimedMotion):
+    def __init__(self, start_time_s):
+        super().__init__(0, 1.0)
+        self.start_time_s = start_time_s
+
+
+def capture(trigger, **options):
+    return Capture(
+        RATE_HZ, **{"n_samples": N, "pre_s": PRE_S, "trigger": trigger, "utc_at_zero_s": 1.7e9, **options}
+    )
+
+
+def moving_at(line, row):
+    """A trigger whose motion begins between a row and the one before."""
+    return MotionTrigger(Motion(float(line.time_s[row]) - 0.4 / RATE_HZ))
