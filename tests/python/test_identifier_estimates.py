@@ -316,3 +316,22 @@ def test_a_model_describes_itself_in_words(training):
     simulated = Identifier.fit(synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3))
     assert description(simulated)[0].startswith("SYNTHETIC: trained on simulated recordings")
     assert "(SYNTHETIC recordings)" in promises(simulated)[0]
+
+
+def test_the_figure_shows_what_was_counted(training, tmp_path):
+    pytest.importorskip("matplotlib")
+    from granular_id.plotting import plot_over_time
+
+    course = over_time(training.held, 500.0, training.early, synthetic=True)
+    figure = plot_over_time(course, path=tmp_path / "o.png")
+    panel = figure.axes[0]
+    line = next(line for line in panel.lines if line.get_label() == "provisional answers right")
+    assert np.array_equal(line.get_ydata(), course.accuracy)
+    assert np.array_equal(line.get_xdata(), course.seconds)
+    assert "held-out sessions: 32 answers, SYNTHETIC recordings" in panel.get_title()
+    names = panel.get_legend_handles_labels()[1]
+    assert {"answered early", "of these wrong"} <= {*names}
+    assert (tmp_path / "o.png").read_bytes().startswith(b"\x89PNG")
+    without = plot_over_time(over_time(training.held, 500.0, None, synthetic=False)).axes[0]
+    assert "answered early" not in without.get_legend_handles_labels()[1]
+    assert "SYNTHETIC" not in without.get_title()

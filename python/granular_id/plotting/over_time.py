@@ -60,9 +60,10 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
         panel.annotate(
             f"mean {course.mean_seconds:.2f} s",
-            (course.mean_seconds, 0.02),
-            xytext=(3, 0),
+            (course.mean_seconds, 0.5),
+            xytext=(-4, 0),
             textcoords="offset points",
+            ha="right",
             fontsize=8,
             color=INK,
         )
