@@ -1,0 +1,124 @@
+"""From the last sample to the name of the material: ours beside extraction and prediction with scipy and scikit-learn.
+
+Run: python benches/decision.py [--materials 11] [--rounds 60]. Every figure comes from this one run. A recording of
+1600 x 6 arrives in blocks of ten rows; the clock starts when its last row is there and stops when the answer is. The
+peers then filter, count and predict; ours has done so while the rows came, and pushes the last one. Rows of the table
+alternate, so that a change in the machine's speed meets all alike. The answers of all are compared.
+
+`warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
+weights of the histograms have left the caches.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import scipy
+import sklearn
+from scipy.signal import sosfilt
+from sklearn.multiclass import OneVsOneClassifier
+from sklearn.svm import SVC
+
+import granular_id as gid
+from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.signal import butter
+from granular_id.synthetic import PAPER_MATERIALS
+
+N_BINS, LOW, HIGH = 100, -1.5, 1.5
+BLOCK, EVERY = 10, 16  # rows of a block; rows between provisional decisions
+OURS = "ours, warm"
+
+
+def extracted(recording: np.ndarray, sos: np.ndarray) -> np.ndarray:
+    """The paper's features as they are written with scipy and numpy: one row."""
+    filtered = sosfilt(sos, recording, axis=0)
+    counts = [np.histogram(filtered[:, axis], N_BINS, (LOW, HIGH))[0] for axis in range(recording.shape[1])]
+    return np.concatenate([recording.T.ravel(), *counts])[None]
+
+
+def streamed(stream: StreamingIdentifier, recording: np.ndarray, warm: bool) -> tuple[float, float, str]:
+    """Seconds per row of pushing all but the last, seconds from the last to the decision, and its label."""
+    stream.reset()
+    pushing, asked = 0.0, 0
+    for start in range(0, len(recording) - 1, BLOCK):
+        block = recording[start : min(start + BLOCK, len(recording) - 1)]
+        before = time.perf_counter()
+        stream.push(block)
+        pushing += time.perf_counter() - before
+        if warm and start - asked >= EVERY:
+            stream.decision()
+            asked = start
+    last = recording[-1:]
+    before = time.perf_counter()
+    stream.push(last)
+    label = stream.decision().label
+    return pushing / (len(recording) - 1), time.perf_counter() - before, label
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--materials", type=int, default=11, help="materials (default 11)")
+    parser.add_argument("--rounds", type=int, default=60, help="recordings to identify (default 60)")
+    options = parser.parse_args()
+    materials = list(PAPER_MATERIALS)[: options.materials]
+    train = gid.synthesize(materials, n_per_class=12, seed=0)
+    test = gid.synthesize(materials, n_per_class=-(-options.rounds // len(materials)), seed=1)
+    X, y = train.X, train.y
+    sos = butter(8, 23.0, "highpass", fs=500.0)
+    rows = np.concatenate([extracted(x, sos) for x in X])
+    ecoc = gid.ECOCClassifier().fit(rows, y)
+    one_vs_one = OneVsOneClassifier(SVC(kernel="linear")).fit(rows, y)
+    svc = SVC(kernel="linear").fit(rows, y)
+    identifier = Identifier.fit(train, estimate=False)
+    stream = StreamingIdentifier(identifier)
+
+    peers: dict[str, Callable[[np.ndarray], str]] = {
+        "scipy + numpy, ECOCClassifier.predict": lambda x: ecoc.predict(extracted(x, sos))[0],
+        "scipy + numpy, SVC.predict": lambda x: svc.predict(extracted(x, sos))[0],
+        "scipy + numpy, OneVsOneClassifier.predict": lambda x: one_vs_one.predict(extracted(x, sos))[0],
+        "extract_features + Model.scores, whole": lambda x: identifier.predict(x[None])[0],
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in (OURS, "ours, cold", *peers)}
+    labels: dict[str, list[str]] = {name: [] for name in seconds}
+    per_row = []
+    for recording in np.random.default_rng(2).permutation(test.X)[: options.rounds]:
+        for name, warm in ((OURS, True), ("ours, cold", False)):
+            pushing, deciding, label = streamed(stream, recording, warm)
+            per_row.append(pushing)
+            seconds[name].append(deciding)
+            labels[name].append(label)
+        for name, answer in peers.items():
+            start = time.perf_counter()
+            label = answer(recording)
+            seconds[name].append(time.perf_counter() - start)
+            labels[name].append(str(label))
+    if not labels[OURS] == labels["ours, cold"] == labels["scipy + numpy, ECOCClassifier.predict"]:
+        sys.exit("the labels of the stream differ from those of ECOCClassifier")
+    report(seconds, labels, statistics.median(per_row), len(materials))
+
+
+def report(
+    seconds: dict[str, list[float]], labels: dict[str, list[str]], per_row: float, n_materials: int
+) -> None:
+    versions = f"numpy {np.__version__}, scipy {scipy.__version__}, scikit-learn {sklearn.__version__}"
+    print(f"{platform.machine()}, Python {platform.python_version()}, {versions}")
+    print(f"{n_materials} materials (SYNTHETIC), {len(seconds[OURS])} recordings of 1600 x 6")
+    print(f"\n{'microseconds, last sample to label':<44}{'median':>10}{'95 %':>10}{'we are':>10}{'agree':>8}")
+    ours = statistics.median(seconds[OURS])
+    for name, times in seconds.items():
+        median, high = statistics.median(times), float(np.quantile(times, 0.95))
+        agree = sum(a == b for a, b in zip(labels[name], labels[OURS], strict=True))
+        print(f"{name:<44}{1e6 * median:>10.1f}{1e6 * high:>10.1f}{median / ours:>9.0f}x{agree:>8}")
+    print(f"\npushing blocks of {BLOCK} rows: {1e6 * per_row:.2f} microseconds per row")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""Decision: a frozen value whose probability waits until somebody asks."""
+
+import dataclasses
+import json
+import pickle
+from functools import partial
+
+import pytest
+
+from granular_id.identifier.decision import Decision
+
+RANKING = (("rice", 0.1), ("salt", 0.3))
+
+
+def decided(**changes):
+    keywords = {
+        "probability": None,
+        "final": True,
+        "settled": True,
+        "n_seen": 1600,
+        "seconds": 3.2,
+        **changes,
+    }
+    return Decision("rice", RANKING, 0.2, **keywords)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({}, "rice after 3.20 s, final: margin 0.200 ahead of salt"),
+        ({"final": False}, "rice after 3.20 s, settled: margin 0.200 ahead of salt"),
+        (
+            {"final": False, "settled": False, "sure": True},
+            "rice after 3.20 s, sure: margin 0.200 ahead of salt",
+        ),
+        ({"final": False, "settled": False}, "rice after 3.20 s, provisional: margin 0.200 ahead of salt"),
+        ({"probability": 0.875}, "rice after 3.20 s, final: margin 0.200 ahead of salt, probability 0.875"),
+        (
+            {"warnings": ("gap", "lag")},
+            "rice after 3.20 s, final: margin 0.200 ahead of salt (gap, lag)",
+        ),
+    ],
+)
+def test_one_line(changes, line):
+    assert str(decided(**changes)) == line
+
+
+def test_the_probability_is_computed_once_and_when_asked():
+    asked = []
+
+    def chance():
+        asked.append(1)
+        return 0.75
+
+    decision = decided(probability=chance)
+    assert not asked
+    assert decision.probability == 0.75
+    assert decision == decided(probability=0.75)
+    assert asked == [1]
+    assert Decision("rice", RANKING, 0.2).probability is None
+
+
+def test_values_for_json_and_for_other_processes():
+    decision = decided(probability=partial(float, "0.5"), warnings=("gap",))
+    again = pickle.loads(pickle.dumps(decision))
+    assert again == decision
+    said = json.loads(json.dumps(decision.to_dict()))
+    assert said.pop("ranking") == [list(pair) for pair in RANKING]
+    assert said == {
+        "label": "rice",
+        "margin": 0.2,
+        "probability": 0.5,
+        "final": True,
+        "settled": True,
+        "sure": False,
+        "n_seen": 1600,
+        "seconds": 3.2,
+        "warnings": ["gap"],
+    }
+
+
+def test_it_never_changes():
+    decision = decided()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        decision.label = "salt"
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        decision.probability = 1.0
+    warned = dataclasses.replace(decision, warnings=("lag",))
+    assert (warned.warnings, decision.warnings) == (("lag",), ())

@@ -1,0 +1,306 @@
+"""StreamingIdentifier: final answers equal those of whole recordings bit for bit, others are what is promised."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import features_twin as twin
+from effort import cases
+from granular_id import FeatureSpec, _core
+from granular_id.ecoc.codings import onevsall, onevsone
+from granular_id.identifier.answers import probabilities
+from granular_id.identifier.streaming import StreamingIdentifier
+from model_cases import random_model, small_model
+from test_features import a_wrench, some_options
+from test_stream import fill
+from test_threads import N_THREADS, at_once
+
+LOSSES = ["hinge", "hamming", "linear", "exponential", "logit", "binodeviance"]
+
+
+def scores_of(model, features, share=1.0, rest=0.0):
+    """Scores from features in the promised order of addition; counts scaled and the rest of the raw sums given."""
+    coef, n_raw = model.coef, model.n_samples * model.n_axes if model.spec.raw else 0
+    by_time = np.arange(n_raw).reshape(model.n_axes, -1).T.ravel() if n_raw else []
+    raw, hist = np.zeros(len(coef)), np.zeros(len(coef))
+    for j in by_time:
+        raw += coef[:, j] * features[j]
+    for j in range(n_raw, len(features)):
+        if features[j] != 0.0:
+            hist += coef[:, j] * (features[j] * share)
+    return (model.intercept + (raw + rest if n_raw else raw)) + hist
+
+
+@st.composite
+def identifications(draw, longest=80, kinds=("onevsone", "onevsall")):
+    """A model with any options, rows for it, and sizes of blocks."""
+    seed = draw(st.integers(0, 2**32))
+    rng = np.random.default_rng(seed)
+    n_axes, n_samples = draw(st.sampled_from([6, 1, 3])), draw(st.integers(1, longest))
+    n_classes = draw(st.integers(2, 6))
+    matrix = {"onevsone": onevsone, "onevsall": onevsall}[draw(st.sampled_from(kinds))](n_classes)
+    model = random_model(
+        seed,
+        n_classes,
+        n_samples,
+        n_axes,
+        FeatureSpec(**some_options(rng, n_axes)),
+        coding_matrix=matrix,
+        loss=draw(st.sampled_from(LOSSES)),
+        decoding=draw(st.sampled_from(["loss_weighted", "loss_based"])),
+    )
+    rows = np.clip(a_wrench(rng, (1, n_samples, n_axes))[0], -1e6, 1e6)
+    return model, rows, draw(st.lists(st.integers(0, 40), min_size=1, max_size=8))
+
+
+@settings(max_examples=cases(60))
+@given(identifications())
+def test_the_final_answer_is_that_of_the_whole_recording(case):
+    model, rows, blocks = case
+    scores = model.scores(rows)
+    losses = model.losses(scores)[0]
+    stream = StreamingIdentifier(model)
+    for _ in range(2):
+        assert fill(stream, rows, blocks) == len(rows)
+        decision = stream.decision()  # what provisional answers leave behind must not matter
+        assert twin.differing_bits(stream.core.scores(), scores[0]) == 0
+        assert twin.differing_bits(stream.core.losses(), losses) == 0
+        order = np.argsort(losses, kind="stable")
+        assert decision.ranking == tuple((model.classes[k], losses[k]) for k in order)
+        assert decision.label == model.classes[losses.argmin()]
+        assert decision.margin == losses[order[1]] - losses[order[0]]
+        assert (decision.final, decision.settled, decision.n_seen) == (True, True, len(rows))
+        assert decision.seconds == len(rows) / model.spec.rate_hz
+        stream.reset()
+
+
+@settings(max_examples=cases(40))
+@given(identifications(longest=40), st.data())
+def test_a_provisional_answer_fills_up_what_is_missing(case, data):
+    model, rows, blocks = case
+    n_samples, n_axes = rows.shape
+    spec = model.spec
+    mean = np.random.default_rng(1).normal(size=n_samples * n_axes)
+    if spec.raw:
+        parts, keywords = model.__getnewargs_ex__()
+        model = type(model)(*parts, **{**keywords, "raw_mean": mean})
+    n_seen = data.draw(st.integers(0, n_samples - 1))
+    features = _core.StreamingExtractor(spec, n_samples=n_samples, n_axes=n_axes)
+    stream = StreamingIdentifier(model)
+    for one in (features, stream):
+        fill(one, rows[:n_seen], blocks)
+    unseen = (np.arange(n_samples * n_axes) % n_samples) >= n_seen
+    rest = model.coef[:, : len(mean)][:, unseen] @ mean[unseen] if spec.raw else 0.0
+    share = 1.0 if spec.density else n_samples / max(n_seen, 1)
+    wanted = scores_of(model, features.features(), share, rest)
+    np.testing.assert_allclose(stream.core.scores(), wanted, rtol=1e-9, atol=1e-9)
+    assert not stream.decision().final
+    # ... and leaves no trace in the final one.
+    stream.push(rows[n_seen:])
+    assert twin.differing_bits(stream.core.scores(), model.scores(rows)[0]) == 0
+
+
+@settings(max_examples=cases(40))
+@given(identifications(longest=30), st.integers(1, 45))
+def test_sliding_windows_have_the_scores_of_their_features(case, hop):
+    model, rows, blocks = case
+    n_samples, n_axes = rows.shape
+    rows = np.concatenate((rows, rows[::-1], rows / 2, rows))
+    features = _core.StreamingExtractor(model.spec, n_samples=n_samples, n_axes=n_axes, hop=hop)
+    stream = StreamingIdentifier(model, hop=hop)
+    taken = 0
+    while True:
+        fill(features, rows[taken:], blocks)
+        taken += fill(stream, rows[taken:], blocks)
+        if not stream.is_complete:
+            break
+        assert twin.differing_bits(stream.core.scores(), scores_of(model, features.features())) == 0
+        features.next()
+        stream.next()
+    assert taken == len(rows)
+
+
+def test_settled_is_exact_where_it_can_be_worked_out():
+    """One learner of two classes: settled as soon as the least that can still come keeps the sign."""
+    low, high = -np.array([1.0, 2, 1, 1, 1]), np.array([1.0, 1, 1, 1, 1])
+    spec = FeatureSpec(hfmh=False)
+    model = _core.Model(
+        spec,
+        [[1.0] * 5],
+        [0.5],
+        [[1], [-1]],
+        ["rice", "salt"],
+        n_samples=5,
+        n_axes=1,
+        raw_low=low,
+        raw_high=high,
+    )
+    stream = StreamingIdentifier(model)
+    settled = []
+    for sample in [1.0, 1.0, 0.25, 0.5, -1]:
+        settled.append(stream.is_settled)
+        stream.push([sample])
+    # after each: 0.5, 1.5, 2.5, 2.75, 3.25; still to come at least: -6, -5, -3, -2, -1
+    assert settled == [False, False, False, True, True]
+    assert (stream.is_settled, stream.decision().label) == (True, "rice")
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"outside": "clip"},
+        {"density": True},
+        {"density": True, "outside": "clip"},
+        {"raw": False},
+        {"hfmh": False},
+    ],
+    ids=str,
+)
+def test_what_is_settled_never_changes(options, loss):
+    rng = np.random.default_rng(3)
+    spec = FeatureSpec(n_bins=6, order=2, **options)
+    early = 0
+    for case in range(12):
+        n_samples, n_axes = 40, 2
+        centre = rng.normal(size=n_samples * n_axes)
+        reach = 10.0 ** rng.uniform(-3, 0)
+        ranges = {"raw_low": centre - reach, "raw_high": centre + reach, "raw_mean": centre}
+        model = random_model(
+            case,
+            4,
+            n_samples,
+            n_axes,
+            spec,
+            coding_matrix=(onevsone, onevsall)[case % 2](4),
+            decoding=("loss_weighted", "loss_based")[case // 2 % 2],
+            loss=loss,
+            **(ranges if spec.raw else {}),
+        )
+        lowest, highest = ((centre + side * reach).reshape(n_axes, -1).T for side in (-1, 1))
+        rows = rng.uniform(lowest, highest)
+        stream = StreamingIdentifier(model)
+        while not stream.is_settled:
+            stream.push(rows[stream.n_seen])
+        n_seen, label = stream.n_seen, stream.decision().label
+        early += n_seen < n_samples
+        for future in range(20):
+            stream.reset()
+            stream.push(rows[:n_seen])
+            rest = np.where(rng.random(rows.shape) < future / 19, lowest, highest)[n_seen:]
+            if future % 2 and not spec.raw:
+                rest = rng.normal(size=rest.shape) * 10.0 ** rng.integers(-3, 3)
+            for row in rest:
+                stream.push(row)
+                assert stream.is_settled
+            assert stream.decision().label == label
+    assert early >= 3
+
+
+def test_nothing_is_settled_early_where_forces_may_be_anything():
+    model = random_model(0, 3, 5, 2, FeatureSpec(n_bins=4), scale=1e-9)
+    stream = StreamingIdentifier(model)
+    stream.push(np.zeros((4, 2)))
+    assert not stream.is_settled
+    assert not stream.decision().settled
+
+
+def test_sure_as_the_model_says():
+    model = small_model(early=[[2, 0.0], [4, 1e300]])
+    stream = StreamingIdentifier(model)
+    sure = []
+    for _ in range(5):
+        sure.append(stream.decision().sure)
+        stream.push([0.1, -0.2])
+    assert sure == [False, False, True, True, False]
+    assert not stream.decision().sure
+    assert not StreamingIdentifier(small_model(early=None)).decision().sure
+
+
+def test_the_probability_is_that_of_the_model():
+    model = small_model()
+    stream = StreamingIdentifier(model)
+    stream.push(np.random.default_rng(0).normal(size=(3, 2)))
+    decision = stream.decision()
+    chances = probabilities(model, stream.core.scores()[None])[0]
+    stream.reset()  # the decision keeps what it was made of
+    assert decision.probability == chances[model.classes.index(decision.label)]
+    without = small_model(sigmoid=None, posterior_weights=None, metadata={})
+    assert StreamingIdentifier(without).decision().probability is None
+
+
+def test_warnings_last_as_long_as_the_spoilt_samples():
+    stream = StreamingIdentifier(random_model(0, 3, 4, 1, FeatureSpec(n_bins=4)), hop=2)
+    stream.push(np.zeros((1, 1)))
+    stream.warn("gap")
+    stream.warn("gap")
+    stream.push(np.zeros((2, 1)))
+    stream.warn("saturation")
+    assert stream.decision().warnings == ("gap", "saturation")
+    stream.push(np.zeros((1, 1)))
+    stream.next()
+    assert stream.decision().warnings == ("saturation",)
+    stream.reset()
+    assert stream.decision().warnings == ()
+    with pytest.raises(TypeError, match="what must be a str, got int"):
+        stream.warn(3)
+
+
+def test_bad_rows_change_nothing():
+    model = small_model()
+    stream = StreamingIdentifier(model)
+    rows = np.random.default_rng(0).normal(size=(5, 2))
+    stream.push(rows[:2])
+    before = stream.decision()
+    bad = rows[2:].copy()
+    bad[1, 1] = np.nan
+    with pytest.raises(ValueError, match="got NaN in row 1, axis 1"):
+        stream.push(bad)
+    with pytest.raises(ValueError, match="wrench is too large to filter"):
+        stream.push(np.array([[1.7e308, 0.0], [-1.7e308, 0.0]]))
+    assert stream.decision().ranking == before.ranking
+    stream.push(rows[2:])
+    assert np.array_equal(stream.core.scores(), model.scores(rows)[0])
+
+
+def test_scores_that_leave_float64_are_refused():
+    model = random_model(0, 2, 2, 1, FeatureSpec(hfmh=False), scale=1e10)
+    stream = StreamingIdentifier(model)
+    stream.push([1e303])
+    with pytest.raises(ValueError, match="score"):
+        stream.decision()
+    stream.reset()
+    assert stream.decision().n_seen == 0
+
+
+def test_bad_arguments():
+    model = small_model()
+    with pytest.raises(TypeError, match="identifier must be an Identifier, got str"):
+        StreamingIdentifier("rice")
+    with pytest.raises(ValueError, match="hop must be an integer of at least 1, got 0"):
+        StreamingIdentifier(model, hop=0)
+    with pytest.raises(ValueError, match=r"wrench must have shape \(k, 2\) or \(2,\), got shape \(3, 6\)"):
+        StreamingIdentifier(model).push(np.zeros((3, 6)))
+    with pytest.raises(ValueError, match="a stream without hop has one window"):
+        StreamingIdentifier(model).next()
+    assert repr(StreamingIdentifier(model, hop=3)) == f"StreamingIdentifier({model!r}, hop=3)"
+    assert repr(StreamingIdentifier(model).core) == f"StreamingIdentifier({model!r}, hop=None)"
+
+
+def test_decisions_from_other_threads_while_rows_arrive():
+    model = random_model(0, 5, 4000, 6, FeatureSpec(n_bins=20))
+    rows = np.random.default_rng(0).normal(size=(4000, 6))
+    stream = StreamingIdentifier(model)
+
+    def watch():
+        seen = [stream.decision().n_seen for _ in range(300)]
+        return seen == sorted(seen)
+
+    def push():
+        return sum(stream.push(block) for block in np.array_split(rows, 400))
+
+    results = at_once([push] + [watch] * (N_THREADS - 1))
+    assert results == [4000] + [True] * (N_THREADS - 1)
+    assert np.array_equal(stream.core.scores(), model.scores(rows)[0])
