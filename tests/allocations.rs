@@ -1,7 +1,17 @@
 //! What runs for every sample allocates nothing: counted by an allocator.
 
+use std::sync::Arc;
+
 use allocation_counter::measure;
 use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row, Widener};
+use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
+use granular_id::{Extractor, FeatureSpec};
+
+#[path = "twins/models.rs"]
+mod models;
+#[allow(dead_code)] // strategies
+#[path = "twins/signals.rs"]
+mod signals;
 
 /// Runs something often and asserts that memory was neither taken nor given back.
 fn allocates_nothing(what: &str, run: impl FnOnce()) {
@@ -65,4 +75,52 @@ fn widener() {
             std::hint::black_box(widener.widen(n.wrapping_mul(0x1234_5678)));
         }
     });
+}
+
+fn noisy_rows(n_rows: usize) -> Vec<f64> {
+    let mut noise = signals::uniform(5);
+    (0..6 * n_rows).map(|_| 3.0 * noise()).collect()
+}
+
+#[test]
+fn streaming_extraction() {
+    let (spec, rows) = (FeatureSpec { density: true, ..FeatureSpec::default() }, noisy_rows(4000));
+    let windows = Windows { hop: Some(250), ..Windows::default() };
+    let mut stream = StreamingExtractor::new(&Extractor::new(spec).unwrap(), windows).unwrap();
+    let mut features = vec![0.0; stream.n_features()];
+    let mut finished = 0;
+    allocates_nothing("push, features, advance, refusals", || {
+        let mut taken = 0;
+        while taken < 4000 {
+            taken += stream.push(&rows[6 * taken..(6 * taken + 6 * 97).min(rows.len())]).unwrap();
+            stream.features_into(&mut features).unwrap();
+            if stream.is_complete() {
+                finished += 1;
+                stream.advance().unwrap();
+            }
+        }
+        stream.reset();
+        assert!(stream.push(&[f64::NAN; 6]).is_err());
+        assert!(stream.push(&[f64::MAX; 60]).is_err());
+    });
+    assert_eq!(finished, 10);
+}
+
+#[test]
+fn streaming_identification() {
+    let rows = noisy_rows(3000);
+    let model = Arc::new(models::random_model(11, 1600, 6, FeatureSpec::default()));
+    let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
+    let mut finished = 0;
+    allocates_nothing("push, standing, advance", || {
+        for row in rows.chunks_exact(6) {
+            stream.push(row).unwrap();
+            if stream.standing().unwrap().is_final {
+                finished += 1;
+                stream.advance().unwrap();
+            }
+        }
+        stream.reset();
+    });
+    assert_eq!(finished, 4);
 }

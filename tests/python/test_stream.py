@@ -231,8 +231,8 @@ def test_threads_take_their_turn():
 
 
 def test_others_run_while_a_large_block_is_taken():
-    stream = StreamingExtractor(FeatureSpec(order=32), n_samples=2_000_000)
-    rows = np.zeros((2_000_000, 6))
+    stream = StreamingExtractor(FeatureSpec(order=32), n_samples=500_000)
+    rows = np.zeros((500_000, 6))
     seen = []
     busy = threading.Thread(target=stream.push, args=(rows,))
     busy.start()
