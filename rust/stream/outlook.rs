@@ -151,6 +151,7 @@ impl Limits {
             None => (Vec::new(), Vec::new(), Vec::new()),
         };
         magnitude.resize(lanes, 0.0);
+        magnitude.shrink_to_fit();
         for axis in 0..n_axes {
             let of_axis = axis * lanes..(axis + 1) * lanes;
             let (low, high) = (&mut bin_low[of_axis.clone()], &mut bin_high[of_axis]);
