@@ -21,13 +21,13 @@ SPECS = {
 
 
 @st.composite
-def cuts(draw, n=len(WRENCH)):
+def cuts(draw, n):
     """Borders of the blocks into which n rows are cut; some are empty."""
     return sorted(draw(st.lists(st.integers(0, n), max_size=30)))
 
 
 @pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
-@given(borders=cuts())
+@given(borders=cuts(len(WRENCH)))
 def test_the_histogram_of_a_whole_capture_is_that_of_its_features(spec, borders):
     builder = SnapshotBuilder(500.0, spec)
     builder.captured(WRENCH[:100])

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from io import StringIO
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich import box
 from rich.align import Align
-from rich.console import Group
+from rich.console import Console, Group
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
@@ -46,22 +47,22 @@ def screen(snapshot: Snapshot, width: int, height: int, *, ascii_only: bool = Fa
     """
     parts: list[RenderableType] = []
     if snapshot.synthetic:
-        parts.append(
-            Text(SYNTHETIC, style="bold black on yellow", justify="center", no_wrap=width >= len(SYNTHETIC))
-        )
+        mark = SYNTHETIC if width >= len(SYNTHETIC) else SYNTHETIC.partition(":")[0]
+        parts.append(Text(mark, style="bold black on yellow", justify="center"))
     parts += [_head(snapshot), _answer(snapshot, ascii_only=ascii_only), _health(snapshot)]
     parts += [Text(f"! {printable(text)}", style="bold yellow") for text in snapshot.warnings]
     parts += [Text(), _axes(snapshot, width, ascii_only=ascii_only)]
-    used = len(snapshot.axes) + len(snapshot.warnings) + 13
-    if snapshot.decision is not None:
-        parts += [Text(), _ranking(snapshot, width, max(height - used, 3), ascii_only=ascii_only)]
+    used = len(Console(width=width, file=StringIO()).render_lines(Group(*parts)))
+    lines = height - used - 2  # below an empty line and a heading
+    if snapshot.decision is not None and lines >= 2:
+        parts += [Text(), _ranking(snapshot, width, lines, ascii_only=ascii_only)]
     return Group(*parts)
 
 
 def _head(snapshot: Snapshot) -> RenderableType:
     line = Table.grid(expand=True, padding=(0, 1))
-    line.add_column(ratio=1)
-    line.add_column(justify="right")
+    line.add_column(ratio=1, no_wrap=True)
+    line.add_column(justify="right", no_wrap=True)
     where = " · ".join(part for part in (printable(snapshot.source), f"{snapshot.rate_hz:g} Hz") if part)
     line.add_row(Text(f"granular_id live · {where}", style="dim"), Text(score_of(snapshot)))
     return line
@@ -147,7 +148,7 @@ def _bars(values: NDArray[np.float64], room: int, *, ascii_only: bool) -> str:
 def _ranking(snapshot: Snapshot, width: int, lines: int, *, ascii_only: bool) -> RenderableType:
     assert snapshot.decision is not None
     ranking = snapshot.decision.ranking
-    shown = ranking if len(ranking) <= lines else ranking[: max(lines - 1, 2)]
+    shown = ranking if len(ranking) <= lines else ranking[: lines - 1]
     largest = max((loss for _, loss in ranking if math.isfinite(loss)), default=1.0) or 1.0
     room = max(6, min(60, width - 38))
     table = Table.grid(padding=(0, 1))

@@ -1,0 +1,147 @@
+"""The terminal view: what matters is on the screen at any size, and in a log where there is no screen."""
+
+import io
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from granular_id.live.snapshot import Snapshot
+from granular_id.live.terminal import TerminalView, line_of
+from granular_id.live.terminal_screen import screen
+from live_view_cases import CLASSES, answer, listening
+
+MIDDLE = listening(1.7)[1]
+END = listening(3.2)[1]
+TROUBLE = replace(
+    MIDDLE,
+    warnings=("gap",),
+    lag_s=0.043,
+    counters={"missing": 14, "gaps": 2, "saturated": 3, "duplicates": 5},
+)
+
+
+def drawn(snapshot, width=100, height=40, *, ascii_only=False):
+    console = Console(file=io.StringIO(), width=width, height=height, color_system=None)
+    console.print(screen(snapshot, width, height, ascii_only=ascii_only))
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize(("width", "height"), [(40, 24), (64, 24), (80, 24), (200, 60)])
+@pytest.mark.parametrize("snapshot", [MIDDLE, END, TROUBLE], ids=["middle", "end", "trouble"])
+def test_what_matters_is_on_the_screen_at_any_size(snapshot, width, height):
+    lines = drawn(snapshot, width, height).splitlines()
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    assert "SYNTHETIC" in lines[0]
+    assert snapshot.decision.label.upper() in text
+    assert ("final" in text) == snapshot.decision.final
+    assert f"lag {1e3 * snapshot.lag_s:.1f} ms" in text
+    assert f"lost {snapshot.lost}" in text
+    assert "12 of 12 right" in text
+    for axis, unit, value, digits in zip(
+        snapshot.axes, snapshot.units, snapshot.latest, (3, 3, 3, 4, 4, 4), strict=True
+    ):
+        line = next(line for line in lines if line.startswith(axis))
+        assert f"{value:.{digits}f} {unit} " in line
+        assert any(block in line for block in "▁▂▃▄▅▆▇█")
+    assert f"{snapshot.decision.ranking[0][1]:.3f}" in text
+
+
+def test_troubles_are_marked():
+    text = drawn(TROUBLE)
+    for mark in ("lag 43.0 ms !", "lost 14 !", "gaps 2 !", "saturated 3 !", "duplicates 5 ", "! gap"):
+        assert mark in text
+    assert "duplicates 5 !" not in text
+    assert "!" not in drawn(MIDDLE)
+
+
+def test_a_tall_screen_has_the_whole_ranking_and_a_low_one_says_what_is_cut():
+    assert all(name in drawn(MIDDLE) for name in CLASSES)
+    assert "more" not in drawn(MIDDLE)
+    low = drawn(MIDDLE, height=24)
+    shown = sum(name in low.rpartition("mean loss")[2] for name in CLASSES)
+    assert f"and {len(CLASSES) - shown} more" in low
+
+
+def test_bars_are_as_long_as_losses():
+    rows = [line for line in drawn(END).splitlines() if "━" in line and "┏" not in line and "┗" not in line]
+    lengths = [row.count("━") for row in rows]
+    losses = [loss for _, loss in END.decision.ranking]
+    assert lengths == sorted(lengths)
+    assert lengths[0] / lengths[-1] == pytest.approx(losses[0] / losses[-1], abs=0.02)
+
+
+def test_without_block_characters_it_is_ascii():
+    assert drawn(replace(TROUBLE, source="rdt://x"), ascii_only=True).replace("·", "-").isascii()
+
+
+def test_an_idle_session_and_a_failure_say_so():
+    idle = drawn(Snapshot("idle", source="rdt://x", hint="press Enter"))
+    assert "Waiting" in idle
+    assert "press Enter" in idle
+    assert "SYNTHETIC" not in idle
+    failed = drawn(Snapshot("failed", hint="12 rows are missing"))
+    assert "Failed" in failed
+    assert "12 rows are missing" in failed
+
+
+def test_names_cannot_steer_the_terminal():
+    classes = ("\x1b[2Jrice", "oats\r\n[bold]", "[red]peas[/red]")
+    bad = listening(3.2, classes=classes)[1]
+    bad = replace(bad, source="\x1b]0;owned\x07", hint="\x1b[1A", warnings=("\x1b[31m",))
+    for text in (drawn(bad), line_of(bad)):
+        assert "\x1b" not in text
+        assert "\x07" not in text
+    assert "[red]peas[/red]" in drawn(bad)
+
+
+def test_a_terminal_is_drawn_on_and_keeps_the_last_screen():
+    output = io.StringIO()
+    console = Console(file=output, force_terminal=True, width=100, height=40)
+    with TerminalView(console) as view:
+        view.publish(MIDDLE)
+        view.publish(END)
+    text = output.getvalue()
+    assert "FINE SUGAR" in text
+    assert "final, after 3.20 s" in text
+    assert text.rstrip().endswith("\x1b[?25h")  # the cursor is there again
+
+
+def test_a_pipe_gets_a_line_per_change_and_one_a_second():
+    output = io.StringIO()
+    with TerminalView(Console(file=output, width=40)) as view:
+        for i in range(100):
+            view.publish(Snapshot("armed", time_s=i / 50, lag_s=0.001))
+        view.publish(Snapshot("triggered", time_s=2.0))
+        view.publish(replace(END, time_s=2.1))
+    lines = output.getvalue().splitlines()
+    assert [line.split("  ")[:2] for line in lines[:3]] == [
+        ["0.000 s", "Armed"],
+        ["1.000 s", "Armed"],
+        ["2.000 s", "Listening"],
+    ]
+    assert len(lines) == 4
+    assert lines[3] == (
+        f"SYNTHETIC  2.100 s  Done: fine sugar (final, after 3.20 s, margin {END.decision.margin:.3f} ahead of "
+        "cat litter)  |  lag 1.2 ms, lost 0  |  12 of 12 right"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"settled": True}, "can no longer change"),
+        ({"sure": True}, "sure enough to stop"),
+        ({"probability": 0.934}, "probability 93 %"),
+    ],
+)
+def test_how_sure_it_is_is_told(options, words):
+    assert words in line_of(replace(MIDDLE, decision=answer(1.7, **options)))
+
+
+def test_a_single_class_has_no_runner_up():
+    one = listening(1.0, classes=("rice",))[1]
+    assert "ahead" not in drawn(one)
+    assert "RICE" in drawn(one)
