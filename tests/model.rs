@@ -3,6 +3,9 @@
 //!
 //! `GRANULAR_ID_MODEL_ROWS=FOLDER cargo test --release --test model` compares a folder that `make_model_golden.py` wrote.
 
+// Results are exact.
+#![allow(clippy::float_cmp)]
+
 use std::path::{Path, PathBuf};
 
 use granular_id::model::{Decoding, Fault, FileFault, Loss, ModelParts, Notes, Tensor, MAX_FILE_BYTES};
@@ -300,12 +303,12 @@ fn files_are_named_in_errors() {
 
 /// A recording as CSV text, its columns in another order than the axes of the model.
 fn csv(wrench: &[f64], step_s: f64) -> String {
-    let mut text = "tz,fx,fy,fz,tx,ty,time\n".to_owned();
-    for (sample, row) in wrench.chunks_exact(6).enumerate() {
+    let line = |(sample, row): (usize, &[f64])| {
         let [fx, fy, fz, tx, ty, tz] = row.try_into().unwrap();
-        text += &format!("{tz:?},{fx:?},{fy:?},{fz:?},{tx:?},{ty:?},{}\n", sample as f64 * step_s);
-    }
-    text
+        format!("{tz:?},{fx:?},{fy:?},{fz:?},{tx:?},{ty:?},{}\n", sample as f64 * step_s)
+    };
+    let names = "tz,fx,fy,fz,tx,ty,time\n".to_owned();
+    std::iter::once(names).chain(wrench.chunks_exact(6).enumerate().map(line)).collect()
 }
 
 #[test]

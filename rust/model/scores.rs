@@ -1,9 +1,10 @@
 //! From recordings to scores, losses and answers.
 
 use super::trained::Model;
-use super::weights::add;
+use super::weights::AddTeam;
 use crate::error::{Error, Result};
 use crate::extract::{finite, in_tasks, not_finite};
+use crate::lanes::Path;
 use crate::BatchShape;
 
 /// Recordings that share each row of weights on its way through the caches.
@@ -77,7 +78,7 @@ impl Model {
             for (team, (wrench, out)) in teams.enumerate() {
                 let first = team * TEAM;
                 let counts = counts.get(first * n_counts..).unwrap_or_default();
-                self.team(wrench, counts, n_counts, &mut sums, out);
+                self.team(wrench, counts, &mut sums, out);
             }
             self.all_finite(out)
         })
@@ -92,23 +93,14 @@ impl Model {
     }
 
     /// Scores of a few recordings, each row of weights read once.
-    fn team(&self, wrench: &[f64], counts: &[f64], n_counts: usize, sums: &mut [f64], out: &mut [f64]) {
-        let (lanes, len) = (self.lanes(), self.n_samples * self.n_axes);
+    fn team(&self, wrench: &[f64], counts: &[f64], sums: &mut [f64], out: &mut [f64]) {
+        let lanes = self.lanes();
         let (raw_rows, count_rows) = self.weights.blocks();
         let (raw, hist) = sums.split_at_mut(TEAM * lanes);
-        raw.fill(0.0);
-        hist.fill(0.0);
-        for (place, weights) in raw_rows.chunks_exact(lanes).enumerate() {
-            for (sums, wrench) in raw.chunks_exact_mut(lanes).zip(wrench.chunks_exact(len)) {
-                add(sums, weights, wrench[place]);
-            }
-        }
-        for (feature, weights) in count_rows.chunks_exact(lanes).enumerate() {
-            for (sums, counts) in hist.chunks_exact_mut(lanes).zip(counts.chunks_exact(n_counts)) {
-                if counts[feature] != 0.0 {
-                    add(sums, weights, counts[feature]);
-                }
-            }
+        let path = Path::detect();
+        for (sums, rows, values) in [(&mut *raw, raw_rows, wrench), (&mut *hist, count_rows, counts)] {
+            sums.fill(0.0);
+            path.run(AddTeam { sums, lanes, rows, values });
         }
         let sums = raw.chunks_exact(lanes).zip(hist.chunks_exact(lanes));
         for (out, (raw, hist)) in out.chunks_exact_mut(self.n_learners()).zip(sums) {

@@ -102,3 +102,31 @@ impl Job for AddRows<'_> {
         }
     }
 }
+
+/// Adds rows of weights to the sums of several recordings at once, so that each row is brought from memory once. For each
+/// recording the same bits as [`AddRows`].
+pub(super) struct AddTeam<'a> {
+    /// As many numbers per recording as a row has.
+    pub(super) sums: &'a mut [f64],
+    pub(super) lanes: usize,
+    pub(super) rows: &'a [f64],
+    /// A value per row and recording, recording by recording.
+    pub(super) values: &'a [f64],
+}
+
+impl Job for AddTeam<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { sums, lanes, rows, values } = self;
+        let n_rows = rows.len() / lanes;
+        for (row, weights) in rows.chunks_exact(lanes).enumerate() {
+            for (sums, values) in sums.chunks_exact_mut(lanes).zip(values.chunks_exact(n_rows)) {
+                if values[row] != 0.0 {
+                    add(sums, weights, values[row]);
+                }
+            }
+        }
+    }
+}
