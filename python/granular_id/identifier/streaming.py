@@ -55,7 +55,7 @@ class StreamingIdentifier:
     ...     taken = stream.push(block)
     >>> decision = stream.decision()
     >>> decision.label, decision.final, decision.seconds
-    ('fine sugar', True, 0.5)
+    ('rice', True, 0.5)
     """
 
     def __init__(self, identifier: Answers | _core.Model, *, hop: int | None = None) -> None:
