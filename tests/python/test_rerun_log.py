@@ -79,7 +79,7 @@ def test_words_are_logged_once(log):
     text = printed(log, "-vvv")
     sessions = "".join(part for part in text.split("\nChunk(") if "- /session -" in part.partition("\n")[0])
     assert sessions.count("SYNTHETIC source") == 1
-    assert sessions.count("[gap]") == 1
+    assert sessions.count("gap: missing rows") == 1
     assert sessions.count("Failed: saturated") == 1
     assert 1 <= sessions.count("provisional: fine sugar") <= 20
     assert "SYNTHETIC sim:rice" in text

@@ -10,7 +10,7 @@ import numpy as np
 from granular_id._files import cannot_write, check_target
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
-from granular_id.live.wording import SYNTHETIC, answer_of, state_of
+from granular_id.live.wording import SYNTHETIC, answer_of, state_of, warnings_of
 from granular_id.plotting.style import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ class RerunLog(BackgroundView):
         told = {
             "state": (state, "ERROR" if snapshot.state == "failed" else "INFO"),
             "answer": (f"{answer.kind}: {answer.title}" if named else "", "INFO"),
-            "warnings": ("; ".join(snapshot.warnings), "WARN"),
+            "warnings": ("; ".join(warnings_of(snapshot)), "WARN"),
             "not logged": (f"{snapshot.fresh_lost} rows not logged" * bool(snapshot.fresh_lost), "WARN"),
         }
         for kind, (text, level) in told.items():

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
-from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, printable, score_of, state_of
+from granular_id.live.wording import (
+    SYNTHETIC,
+    answer_of,
+    figures_of,
+    printable,
+    score_of,
+    state_of,
+    warnings_of,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -116,5 +124,5 @@ def line_of(snapshot: Snapshot) -> str:
         begin.append(f"{snapshot.time_s:.3f} s")
     health = ", ".join(f"{name} {value}{' (!)' * alarm}" for name, value, alarm in figures_of(snapshot))
     parts = ["  ".join([*begin, said]), health, score_of(snapshot)]
-    parts += [f"warning: {printable(text)}" for text in snapshot.warnings]
+    parts += [f"warning: {text}" for text in warnings_of(snapshot)]
     return "  |  ".join(part for part in parts if part)

@@ -14,7 +14,15 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, printable, score_of, state_of
+from granular_id.live.wording import (
+    SYNTHETIC,
+    answer_of,
+    figures_of,
+    printable,
+    score_of,
+    state_of,
+    warnings_of,
+)
 from granular_id.plotting.style import AXIS_COLOURS, short
 
 if TYPE_CHECKING:
@@ -50,7 +58,7 @@ def screen(snapshot: Snapshot, width: int, height: int, *, ascii_only: bool = Fa
         mark = SYNTHETIC if width >= len(SYNTHETIC) else SYNTHETIC.partition(":")[0]
         parts.append(Text(mark, style="bold black on yellow", justify="center"))
     parts += [_head(snapshot), _answer(snapshot, ascii_only=ascii_only), _health(snapshot)]
-    parts += [Text(f"! {printable(text)}", style="bold yellow") for text in snapshot.warnings]
+    parts += [Text(f"! {text}", style="bold yellow") for text in warnings_of(snapshot)]
     parts += [Text(), _axes(snapshot, width, ascii_only=ascii_only)]
     used = len(Console(width=width, file=StringIO()).render_lines(Group(*parts)))
     lines = height - used - 2  # below an empty line and a heading

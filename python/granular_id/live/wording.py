@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 if TYPE_CHECKING:
     from granular_id.live.snapshot import DecisionLike, Snapshot
 
-__all__ = ["SYNTHETIC", "Answer", "Figure", "answer_of", "figures_of", "printable", "score_of", "state_of"]
+__all__ = [
+    "SYNTHETIC",
+    "Answer",
+    "Figure",
+    "answer_of",
+    "figures_of",
+    "printable",
+    "score_of",
+    "state_of",
+    "warnings_of",
+]
 
 SYNTHETIC = "SYNTHETIC source: a physical model, no sensor. It says nothing about real materials."
 """Shown wherever the rows come from a model."""
@@ -36,6 +46,13 @@ _COUNTERS = {
 """Counters that are told where they are not zero, and how."""
 
 _ALARMS = frozenset(("gaps", "late", "saturated", "bad status", "not finite"))
+
+_WARNINGS = {
+    "gap": "gap: missing rows were filled in",
+    "saturation": "saturation: a force was at the end of the sensor's range",
+    "lag": "lag: rows were read late",
+}
+"""Warnings of a decision, and what they mean."""
 
 Kind = Literal["none", "provisional", "final", "failed"]
 
@@ -139,6 +156,19 @@ def score_of(snapshot: Snapshot) -> str:
     if snapshot.n_correct is None:
         return f"{snapshot.n_captures} capture{'s' * (snapshot.n_captures > 1)}"
     return f"{snapshot.n_correct} of {snapshot.n_captures} right"
+
+
+def warnings_of(snapshot: Snapshot) -> tuple[str, ...]:
+    """Put the warnings into sentences; what has none is shown as it is.
+
+    Examples
+    --------
+    >>> from granular_id.live.snapshot import Snapshot
+    >>> from granular_id.live.wording import warnings_of
+    >>> warnings_of(Snapshot("complete", warnings=("lag", "the tool slipped")))
+    ('lag: rows were read late', 'the tool slipped')
+    """
+    return tuple(_WARNINGS.get(text, printable(text)) for text in snapshot.warnings)
 
 
 def printable(text: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, score_of, state_of
+from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, score_of, state_of, warnings_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -56,7 +56,7 @@ def frame(snapshot: Snapshot, number: int) -> bytes:
             },
             "figures": [[figure.name, figure.value, figure.alarm] for figure in figures_of(snapshot)],
             "score": score_of(snapshot),
-            "warnings": list(snapshot.warnings),
+            "warnings": list(warnings_of(snapshot)),
             "source": snapshot.source,
             "synthetic": SYNTHETIC if snapshot.synthetic else "",
             "rate_hz": snapshot.rate_hz,
