@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_cases import RATE_HZ, Block, Line, N, capture, moving_at, run
-from granular_id.live.capture_state import CaptureState
+from granular_id.live.capture_state import CaptureState, FailureReason
 from granular_id.live.clock import start_utc_s
 from granular_id.live.robot import TimedMotion
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, TimeTrigger
@@ -142,6 +144,25 @@ def test_force_trigger_is_relative_to_the_rest():
     assert np.array_equal(rows, line.wrench[350 : 350 + N])
     with pytest.raises(ValueError, match="pre_s must be above 0"):
         run(capture(ForceTrigger(), pre_s=0), line)
+
+
+@pytest.mark.parametrize("cuts", [[], range(900), [7, 333, 334]])
+def test_the_end_of_the_last_push_is_no_rest(cuts):
+    """The force of a push that still goes on is not taken for the level at rest, however rows come in."""
+    line = Line.of(900)
+    line.wrench[:200, 0] += np.linspace(4, 0, 200)
+    line.wrench[400:, 1] -= 0.8
+    rows = run(capture(ForceTrigger(0.5)), line, cuts=cuts)
+    assert np.array_equal(rows, line.wrench[350 : 350 + N])
+
+
+def test_a_tool_that_never_rests_is_waited_for_and_told_of():
+    line = Line.of(2000)
+    line.wrench[:, 0] += 2 * np.sin(np.arange(2000) / 5)
+    taker = capture(ForceTrigger(0.5), timeout_s=1)
+    assert len(run(taker, line, cuts=[3])) == 0
+    assert taker.reason is FailureReason.NO_TRIGGER
+    assert re.search(r"within 1 s; .* the force moved by 2\.?\d* N before the motion", taker.text)
 
 
 @pytest.mark.parametrize(

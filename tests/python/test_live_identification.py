@@ -162,7 +162,7 @@ def test_identify_raises_or_skips_what_could_not_be_captured(model):
         made.inject(Fault("gap", after_s=0.3))
         return made
 
-    with pytest.raises(CaptureError, match="missing|gap") as caught:
+    with pytest.raises(CaptureError, match=r"missing|gap") as caught:
         next(gid.identify(source(), model, n=1))
     assert caught.value.reason is FailureReason.GAP
     (decision,) = gid.identify(source(), model, n=1, on_failure="skip")

@@ -23,6 +23,9 @@ __all__ = ["Capture"]
 
 _NO_ROWS = np.zeros((0, 6))
 
+_NEW_LOOKS = 10
+"""How often rows are looked at anew for being at rest, within the time that they are to rest."""
+
 
 class Capture:
     """Takes the rows of one push out of a stream: `pre_s` of rest, the trigger, and what follows.
@@ -247,14 +250,22 @@ class Capture:
         """Go through rows without a fault among them."""
         while not self.state.is_over:
             if self.state is CaptureState.ARMING and len(self._rest) == self.n_pre:
-                self.trigger.arm(self._rest)
-                self.state, self._broken = CaptureState.ARMED, None
+                self._arm()
             if not len(rows):
                 return
             if self.state is CaptureState.TRIGGERED:
                 self._add(rows[: self.n_samples - self.n_rows], taken)
                 return
             rows = self._wait(rows, taken)
+
+    def _arm(self) -> None:
+        complaint = self.trigger.arm(self._rest)
+        if complaint is None:
+            self.state, self._broken = CaptureState.ARMED, None
+        else:
+            # A fixed share of the oldest rows goes, so that nothing depends on how rows come in.
+            self._rest = self._rest[max(1, self.n_pre // _NEW_LOOKS) :]
+            self._broken = Break(FailureReason.NO_REST, complaint)
 
     def _wait(self, rows: Rows, taken: list[Rows]) -> Rows:
         """Look for the trigger in as many rows as may be looked at alike; return the others."""

@@ -34,6 +34,8 @@ class FailureReason(Enum):
 
     TRIGGER_TOO_EARLY = "trigger too early"
     """Triggered before enough rows at rest were there."""
+    NO_REST = "no rest"
+    """The tool never rested as long as it should before the motion."""
     OVERFLOW = "overflow"
     """Rows were overwritten before they were read."""
     GAP = "gap"
@@ -56,6 +58,16 @@ class FailureReason(Enum):
     """The robot refused the motion, or it failed."""
     INTERRUPTED = "interrupted"
     """Ended from outside: Ctrl-C, or the program went on to something else."""
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether the next capture would fail as well: nobody delivers, nobody moves."""
+        return self in _LASTING
+
+
+_LASTING = frozenset(
+    (FailureReason.SOURCE, FailureReason.ROBOT, FailureReason.NO_ROWS, FailureReason.NO_TRIGGER)
+)
 
 
 class CaptureError(RuntimeError):

@@ -24,8 +24,14 @@ class Trigger(Protocol):
 
     name: str
 
-    def arm(self, rest: Rows) -> None:
-        """Take note of the rows at rest before the motion; from here on a trigger is welcome."""
+    def arm(self, rest: Rows, /) -> str | None:
+        """Take note of the rows at rest before the motion: from here on a trigger is welcome.
+
+        Returns
+        -------
+        str or None
+            Why this is no rest; the capture then waits on. None: it is.
+        """
 
     def index(self, rows: Rows) -> int | None:
         """Return which of these rows is the first one of the motion; None: none of them yet.
@@ -49,8 +55,9 @@ class ManualTrigger:
     def __init__(self) -> None:
         self._fired_ns: int | None = None
 
-    def arm(self, rest: Rows) -> None:
+    def arm(self, _rest: Rows, /) -> str | None:
         """Nothing to learn from the rest."""
+        return None
 
     def fire(self, at_ns: int | None = None) -> None:
         """Begin with the first row that comes in at `at_ns` of the host's monotonic clock, or now."""
@@ -76,8 +83,9 @@ class TimeTrigger:
         self._times_s = np.asarray(times_s, dtype=np.float64)
         self._seen_s: float | None = None
 
-    def arm(self, rest: Rows) -> None:
+    def arm(self, _rest: Rows, /) -> str | None:
         """Nothing to learn from the rest."""
+        return None
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row at or after the first moment that no row shown before has passed."""
@@ -114,8 +122,9 @@ class MotionTrigger:
         """Tell which motion it is."""
         self._motion = motion
 
-    def arm(self, rest: Rows) -> None:
+    def arm(self, _rest: Rows, /) -> str | None:
         """Nothing to learn from the rest."""
+        return None
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row of the motion."""
@@ -148,8 +157,8 @@ class ForceTrigger:
         self.threshold_n = positive_number("threshold_n", threshold_n)
         self._level: NDArray[np.float64] | None = None
 
-    def arm(self, rest: Rows) -> None:
-        """Take the mean of these rows for the level at rest.
+    def arm(self, rest: Rows, /) -> str | None:
+        """Take the mean of these rows for the level at rest, unless the force moves among them already.
 
         Raises
         ------
@@ -158,7 +167,15 @@ class ForceTrigger:
         """
         if not len(rest):
             raise ValueError("a ForceTrigger needs rows at rest: pre_s must be above 0")
-        self._level = rest.wrench[:, :3].mean(axis=0)
+        force = rest.wrench[:, :3]
+        level = force.mean(axis=0)
+        half = len(force) // 2
+        crept_n = float(np.linalg.norm(force[half:].mean(axis=0) - force[: half or 1].mean(axis=0)))
+        moved_n = float(np.linalg.norm(force - level, axis=1).max())
+        if moved_n > self.threshold_n or crept_n > _CREEP * self.threshold_n:
+            return f"the force moved by {max(moved_n, crept_n):.2g} N before the motion"
+        self._level = level
+        return None
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row whose force differs from the level by more than the threshold."""
@@ -166,6 +183,10 @@ class ForceTrigger:
             return None
         change = np.linalg.norm(rows.wrench[:, :3] - self._level, axis=1)
         return _first(change > self.threshold_n)
+
+
+_CREEP = 0.2
+"""Share of the threshold by which the force may creep at rest: more, and the level is that of another moment."""
 
 
 def _first(where: NDArray[np.bool_]) -> int | None:
