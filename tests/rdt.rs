@@ -136,6 +136,17 @@ fn a_sample_under_a_new_number_is_stale() {
     assert_eq!((counts.stale, counts.reordered, counts.lost, counts.rows), (1, 0, 0, 4));
 }
 
+#[test]
+fn nothing_late_lies_before_what_is_forgotten() {
+    // after an outage longer than is remembered, a record of the time before it is no late one
+    let whole = run(1, 5, 14, 9000);
+    let counts =
+        placed(&[&whole[..100], &whole[8000..], &[(7990, 5 + 14 * 50)], &[(9001, 5 + 14 * 9000)]].concat()).1;
+    assert_eq!((counts.reordered, counts.implausible, counts.lost), (0, 1, 7900));
+    let counts = placed(&[&whole[..100], &whole[8000..], &[(7990, 5 + 14 * 7989)]].concat()).1;
+    assert_eq!((counts.reordered, counts.implausible, counts.lost), (1, 0, 7899));
+}
+
 fn decoder(variant: Variant, limit: f64) -> Decoder {
     Decoder::new(variant, Scale::new(1e6, 1e6).unwrap(), [limit; 6])
 }

@@ -56,6 +56,8 @@ pub struct Sequence<T> {
     seen: Box<[Option<u32>]>,
     /// How many places behind the newest belong to this stream: each is seen or counted as lost.
     reach: u32,
+    /// Ticks of the newest record that is no longer remembered: nothing late may lie before it.
+    forgotten: Option<u64>,
     /// Samples per record, as last seen; 0 while unknown.
     step: u32,
     suspect: Option<Entry<T>>,
@@ -64,7 +66,7 @@ pub struct Sequence<T> {
 impl<T: Copy> Default for Sequence<T> {
     fn default() -> Self {
         let seen = vec![None; WINDOW as usize].into_boxed_slice();
-        Self { newest: None, seen, reach: 0, step: 0, suspect: None }
+        Self { newest: None, seen, reach: 0, forgotten: None, step: 0, suspect: None }
     }
 }
 
@@ -132,6 +134,7 @@ impl<T: Copy> Sequence<T> {
         // Streams are numbered from 1: what is missing before the first that came was sent.
         self.reach = if entry.rdt < WINDOW { entry.rdt.saturating_sub(1) } else { 0 };
         self.step = 0;
+        self.forgotten = None;
         let ticks = u64::from(entry.ft);
         self.newest = Some(Newest { rdt: entry.rdt, ft: entry.ft, ticks });
         counts.lost += u64::from(self.reach);
@@ -151,9 +154,13 @@ impl<T: Copy> Sequence<T> {
         let samples = entry.ft.wrapping_sub(newest.ft);
         if records >= WINDOW {
             self.seen.fill(None);
+            self.forgotten = Some(newest.ticks);
         } else {
-            for skipped in 1..records {
-                self.seen[slot(newest.rdt.wrapping_add(skipped))] = None;
+            for ahead in 1..=records {
+                let left = self.seen[slot(newest.rdt.wrapping_add(ahead))].take();
+                let ticks =
+                    left.and_then(|ft| newest.ticks.checked_add_signed(distance(newest.ft, ft).into()));
+                self.forgotten = self.forgotten.max(ticks);
             }
         }
         self.seen[slot(entry.rdt)] = Some(entry.ft);
@@ -187,7 +194,8 @@ impl<T: Copy> Sequence<T> {
         let before = (behind + 1..=self.reach).find_map(at).map_or(i32::MIN, |ft| distance(newest.ft, ft));
         let samples = distance(newest.ft, entry.ft);
         let ticks = newest.ticks.checked_add_signed(i64::from(samples));
-        let Some(ticks) = ticks.filter(|_| (before..=after).contains(&samples)) else { return false };
+        let fits = |ticks: &u64| (before..=after).contains(&samples) && Some(*ticks) > self.forgotten;
+        let Some(ticks) = ticks.filter(fits) else { return false };
         self.drop_suspect(counts);
         self.seen[slot(entry.rdt)] = Some(entry.ft);
         counts.lost -= 1;

@@ -34,8 +34,8 @@ class Faults:
     Parameters
     ----------
     loss, duplicate, reorder, stale, garbage, forged, absurd : float
-        Share of datagrams that are lost, sent twice, sent after the next one, sent with the sample of the one before
-        under a new number; and before which a datagram of a wrong length, a record that continues nothing, or one with
+        Share of datagrams that are lost, sent twice, sent after the next one, sent with the sample number of the
+        record before; and before which a datagram of a wrong length, a record that continues nothing, or one with
         forces at the end of 32 bits is sent. At most one of these happens to a datagram.
     bad_status, saturation, warning : float
         Share of records with such a status word.
@@ -261,8 +261,7 @@ class FaultPlan:
         if fate == "stale" and self._before:
             fate = ""
         if fate == "stale":
-            records["ft"] = (records["ft"].astype(np.int64) - self.step) % 2**32
-            # only its first record repeats a sample
+            records["ft"][0] = (int(records["ft"][0]) - self.step) % 2**32
             self.injected.stale += 1
         elif fate != "loss":
             self._mark(records)

@@ -142,12 +142,13 @@ def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> Net
     def give_up() -> None:
         expired.set()
         with suppress(OSError):  # closed already: it was a matter of microseconds
-            connection.sock.shutdown(SHUT_RDWR)
+            link.shutdown(SHUT_RDWR)
 
     # a time-out of the socket begins anew with every byte
     alarm = threading.Timer(timeout_s, give_up)
     try:
         connection.connect()
+        link = connection.sock  # the connection forgets it before the answer is read
         alarm.start()
         connection.request("GET", PATH, headers={"Connection": "close"})
         response = connection.getresponse()

@@ -1,0 +1,213 @@
+"""The page of a sensor box: what it must say, and how hostile it may be."""
+
+from __future__ import annotations
+
+import socketserver
+import threading
+import time
+from contextlib import contextmanager
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from granular_id.live.fake_netft import FakeNetft
+from granular_id.live.fake_netft_page import page_text
+from granular_id.live.netft_page import (
+    FORCE_UNITS,
+    MAX_PAGE_BYTES,
+    TORQUE_UNITS,
+    NetftPageError,
+    parse_page,
+    read_page,
+)
+
+URL = "http://192.168.1.1/netftapi2.xml"
+
+
+def page(**changes):
+    return parse_page(page_text({}, changes), URL)
+
+
+@contextmanager
+def server(*chunks, pause_s=0.0):
+    """Answer whatever is asked with these bytes."""
+
+    class Handler(socketserver.BaseRequestHandler):
+        def handle(self):
+            self.request.recv(1024)
+            try:
+                for chunk in chunks:
+                    self.request.sendall(chunk)
+                    time.sleep(pause_s)
+            except OSError:
+                pass  # the client has heard enough
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as serving:
+        serving.daemon_threads = True
+        serving.block_on_close = False
+        thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield serving.server_address[1]
+        finally:
+            serving.shutdown()
+            thread.join()
+
+
+def http(body, head=b"HTTP/1.0 200 OK\r\n\r\n"):
+    return head + body
+
+
+def test_units_are_exact():
+    lbf, inch = Fraction(45359237, 100000000) * Fraction(980665, 100000), Fraction(254, 10000)
+    assert {
+        "N": 1, "kN": 1000, "lbf": lbf, "klbf": 1000 * lbf, "kgf": Fraction(980665, 100000),
+        "g": Fraction(980665, 100000000),
+    } == FORCE_UNITS  # fmt: skip
+    assert TORQUE_UNITS["lbf-in"] == lbf * inch
+    assert TORQUE_UNITS["lbf-ft"] == 12 * lbf * inch
+    assert TORQUE_UNITS["kg-cm"] == TORQUE_UNITS["kgf-cm"] == Fraction(980665, 10000000)
+    assert TORQUE_UNITS["Nmm"] == TORQUE_UNITS["N-mm"] == Fraction(1, 1000)
+    assert TORQUE_UNITS["kN-m"] == TORQUE_UNITS["kNm"] == 1000
+    assert TORQUE_UNITS["Nm"] == TORQUE_UNITS["N-m"] == 1
+
+
+def test_the_scale_takes_units_into_account():
+    assert page().counts_per_newton == page().counts_per_newton_metre == 1e6
+    assert page(scfgfu="lbf").counts_per_newton == float(Fraction(10**6) / FORCE_UNITS["lbf"])
+    assert page(scfgtu="Nmm", cfgcpt="1000.5").counts_per_newton_metre == 1_000_500
+    assert page(scfgfu=" N\n").counts_per_newton == 1e6
+
+
+@pytest.mark.parametrize("field", ["cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "comrdtrate"])
+@pytest.mark.parametrize(
+    "value", [None, "", "0", "-1e6", "nan", "inf", "1e400", "1/2", "1_0", "abc", "x" * 500, "Ⅷ"]
+)
+def test_what_is_missing_or_no_value_is_refused_with_address_and_field(field, value):
+    with pytest.raises(NetftPageError, match=rf"^{URL}: field {field} is .*; wanted ") as caught:
+        page(**{field: value})
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"cfgcpf": "0.5"}, "field cfgcpf is '0.5'; wanted 1 to 1e[+]09 counts per newton, got 0.5"),
+        ({"cfgcpf": "1e12"}, "field cfgcpf is '1e12'; wanted 1 to 1e[+]09 counts per newton, got 1e[+]12"),
+        ({"scfgfu": "klbf", "cfgcpf": "4000"}, "counts per newton, got 0.899"),
+        ({"cfgcpt": "0.5"}, "field cfgcpt is '0.5'; wanted 1 to 1e[+]12 counts per newton metre"),
+        ({"scfgtu": "Nmm", "cfgcpt": "1e10"}, "counts per newton metre, got 1e[+]13"),
+    ],
+)
+def test_absurd_scales_are_refused(changes, words):
+    with pytest.raises(NetftPageError, match=words):
+        page(**changes)
+
+
+def test_a_field_that_contradicts_itself_is_refused():
+    text = page_text({}, {}).replace(b"</netft>", b"<cfgcpf>1000</cfgcpf></netft>")
+    with pytest.raises(NetftPageError, match="field cfgcpf is '1000000' and '1000'; wanted one"):
+        parse_page(text, URL)
+
+
+def test_what_may_be_missing():
+    bare = page(prodname=None, cfgcalsn=None, cfgmr=None, runrate=None, comrdtbsiz=None, setuserfilter=None)
+    assert (bare.product, bare.serial, bare.full_scale, bare.tick_hz) == ("", "", None, None)
+    assert bare.records_per_datagram is None
+    assert page(cfgmr="1;2;3;4;5").full_scale is None
+    assert page(cfgmr="1,2 3;4,5,0").full_scale is None
+    assert page(cfgmr="1,2 3;4,5,6").full_scale == (1, 2, 3, 4, 5, 6)
+    assert page(cfgcalsn="FT\x7f1").serial == "FT1"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"",
+        b"<netft>",
+        b"no page at all",
+        b"\x00" * 100,
+        b'<?xml version="1.0" encoding="no-such"?><a/>',
+        b"<netft>" + b"<a>" * 5000,
+    ],
+)
+def test_what_is_no_xml_is_refused(text):
+    with pytest.raises(NetftPageError, match=f"^{URL} is no XML"):
+        parse_page(text, URL)
+
+
+def test_entities_are_refused():
+    laughs = b'<!DOCTYPE l [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><netft><cfgcpf>&b;</cfgcpf></netft>'
+    for text in (laughs, b"<!DOCTYPE html><html></html>", laughs.decode().encode("utf-16")):
+        with pytest.raises(NetftPageError, match="has a DOCTYPE"):
+            parse_page(text, URL)
+
+
+@given(st.binary(max_size=200), st.integers(0, 600), st.integers(0, 600))
+def test_damaged_pages_are_read_or_refused(junk, start, stop):
+    whole = page_text({}, {})
+    try:
+        read = parse_page(whole[:start] + junk + whole[stop:], URL)
+    except NetftPageError as error:
+        refusal = str(error)
+    else:
+        refusal = URL
+        assert read.counts_per_newton > 0
+    assert refusal.startswith(URL)
+
+
+def test_reading_over_http():
+    with FakeNetft(rate_hz=1000) as box:
+        read = read_page("127.0.0.1", box.http_port)
+    assert (read.rate_hz, read.tick_hz, read.records_per_datagram) == (1000, 7000, 40)
+    assert read.url == f"http://127.0.0.1:{box.http_port}/netftapi2.xml"
+    assert read.fields["scfgfu"] == "N"
+
+
+def test_nobody_serves():
+    with FakeNetft() as box:
+        port = box.http_port
+    with pytest.raises(ConnectionError, match=rf"http://127\.0\.0\.1:{port}/netftapi2\.xml cannot be read"):
+        read_page("127.0.0.1", port)
+    with pytest.raises(ConnectionError, match=r"http://no-such-box\.invalid/netftapi2\.xml cannot be read"):
+        read_page("no-such-box.invalid")
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind", "words"),
+    [
+        (b"SSH-2.0-OpenSSH_9.2\r\n", ConnectionError, "cannot be read"),
+        (b"", ConnectionError, "cannot be read"),
+        (http(b"", b"HTTP/1.0 404 Not Found\r\n\r\n"), NetftPageError, "answers 404 Not Found"),
+        (
+            http(b"", b"HTTP/1.0 301 Moved\r\nLocation: http://127.0.0.1:1/\r\n\r\n"),
+            NetftPageError,
+            "answers 301",
+        ),
+        (http(b"x" * (MAX_PAGE_BYTES + 1)), NetftPageError, "longer than 65536 bytes"),
+        (http(b"x" * (1 << 22)), NetftPageError, "longer than 65536 bytes"),
+        (http(b"<html></html>"), NetftPageError, "field cfgcpf is missing"),
+    ],
+)
+def test_other_servers(answer, kind, words):
+    with server(answer) as port, pytest.raises(kind, match=words):
+        read_page("127.0.0.1", port)
+
+
+@pytest.mark.parametrize("head", [b"", b"HTTP/1.0 200 OK\r\n", b"HTTP/1.0 200 OK\r\n\r\n"])
+def test_a_server_that_drips_is_left(head):
+    # each byte comes in time: only the whole takes too long
+    drops = [b"X" for _ in range(100)]
+    words = r"did not answer within 0\.3 s|cannot be read"
+    with server(head, *drops, pause_s=0.02) as port, pytest.raises(OSError, match=words):
+        read_page("127.0.0.1", port, timeout_s=0.3)
+
+
+def test_a_server_that_says_nothing_is_left():
+    with (
+        server(b"", pause_s=1.0) as port,
+        pytest.raises(TimeoutError, match=r"did not answer within 0\.2 s"),
+    ):
+        read_page("127.0.0.1", port, timeout_s=0.2)

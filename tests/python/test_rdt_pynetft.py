@@ -1,0 +1,91 @@
+"""An independent client, pynetft, against the fake box: it and ours send the same bytes and see the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular_id.live.fake_netft import FakeNetft
+from granular_id.live.fake_netft_faults import Faults
+from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
+from rdt_cases import RATE_HZ, TICK_HZ, run, signal, until
+
+pynetft = pytest.importorskip("pynetft")
+
+N_RECORDS = 250
+"""All of them fit into its socket: a busy machine must not lose it any."""
+
+
+def theirs(faults=None, **options):
+    """Receive the stream of a box with pynetft. Returns its samples, health and the box."""
+    settings = {"rate_hz": RATE_HZ, "tick_hz": TICK_HZ, "seed": 3, **options}
+    with FakeNetft(signal(), faults=faults, n_records=N_RECORDS, **settings) as box:
+        config = pynetft.Config(
+            sensor_host="127.0.0.1",
+            rdt_port=box.port,
+            http_port=box.http_port,
+            deliver_samples_with_error_status=True,
+            receive_timeout=5.0,
+        )
+        samples = []
+        with pynetft.Client(config, queue_size=4 * N_RECORDS, callback=samples.append) as client:
+            assert box.wait(30)
+            sent = len(box.send_stamps)
+            until(lambda: (h := client.health()).received_count + h.malformed_count >= sent)
+            until(lambda: len(samples) >= client.health().delivered_count)
+            health = client.health()
+        until(lambda: box.requests[-1][2:4] == b"\0\0")
+    return samples, health, box
+
+
+def test_requests_are_the_same_bytes():
+    _, _, box = theirs()
+    _, _, _, ours = run(n_records=N_RECORDS)
+    assert ours.requests == [box.requests[0], box.requests[-1]] == box.requests
+
+
+def test_values_are_the_same_bits():
+    samples, _, _ = theirs()
+    _, _, reader, _ = run(n_records=N_RECORDS)
+    block = reader.read()
+    np.testing.assert_array_equal([sample.wrench for sample in samples], block.wrench)
+    np.testing.assert_array_equal([sample.ft_sequence for sample in samples], block.ticks)
+
+
+def test_values_in_other_units_are_theirs_times_the_unit():
+    units = {"force_unit": "lbf", "torque_unit": "lbf-in"}
+    samples, _, _ = theirs(**units)
+    _, _, reader, _ = run(n_records=N_RECORDS, **units)
+    factors = np.repeat([float(FORCE_UNITS["lbf"]), float(TORQUE_UNITS["lbf-in"])], 3)
+    expected = np.array([sample.wrench for sample in samples]) * factors
+    np.testing.assert_allclose(reader.read().wrench, expected, rtol=4e-16, atol=0)
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(loss=0.1),
+        Faults(duplicate=0.1),
+        Faults(reorder=0.1),
+        Faults(stale=0.1),
+        Faults(warning=0.1),
+        Faults(wrap=100, loss=0.05),
+        Faults(loss=0.04, duplicate=0.04, reorder=0.04),
+    ],
+    ids=repr,
+)
+def test_counts_agree(faults):
+    _, health, box = theirs(faults)
+    source, _, _, ours = run(faults, n_records=N_RECORDS)
+    assert ours.injected == box.injected
+    counters = source.health().counters
+    assert health.received_count == counters["records"]
+    assert health.duplicate_count == counters["duplicates"]
+    assert health.out_of_order_count == counters["reordered"]
+    assert health.warning_count == counters["warnings"]
+    assert health.device_error_count == counters["bad_status"] == 0
+    # it leaves a late record among the lost ones, and drops it
+    assert health.lost_count == counters["lost"] + counters["reordered"]
+    assert health.delivered_count == counters["rows"] - counters["reordered"]
+    # and its word for a sample that did not advance is used for repeated records too
+    assert health.ft_stall_count == counters["stale"] + counters["duplicates"]
