@@ -80,7 +80,8 @@ impl PyRdtReceiver {
         let settings = self.settings.clone();
         let (place, result) = match buffer.py().detach(|| Receiver::start(settings, writer)) {
             Ok(receiver) => (Place::Running { receiver, buffer: buffer.clone().unbind() }, Ok(())),
-            Err((fault, writer)) => {
+            Err(failed) => {
+                let (fault, writer) = *failed;
                 buffer.get().give_back(writer);
                 (Place::Idle { counters: Vec::new() }, Err(fault.into()))
             }

@@ -36,7 +36,7 @@ impl Receiver {
     /// Asks the box for the stream and waits for its first record. The writer comes back with a fault.
     ///
     /// Blocks for a second at most where the box is silent.
-    pub fn start(settings: Settings, writer: Writer) -> Result<Self, (Fault, Writer)> {
+    pub fn start(settings: Settings, writer: Writer) -> Result<Self, Box<(Fault, Writer)>> {
         let mut decoder = Decoder::new(settings.variant, settings.scale, settings.limits);
         match Self::connect(&settings, &mut decoder) {
             Ok((socket, incoming, shared, receive_buffer)) => {
@@ -44,7 +44,7 @@ impl Receiver {
                 let thread = Some(spawn(work, &settings)?);
                 Ok(Self { shared, socket, settings, thread, process: std::process::id(), receive_buffer })
             }
-            Err(fault) => Err((fault, writer)),
+            Err(fault) => Err(Box::new((fault, writer))),
         }
     }
 
@@ -137,7 +137,7 @@ impl Drop for Receiver {
 }
 
 /// A thread for the work; where the system gives none, the writer comes back.
-fn spawn(work: Work, settings: &Settings) -> Result<JoinHandle<Option<Writer>>, (Fault, Writer)> {
+fn spawn(work: Work, settings: &Settings) -> Result<JoinHandle<Option<Writer>>, Box<(Fault, Writer)>> {
     // A closure that fails to become a thread is dropped with all it holds: it gets the work only when it runs.
     let (give, take) = std::sync::mpsc::channel::<Work>();
     let thread = std::thread::Builder::new()
@@ -146,8 +146,10 @@ fn spawn(work: Work, settings: &Settings) -> Result<JoinHandle<Option<Writer>>, 
     match thread {
         Ok(thread) => match give.send(work) {
             Ok(()) => Ok(thread),
-            Err(returned) => Err((socket::gone(settings), returned.0.into_writer())),
+            Err(returned) => Err(Box::new((socket::gone(settings), returned.0.into_writer()))),
         },
-        Err(error) => Err((socket::system("starting a thread for", settings, &error), work.into_writer())),
+        Err(error) => {
+            Err(Box::new((socket::system("starting a thread for", settings, &error), work.into_writer())))
+        }
     }
 }
