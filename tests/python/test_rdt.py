@@ -79,14 +79,14 @@ def test_bias_is_sent_when_asked_for_and_never_else():
                 ask()
         source.start(buffer)
         until(lambda: buffer.stats()["written"] > 10)
-        assert box.requests == [START]
+        assert set(box.requests) == {START}
         assert buffer.latest().wrench[0, 0] == 2.0
         source.bias()
         until(lambda: buffer.latest().wrench[0, 0] == 0.0)
         source.reset_threshold_latch()
         source.stop()
         until(lambda: box.requests[-1] == STOP)
-    assert box.requests[:3] == [START, BIAS, LATCH]
+    assert [request for request in box.requests if request not in (START, STOP)] == [BIAS, LATCH]
 
 
 def test_requests_may_be_lost():
@@ -121,6 +121,7 @@ def test_a_second_client_takes_the_stream():
         buffer = buffer_of(source)
         source.start(buffer)
         until(lambda: buffer.stats()["written"] > 10)
+        asked = source.health().counters["requests"]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.connect(("127.0.0.1", box.port))
             other.send(START)
@@ -129,7 +130,7 @@ def test_a_second_client_takes_the_stream():
             assert source.health().running
             other.send(STOP)
         # without `resume` nothing was asked for again
-        assert source.health().counters["requests"] == 1
+        assert source.health().counters["requests"] == asked
         source.stop()
 
 

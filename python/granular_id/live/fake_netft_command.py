@@ -7,6 +7,7 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -35,13 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         box = _box(options)
     except (ValueError, OSError) as error:
         sys.exit(f"fake_netft: {error}")
-    with box:
+    with box, suppress(KeyboardInterrupt):
         print(box.url, flush=True)
-        try:
-            if box.wait(options.seconds):
-                time.sleep(_AFTER_S)
-        except KeyboardInterrupt:
-            pass
+        if box.wait(options.seconds):
+            time.sleep(_AFTER_S)
     if options.stamps is not None:
         np.save(options.stamps, np.asarray(box.send_stamps, dtype=np.uint64))
     print(json.dumps(asdict(box.injected)), flush=True)
