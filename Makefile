@@ -12,7 +12,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign fuzz bench-formats wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign stress soak fuzz bench-formats bench-decision wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
@@ -24,7 +24,10 @@ help:
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
 	@echo "                100,000 damaged CSV files, 20,000 damaged Parquet archives (minutes)"
-	@echo "make fuzz       the CSV parser of the core against a slow twin, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
+	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
+	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
+	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
+	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
 	@echo "make wheel      build a wheel into ./dist"
 
@@ -86,6 +89,9 @@ bench-peers: $(BENCH_TOOLS)
 bench-ecoc: $(PACKAGE)
 	$(BIN)/python benches/ecoc.py
 
+bench-decision: $(PACKAGE)
+	$(BIN)/python benches/decision.py
+
 bench-formats: $(TOOLS)
 	$(BIN)/python benches/formats.py
 
@@ -110,11 +116,26 @@ campaign: $(TOOLS)
 
 FUZZ_RUNS ?= 200000
 
+# Items through the wrench buffer under stress: a short run is part of the tests.
+RING_ITEMS ?= 1000000000
+
+stress: | toolchain
+	GRANULAR_ID_RING_ITEMS=$(RING_ITEMS) cargo test --release --test buffer_stress -- --nocapture
+
+soak: $(TOOLS)
+	$(BIN)/python benches/rdt_soak.py --rate-hz 500 --seconds 600
+	$(BIN)/python benches/rdt_soak.py --rate-hz 7000 --seconds 60
+
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
+FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz
+
 fuzz: $(TOOLS)
 	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }
-	$(BIN)/python tests/fuzz/seeds.py
-	RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz number_table -- -runs=$(FUZZ_RUNS) -max_len=512 -dict=tests/fuzz/number_table.dict
+	$(BIN)/python tests/fuzz/number_table_seeds.py
+	$(BIN)/python tests/fuzz/model_file_seeds.py
+	$(FUZZ) number_table -- -runs=$(FUZZ_RUNS) -max_len=512 -dict=tests/fuzz/number_table.dict
+	$(FUZZ) model_file -- -runs=$(FUZZ_RUNS) -max_len=4096 -dict=tests/fuzz/model_file.dict
+	$(FUZZ) rdt_packets -- -runs=$(FUZZ_RUNS) -max_len=4096
 
 wheel: | toolchain $(BIN)/python
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
     from granular_id.explanation import Explanation, explain
-    from granular_id.identifier import Decision, Identifier, StreamingIdentifier
+    from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
     from granular_id.io import RecordingFileError, load, save
     from granular_id.live import WrenchBuffer, identify
     from granular_id.recording import (
@@ -81,6 +81,7 @@ __all__ = [
     "TimePermutation",
     "WrenchBuffer",
     "__version__",
+    "accuracy_over_time",
     "evaluate",
     "explain",
     "extract_features",
@@ -124,6 +125,7 @@ _LAZY = {
     "Tare": "spaces",
     "TimePermutation": "spaces",
     "WrenchBuffer": "live",
+    "accuracy_over_time": "identifier",
     "evaluate": "evaluation",
     "explain": "explanation",
     "feature_spaces": "spaces",

@@ -1,6 +1,6 @@
-"""Write seeds for the fuzzer: the good file and the bad ones of the tests, without their header.
+"""Write seeds for the fuzzer of CSV text: the good file and the bad ones of the tests, without their header.
 
-    python tests/fuzz/seeds.py
+    python tests/fuzz/number_table_seeds.py
 
 They go to ``corpus/number_table`` beside this script, where the fuzzer adds what it finds.
 """
