@@ -48,12 +48,9 @@ fn main() -> ExitCode {
 pub fn identified(model: &Model, path: &str) -> Result<String, Box<dyn Error>> {
     let text = fs::read(path)?;
     let answer = model.identify(&recording(model, &text)?)?;
-    let mut lines =
-        format!("{path}: {}, by a margin of {:.4}\n", model.classes()[answer.best], answer.margin());
-    for class in answer.ranking() {
-        lines += &format!("{:10.4}  {}\n", answer.losses[class], model.classes()[class]);
-    }
-    Ok(lines)
+    let first = format!("{path}: {}, by a margin of {:.4}\n", model.classes()[answer.best], answer.margin());
+    let line = |class: usize| format!("{:10.4}  {}\n", answer.losses[class], model.classes()[class]);
+    Ok(std::iter::once(first).chain(answer.ranking().into_iter().map(line)).collect())
 }
 
 /// Samples of a CSV text, with the axes of the model in its order.

@@ -1,4 +1,4 @@
-//! JSON, read strictly: no name twice in an object, no more than 128 levels. And the few kinds of it that are written.
+//! JSON, read strictly: no name twice in an object, no endless objects, no more than 128 levels. And the few kinds of it that are written.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,6 +11,9 @@ use crate::number_table::shown;
 
 /// Characters of what a library says, which may quote the file.
 const MAX_COMPLAINT: usize = 160;
+
+/// Names of an object: many more than any of ours has, few enough to be refused at once.
+const MAX_NAMES: usize = 4096;
 
 /// A JSON value; numbers as float64.
 #[derive(Debug)]
@@ -79,6 +82,9 @@ impl<'de> Visitor<'de> for AnyJson {
         while let Some((name, value)) = entries.next_entry::<String, Json>()? {
             if object.contains_key(&name) {
                 return Err(de::Error::custom(format_args!("{} is there twice", shown(name.as_bytes()))));
+            }
+            if object.len() == MAX_NAMES {
+                return Err(de::Error::custom(format_args!("an object has more than {MAX_NAMES} names")));
             }
             object.insert(name, value);
         }
