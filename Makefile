@@ -10,7 +10,8 @@ BENCH_TOOLS := $(VENV)/.bench
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
-THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py
+THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py \
+	tests/python/test_buffer_arrays.py
 
 .PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign stress soak fuzz bench-formats bench-decision wheel clean toolchain
 
@@ -113,6 +114,8 @@ campaign: $(TOOLS)
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/test_fork.py
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_csv_fuzz.py -k campaign -s
 	GRANULAR_ID_CASES=20000 $(BIN)/python -m pytest tests/python/test_parquet_bad_files.py -k campaign -s
+	GRANULAR_ID_CASES=20000 cargo test --test buffer_model
+	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/test_stream.py tests/python/test_stream_identifier.py
 
 FUZZ_RUNS ?= 200000
 

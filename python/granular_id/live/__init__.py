@@ -11,34 +11,42 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id._core import WrenchBuffer, WrenchReader
+    from granular_id._core import Block, Window, WindowError, WrenchBuffer, WrenchReader, host_ns
     from granular_id.live.capture import Capture
     from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
     from granular_id.live.identification import LiveIdentifier, Push, identify
     from granular_id.live.monitor import MonitorServer
+    from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
+    from granular_id.live.replay import ReplaySource
     from granular_id.live.rerun_log import RerunLog
+    from granular_id.live.robot import Motion, Robot
     from granular_id.live.robots import CallbackRobot, ManualRobot
     from granular_id.live.setup import setup_of
     from granular_id.live.sim import SimRobot, SimSource
     from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
+    from granular_id.live.source_thread import ThreadedSource
     from granular_id.live.stream import Stream, opened
     from granular_id.live.terminal import TerminalView
     from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
     from granular_id.live.view import Views
 
 _HOMES = {
-    "_core": ("WrenchBuffer", "WrenchReader"),
+    "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
     "live.capture": ("Capture",),
     "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
     "live.identification": ("LiveIdentifier", "Push", "identify"),
     "live.monitor": ("MonitorServer",),
+    "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
+    "live.replay": ("ReplaySource",),
     "live.rerun_log": ("RerunLog",),
+    "live.robot": ("Motion", "Robot"),
     "live.robots": ("CallbackRobot", "ManualRobot"),
     "live.setup": ("setup_of",),
     "live.sim": ("SimRobot", "SimSource"),
     "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
+    "live.source_thread": ("ThreadedSource",),
     "live.stream": ("Stream", "opened"),
     "live.terminal": ("TerminalView",),
     "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),
@@ -47,6 +55,7 @@ _HOMES = {
 _LAZY = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "Block",
     "CallbackRobot",
     "Capture",
     "CaptureError",
@@ -58,19 +67,27 @@ __all__ = [
     "ManualRobot",
     "ManualTrigger",
     "MonitorServer",
+    "Motion",
     "MotionTrigger",
     "Push",
+    "RdtSource",
     "Recorder",
+    "ReplaySource",
     "RerunLog",
+    "Robot",
     "SimRobot",
     "SimSource",
     "SourceInfo",
     "Stream",
     "TerminalView",
+    "ThreadedSource",
     "Views",
+    "Window",
+    "WindowError",
     "WrenchBuffer",
     "WrenchReader",
     "WrenchSource",
+    "host_ns",
     "identify",
     "open_source",
     "opened",
