@@ -1,9 +1,13 @@
 """Pushes named while they happen: the same answers as from whole recordings, and honest failures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import granular_id as gid
+from granular_id.identifier import Decision
+from granular_id.identifier.held_out import N_CHECKPOINTS
 from granular_id.live import (
     CaptureError,
     FailureReason,
@@ -182,14 +186,63 @@ def test_refusals_name_what_does_not_fit(model, pushes):
         next(gid.identify("sim:rice", other))
 
 
+class Arm(SimSource):
+    """Not synthetic by its own account, as an arm's sensor is."""
+
+    def __init__(self, **options):
+        super().__init__("rice", seed=1, **options)
+        self._info = replace(self._info, name="an arm", synthetic=False)
+
+
+def test_a_model_of_simulated_recordings_is_called_so_on_every_view_of_a_real_sensor(model):
+    kept = Kept()
+    with opened(Arm(speed=20)) as stream:
+        setup = setup_of(stream.source, "source")
+        LiveIdentifier(stream, model, setup, views=Views([kept])).push()
+    assert kept.snapshots
+    for snapshot in kept.snapshots:
+        assert not snapshot.synthetic
+        assert "the model was trained on SYNTHETIC recordings" in " ".join(snapshot.warnings)
+
+
+def test_six_axes_of_another_order_are_refused(pushes):
+    turned = Dataset(
+        [
+            gid.Recording(r.wrench[:, ::-1], rate_hz=500, label=r.label, axes=r.axes[::-1], trigger_index=50)
+            for r in pushes
+        ]
+    )
+    model = gid.Identifier.fit(turned, "hfmh", estimate=False)
+    with (
+        opened("sim:rice?seed=1") as stream,
+        pytest.raises(ValueError, match="for the axes tz ty tx fz fy fx;"),
+    ):
+        LiveIdentifier(stream, model)
+
+
+def test_the_early_rule_is_looked_at_as_often_as_when_it_was_calibrated(model):
+    with opened("sim:rice?seed=1") as stream:
+        live = LiveIdentifier(stream, model, early=True)
+        seen = range(1, model.n_samples + 1)
+        sure = [live._is_answer(Decision("rice", (("rice", 0.0),), 1.0, sure=True, n_seen=n)) for n in seen]
+        assert sum(sure) == N_CHECKPOINTS
+        settled = Decision("rice", (("rice", 0.0),), 1.0, settled=True, n_seen=1)
+        assert live._is_answer(settled), "an answer that cannot change may be given at any moment"
+
+
+def test_pushes_end_with_the_source_unless_more_were_wanted(model, pushes):
+    def replay():
+        return ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
+
+    with opened(replay()) as stream:
+        live = LiveIdentifier(stream, model)
+        assert [push.decision.final for push in live.pushes()] == [True, True]
+        assert (live.n_pushes, live.n_answered) == (2, 2), "the end of the source is no push"
+    with opened(replay()) as stream, pytest.raises(CaptureError, match="came to its end"):
+        list(LiveIdentifier(stream, model).pushes(3))
+
+
 def test_no_machine_moves_unasked():
-    class Arm(SimSource):
-        """Not synthetic by its own account, as an arm's sensor is."""
-
-        def __init__(self):
-            super().__init__("rice", seed=1)
-            self._info = type(self._info)("an arm", 500, device_clock=True)
-
     assert setup_of(Arm()).robot is None
     assert setup_of(Arm()).trigger().name == "force"
     assert setup_of(Arm(), "source").robot is not None

@@ -75,6 +75,25 @@ def test_a_broken_view_is_left_out_and_the_others_say_so():
     assert broken.finished == 1
 
 
+def test_a_view_that_broke_is_closed_at_the_end():
+    class Broken:
+        closed = 0
+
+        def publish(self, snapshot):
+            raise OSError("gone")
+
+        def close(self):
+            self.closed += 1
+
+    broken, whole = Broken(), Remembering()
+    with Views([broken]) as views:
+        views.add(whole)
+        views.publish(Snapshot("idle"))
+        views.publish(Snapshot("armed"))
+        assert (views.complaints, broken.closed) == (("gone",), 0)
+    assert (broken.closed, whole.finished) == (1, 1)
+
+
 def test_what_breaks_at_the_end_is_told():
     view = Remembering(broken=True)
     views = Views([view])

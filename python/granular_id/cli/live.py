@@ -14,6 +14,7 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.session import check_targets
 from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
@@ -74,10 +75,13 @@ def live(
 ) -> None:
     """Name pushes; see `TEXT`."""
     at_least("--n", n, 1)
-    at_least("--port", port, 0)
+    if not 0 <= port <= 65535:
+        raise ValueError(f"--port must be between 0 and 65535, got {port}")
     positive("--pre-s", pre_s)
+    check_targets(json, rerun, source=model)
 
     from granular_id.identifier import Identifier  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
     from granular_id.live.identification import LiveIdentifier  # noqa: PLC0415
     from granular_id.live.stream import opened  # noqa: PLC0415
     from granular_id.live.view import Views  # noqa: PLC0415
@@ -95,8 +99,9 @@ def live(
         answers = None if json is None else stack.enter_context(json.open("a", encoding="utf-8"))
         stream = stack.enter_context(opened(source, sensing.buffer_s))
         setup = moving.setup(source)
-        shown = _views(console, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet)
-        views = stack.enter_context(Views(shown))
+        views = stack.enter_context(Views([]))
+        for shown in _views(console, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet):
+            views.add(shown)  # one by one: those that are open are closed where the next cannot be opened
         identifying = LiveIdentifier(
             stream,
             identifier,
@@ -108,12 +113,14 @@ def live(
             **moving.limits,
         )
         try:
-            for push in _pushes(identifying, n):
+            for push in identifying.pushes(n):
                 if answers is not None:
-                    answers.write(json_format.dumps(_row(push, source.info.synthetic)) + "\n")
+                    answers.write(json_format.dumps(_row(push, identifying)) + "\n")
                     answers.flush()
                 if quiet:
                     console.print(_line(push), soft_wrap=True, markup=False)
+        except CaptureError as error:
+            raise ValueError(str(error)) from error
         finally:
             views.close()
             _sum_up(console, identifying, views)
@@ -144,22 +151,17 @@ def _views(
         yield TerminalView(console)
 
 
-def _pushes(identifying: LiveIdentifier, n: int | None) -> Iterator[Push]:
-    """Give one push after another; a failure that will not pass ends it, as does the end of a replay."""
-    while n is None or identifying.n_answered < n:
-        push = identifying.push()
-        if push.reason is not None and push.reason.is_lasting:
-            if identifying.stream.health().finished:
-                return
-            raise ValueError(push.text)
-        yield push
-
-
-def _row(push: Push, synthetic: bool) -> dict[str, Any]:
+def _row(push: Push, identifying: LiveIdentifier) -> dict[str, Any]:
     """Return a push as JSON-like values."""
     decision = None if push.decision is None else push.decision.to_dict()
     failure = None if push.reason is None else {"reason": push.reason.value, "text": push.text}
-    return {"decision": decision, "failure": failure, "truth": push.truth, "synthetic": synthetic}
+    return {
+        "decision": decision,
+        "failure": failure,
+        "truth": push.truth,
+        "synthetic": identifying.stream.info.synthetic,
+        "synthetic_model": identifying.model.synthetic,
+    }
 
 
 def _line(push: Push) -> str:

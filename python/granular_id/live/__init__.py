@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from granular_id._core import Block, Window, WindowError, WrenchBuffer, WrenchReader, host_ns
+    from granular_id.live.answers import identify
     from granular_id.live.capture import Capture
     from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-    from granular_id.live.identification import LiveIdentifier, Push, identify
+    from granular_id.live.identification import LiveIdentifier, Push
     from granular_id.live.monitor import MonitorServer
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
@@ -33,9 +34,10 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
+    "live.answers": ("identify",),
     "live.capture": ("Capture",),
     "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
-    "live.identification": ("LiveIdentifier", "Push", "identify"),
+    "live.identification": ("LiveIdentifier", "Push"),
     "live.monitor": ("MonitorServer",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),

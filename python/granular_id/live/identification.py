@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from granular_id._core import AXES
 from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.identifier.held_out import N_CHECKPOINTS
 from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.drive import Step, drive, motion_duration_s
-from granular_id.live.robot import Robot, checked_move
+from granular_id.live.robot import checked_move
 from granular_id.live.setup import Setup, setup_of
 from granular_id.live.snapshot_builder import SnapshotBuilder
-from granular_id.live.source import WrenchSource
-from granular_id.live.stream import Stream, opened
-from granular_id.live.trigger import Trigger
+from granular_id.live.stream import Stream
 from granular_id.live.view import Views
 from granular_id.recording import SampleFlag
 
 if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
 
-__all__ = ["LiveIdentifier", "Push", "identify"]
+__all__ = ["LiveIdentifier", "Push"]
 
 _PRE_S = 0.25
+
+_SYNTHETIC_MODEL = (
+    "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,9 @@ class LiveIdentifier:
     setup : Setup, optional
         Who moves and what starts a capture; default: as the source suggests, see `setup_of`.
     early : bool, default False
-        End a push as soon as the answer can no longer change or the model's early rule is met.
+        End a push as soon as the answer can no longer change or the model's early rule is met. The rule is looked at
+        as often as when it was calibrated, `granular_id.identifier.held_out.N_CHECKPOINTS` times in a whole push: who
+        looks more often finds more answers that are early and wrong.
     pre_s : float, optional
         Rest before the trigger that belongs to a recording. Default: what the model was trained with.
     views : Views, optional
@@ -123,7 +128,10 @@ class LiveIdentifier:
         self._views = Views([]) if views is None else views
         self._reader = stream.buffer.reader(from_oldest=True)
         self._answer = StreamingIdentifier(model)
+        self._n_looks = 0
         info = stream.info
+        self._always = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
+        capture = self.new_capture()
         self._builder = SnapshotBuilder(
             info.rate_hz,
             model.spec,
@@ -131,9 +139,10 @@ class LiveIdentifier:
             n_samples=model.n_samples,
             source=info.name,
             synthetic=info.synthetic,
+            max_lag_s=capture.max_lag_s,
         )
         # Refused before anything moves.
-        checked_move(direction, speed_m_s, motion_duration_s(self.new_capture()))
+        checked_move(direction, speed_m_s, motion_duration_s(capture))
 
     def new_capture(self) -> Capture:
         """Return the capture of the next push; nothing is read yet."""
@@ -163,6 +172,7 @@ class LiveIdentifier:
         """
         capture, warned = self.new_capture(), set[str]()
         self._answer.reset()
+        self._n_looks = 0
         self._builder.begin_capture()
         decision: Decision | None = None
         steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
@@ -171,11 +181,47 @@ class LiveIdentifier:
                 decision = self._take(step, capture, warned) or decision
                 if len(step.rows) and decision is not None and on_decision is not None:
                     on_decision(decision)
-                if self._early and decision is not None and (decision.sure or decision.settled):
+                if self._early and decision is not None and self._is_answer(decision):
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
                     self._show(capture, decision)
         return self._finished(capture, decision)
+
+    def pushes(self, n: int | None = None) -> Iterator[Push]:
+        """Name the material of one push after another.
+
+        Parameters
+        ----------
+        n : int, optional
+            Number of answers; default: on and on, until the source comes to its end.
+
+        Yields
+        ------
+        Push
+            Those that could not be captured too.
+
+        Raises
+        ------
+        CaptureError
+            A failure that the next push would share: nobody delivers or moves; the end of a source before `n` answers.
+        """
+        while n is None or self.n_answered < n:
+            push = self.push()
+            if n is None and self._at_end(push):
+                return
+            if push.reason is not None and push.reason.is_lasting:
+                raise CaptureError(push.reason, push.text)
+            yield push
+
+    def _at_end(self, push: Push) -> bool:
+        """Whether there was no push to name, because the source has no more rows."""
+        return push.reason is FailureReason.SOURCE and self.stream.health().finished
+
+    def _is_answer(self, decision: Decision) -> bool:
+        """Whether a decision may be given before the end: settled, or sure at a moment that the rule looks at."""
+        n_looks = decision.n_seen * N_CHECKPOINTS // self.model.n_samples
+        due, self._n_looks = n_looks > self._n_looks, n_looks
+        return decision.settled or (due and decision.sure)
 
     def _take(self, step: Step, capture: Capture, warned: set[str]) -> Decision | None:
         self._builder.rows(step.block)
@@ -183,7 +229,8 @@ class LiveIdentifier:
             return None
         self._answer.push(step.rows)
         self._builder.captured(step.rows)
-        for warning in _warnings(capture, step, self.stream.lag_s()):
+        is_first = self._answer.n_seen == len(step.rows)
+        for warning in _warnings(capture, step, self.stream.lag_s(), is_first=is_first):
             if warning not in warned:
                 warned.add(warning)
                 self._answer.warn(warning)
@@ -199,7 +246,7 @@ class LiveIdentifier:
             capture.text if failed else "",
             truth,
         )
-        self.n_pushes += 1
+        self.n_pushes += not self._at_end(push)
         if push.decision is not None:
             self.n_answered += 1
             self.knows_truth |= truth is not None
@@ -217,92 +264,11 @@ class LiveIdentifier:
                 hint=hint,
                 lag_s=self.stream.lag_s(),
                 counters=self.stream.health().counters,
+                warnings=self._always,
                 n_captures=self.n_answered,
                 n_correct=self.n_right if self.knows_truth else None,
             )
         )
-
-
-def identify(
-    source: str | WrenchSource,
-    model: Identifier | str | os.PathLike[str],
-    *,
-    n: int | None = None,
-    robot: str | Robot | None = "auto",
-    trigger: str | Callable[[], Trigger] = "auto",
-    early: bool = False,
-    on_failure: str = "raise",
-    **settings: Any,
-) -> Iterator[Decision]:
-    """Name the material of one push after another, live.
-
-    Parameters
-    ----------
-    source : str or WrenchSource
-        ``"rdt://192.168.1.1"``, ``"sim:unknown"`` ..., see `granular_id.live.open_source`.
-    model : Identifier or path-like
-        Trained, or the file of a model.
-    n : int, optional
-        Number of answers; default: on and on, until the source comes to its end.
-    robot, trigger
-        Who moves and what starts a capture, see `granular_id.live.setup_of`.
-    early : bool, default False
-        Answer as soon as the answer can no longer change or the model is sure enough.
-    on_failure : {"raise", "skip"}, default "raise"
-        A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
-        A source or robot that fails is always raised.
-    **settings
-        `pre_s`, `views` and the limits of `LiveIdentifier`.
-
-    Yields
-    ------
-    Decision
-        Final, or an early one.
-
-    Raises
-    ------
-    CaptureError
-        See `on_failure`.
-    ValueError, TypeError, OSError, ImportError
-        From opening source or model, or where these do not fit each other.
-
-    Examples
-    --------
-    >>> import granular_id as gid
-    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1)
-    >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
-    >>> for decision in gid.identify("sim:rice?seed=3&speed=20", model, n=1, pre_s=0.2):
-    ...     print(decision.label, decision.final)
-    rice True
-    """
-    if on_failure not in ("raise", "skip"):
-        raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
-    if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
-        raise ValueError(f"n must be a whole number of at least 1, or None, got {n!r}")
-    trained = model if isinstance(model, Identifier) else Identifier.load(model)
-    return _answers(source, trained, n, (robot, trigger), early, on_failure, settings)
-
-
-def _answers(
-    source: str | WrenchSource,
-    model: Identifier,
-    n: int | None,
-    mover: tuple[str | Robot | None, str | Callable[[], Trigger]],
-    early: bool,
-    on_failure: str,
-    settings: dict[str, Any],
-) -> Iterator[Decision]:
-    with opened(source) as stream:
-        live = LiveIdentifier(stream, model, setup_of(stream.source, *mover), early=early, **settings)
-        while n is None or live.n_answered < n:
-            push = live.push()
-            if push.decision is not None:
-                yield push.decision
-                continue
-            if push.reason is FailureReason.SOURCE and n is None and stream.health().finished:
-                return
-            if push.reason is not None and (on_failure == "raise" or push.reason.is_lasting):
-                raise CaptureError(push.reason, push.text)
 
 
 def refuse_other_stream(model: Identifier, stream: Stream) -> None:
@@ -313,15 +279,20 @@ def refuse_other_stream(model: Identifier, stream: Stream) -> None:
             f"the model is for {model.rate_hz:g} Hz, {stream.info.name} delivers {rate_hz:g} Hz: train one at that "
             "rate, or set the sensor's"
         )
-    if len(model.axes) != 6:
-        raise ValueError(f"the model is for the axes {' '.join(model.axes)}; live sources have six")
+    if model.axes != AXES:
+        raise ValueError(
+            f"the model is for the axes {' '.join(model.axes)}; live sources have {' '.join(AXES)}"
+        )
 
 
-def _warnings(capture: Capture, step: Step, lag_s: float) -> Iterator[str]:
-    flags = capture.rows.flags[-len(step.rows) :]
-    if (flags & SampleFlag.GAP_FILLED).any():
-        yield "gap"
-    if (flags & SampleFlag.SATURATED).any():
-        yield "saturation"
+def _warnings(capture: Capture, step: Step, lag_s: float, *, is_first: bool) -> Iterator[str]:
+    # Putting all rows of a capture together takes the longer, the longer it lasts: only where there is something to
+    # find. The first rows came in earlier blocks as well.
+    if is_first or step.block.flags.any() or step.block.missing_before.any():
+        flags = capture.rows.flags[-len(step.rows) :]
+        if (flags & SampleFlag.GAP_FILLED).any():
+            yield "gap"
+        if (flags & SampleFlag.SATURATED).any():
+            yield "saturation"
     if lag_s > capture.max_lag_s:
         yield "lag"

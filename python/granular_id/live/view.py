@@ -162,11 +162,16 @@ class Views:
     """
 
     def __init__(self, views: Iterable[View], *, max_hz: float = MAX_HZ) -> None:
-        self._views = list(views)
         self._period_s = 1.0 / checked_max_hz(max_hz)
+        self._views = list(views)
+        self._broken: list[View] = []
         self._next_s = -float("inf")
         self.complaints: tuple[str, ...] = ()
         """What ended views. The others show it; where there are none, whoever made them has to."""
+
+    def add(self, view: View) -> None:
+        """Show snapshots there as well, from now on."""
+        self._views.append(view)
 
     def wants_snapshot(self) -> bool:
         """Tell whether it is time for another snapshot: building one for nobody would be a waste."""
@@ -180,17 +185,22 @@ class Views:
         for view in tuple(self._views):
             if not self._does(partial(view.publish, snapshot)):
                 self._views.remove(view)
+                self._broken.append(
+                    view
+                )  # closed at the end: that may take a while, and a capture is running
 
     def close(self) -> None:
         """Close all of them; what fails now is among the complaints."""
-        while self._views:
-            self._does(self._views.pop().close)
+        for views in (self._views, self._broken):
+            while views:
+                self._does(views.pop().close)
 
     def _does(self, work: Callable[[], None]) -> bool:
         try:
             work()
         except Exception as error:  # a broken view must not end a capture
-            self.complaints += (str(error),)
+            if str(error) not in self.complaints:  # a view that broke says so again when it is closed
+                self.complaints += (str(error),)
             return False
         return True
 
