@@ -94,6 +94,12 @@ def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
     ("words", "part"),
     [
         (("--label", ","), "--label must name at least one material"),
+        (("--label", "rice,rice"), "--label must name each material once, got 'rice,rice'"),
+        (("--label", "rice", "--speed", "1e9"), "--speed must be at most 1000, got 1e+09"),
+        (("--label", "rice", "--buffer-s", "1e9"), "--buffer-s must be at most 600, got 1e+09"),
+        (("--label", "rice", "--direction", "0,0,0"), "--direction must hold three numbers, not all 0"),
+        (("--label", "rice", "--robot", "none", "--trigger", "motion"), "--trigger motion needs a robot"),
+        (("--label", "rice", "--session", ""), "--session is empty"),
         (("--label", "rice", "--n", 0), "--n must be at least 1, got 0"),
         (("--label", "rice", "--direction", "1,0"), "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
         (("--label", "rice", "--speed-m-s", 0), "--speed-m-s must be positive and finite, got 0"),
@@ -119,6 +125,13 @@ def test_a_source_that_is_none_is_named(model, tmp_path):
     assert "the model is for 500 Hz, simulated rice delivers 100 Hz" in line
     line = refused("live", "--source", "sim:rice", "--model", tmp_path / "no.safetensors")
     assert "no.safetensors" in line
+
+
+def test_a_label_that_the_source_contradicts_is_told(tmp_path):
+    words = ("--source", "sim:rice?seed=2", "--speed", 20, "--duration-s", 1, "--n", 2)
+    out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
+    assert out.count("recorded as 'salt', but simulated rice says that it was 'rice'") == 1
+    assert "wrote 2 SYNTHETIC recordings of 1 material into" in out
 
 
 def test_nobody_pushes(model):

@@ -56,7 +56,10 @@ OPTIONS = {
     "target_error": "--target-error",
     "coding": "--coding",
     "posterior": "--posterior",
+    "direction": "--direction",
     "pre_s": "--pre-s",
+    "robot": "--robot",
+    "trigger": "--trigger",
     "speed_m_s": "--speed-m-s",
     "threshold_n": "--threshold-n",
 }
@@ -112,6 +115,8 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     >>> in_options("raise max_gap_s (None: no limit), or pass on_gap='skip'")
     'raise --max-gap-s (inf: no limit), or pass --on-gap skip'
     """
+    if message.startswith("url '"):  # it speaks of what stands behind the question mark there
+        return " ".join(message.split())
     one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
     one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
     one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")

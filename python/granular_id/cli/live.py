@@ -14,6 +14,7 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.sentences import counted
 from granular_id.cli.session import check_targets
 from granular_id.cli.settings import at_least, positive
 
@@ -183,6 +184,5 @@ def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None
         else ""
     )
     synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
-    answers = "1 answer" if n == 1 else f"{n} answers"
     lost = f"; {failed} could not be captured" if failed else ""
-    console.print(f"{synthetic}{answers}{right}{lost}", soft_wrap=True)
+    console.print(f"{synthetic}{counted(n, 'answer')}{right}{lost}", soft_wrap=True)

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Moving", "Sensing"]
 
+_MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
+"""At 500 Hz a buffer of so many seconds takes 30 MB; at the highest speed a push takes 4 ms."""
+
 SOURCE, MOTION, LIMITS = "Source", "Motion", "What a push must be like"
 
 
@@ -59,6 +62,12 @@ class Sensing:
     ) -> None:
         positive("--speed", speed)
         positive("--buffer-s", buffer_s)
+        for name, value, most in (
+            ("--speed", speed or 1.0, _MOST_SPEED),
+            ("--buffer-s", buffer_s, _MOST_BUFFER_S),
+        ):
+            if value > most:
+                raise ValueError(f"{name} must be at most {most:g}, got {value:g}")
         self.url = source
         self.buffer_s = buffer_s
         self.options: dict[str, object] = {} if speed is None else {"speed": speed}

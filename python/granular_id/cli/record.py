@@ -12,10 +12,12 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.sentences import counted
 from granular_id.cli.settings import at_least, names_in, positive
 
 if TYPE_CHECKING:
     from granular_id.live.recorder import Recorder
+    from granular_id.live.source import WrenchSource
 
 __all__ = ["record"]
 
@@ -68,6 +70,10 @@ def record(
     labels = names_in(label)
     if not labels:
         raise ValueError(f"--label must name at least one material, got {label!r}")
+    if len(set(labels)) < len(labels):
+        raise ValueError(f"--label must name each material once, got {label!r}; --n says how many of each")
+    if session is not None and not session.strip():
+        raise ValueError("--session is empty: give it a name, or leave it out")
 
     from granular_id.live.recorder import Recorder  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.live.stream import opened  # noqa: PLC0415
@@ -96,14 +102,15 @@ def record(
                     _wait_for(name)
                 for k in range(n):
                     refused, said = _recorded(recorder, name, f"{name} {k + 1}/{n}", retries, console)
+                    _check_truth(console, name, source, told=k > 0)
                     n_refused += refused
                     if not quiet:
                         console.print(said, soft_wrap=True, markup=False)
     synthetic = "SYNTHETIC " if any(source.info.synthetic for source, _ in places) else ""
     again = f"; {n_refused} refused and recorded again" if n_refused else ""
+    wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
     console.print(
-        f"wrote {n * len(labels)} {synthetic}recordings of {len(labels)} materials into {output}, "
-        f"session {session!r}{again}",
+        f"wrote {wrote} into {output}, session {session!r}{again}",
         soft_wrap=True,
         markup=False,
     )
@@ -141,6 +148,14 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int, console:
     begin = one.trigger_index or 0
     rise_n = float(one.wrench[begin:, 0].mean() - one.wrench[: begin or 1, 0].mean())
     return refused, f"{title}: {one.n_samples} samples, mean fx {rise_n:+.2f} N over rest, {recorded.path}"
+
+
+def _check_truth(console: Console, label: str, source: WrenchSource, *, told: bool) -> None:
+    """Warn where a source that knows what it measures knows better."""
+    truth = getattr(source, "truth", None)
+    if truth not in (None, label) and not told:
+        said = f"warning: recorded as {label!r}, but {source.info.name} says that it was {truth!r}"
+        console.print(said, style="yellow", soft_wrap=True, markup=False)
 
 
 def _wait_for(label: str) -> None:
