@@ -56,7 +56,7 @@ def slow_writes() -> None:
     def slow(file, array, **options):
         write(file, array, **options)
         print("writing", flush=True)
-        time.sleep(20)
+        time.sleep(120)
 
     np.lib.format.write_array = slow
 

@@ -12,6 +12,7 @@ import pytest
 import granular_id as gid
 from granular_id.live.recorder import Recorder
 from granular_id.live.stream import opened
+from granular_id.live.trigger import ForceTrigger
 from recorder_cases import bench, files
 
 
@@ -33,7 +34,7 @@ def test_ctrl_c(tmp_path, heeding_interrupts):
     process = worker("interrupt", tmp_path / "data")
     read_until(process, "moving")
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20)
+    out, err = process.communicate(timeout=120)
     assert out.split("\n")[:2] == ["robot stopped", "source stopped"]
     assert "KeyboardInterrupt" in err
     assert files(tmp_path) == []
@@ -44,7 +45,7 @@ def test_kill_in_the_middle_of_writing(tmp_path):
     read_until(process, "one is there")
     read_until(process, "writing")
     process.kill()
-    process.communicate(timeout=20)
+    process.communicate(timeout=120)
     left = files(tmp_path)
     assert len(left) == 2
     assert sum(path.name.startswith(".") for path in left) == 1, "half a file, hidden"
@@ -53,7 +54,7 @@ def test_kill_in_the_middle_of_writing(tmp_path):
 
 def test_full_disk(tmp_path):
     process = worker("full", tmp_path / "data")
-    _, err = process.communicate(timeout=20)
+    _, err = process.communicate(timeout=120)
     assert process.returncode == 1
     last = err.strip().splitlines()[-1]
     assert last.startswith(f"OSError: cannot write {tmp_path / 'data' / 'rice' / 'rice_'}")
@@ -119,3 +120,5 @@ def test_refused_before_anything_moves(tmp_path):
                 Recorder(stream, robot, tmp_path / "data", **options)
         with pytest.raises(TypeError, match="robot must have tcp_pose, move_line and stop, got str"):
             Recorder(stream, "arm", tmp_path / "data")
+        with pytest.raises(TypeError, match=r"trigger must make a new trigger .* got a ForceTrigger"):
+            Recorder(stream, robot, tmp_path / "data", trigger=ForceTrigger(1.0))

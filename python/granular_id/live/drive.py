@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from granular_id._core import WrenchReader
 from granular_id.live.capture import Capture
-from granular_id.live.capture_state import CaptureState, FailureReason
+from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.rows import BlockLike
 from granular_id.live.stream import Stream
@@ -24,6 +24,11 @@ _WAIT_S = 0.02
 
 _MARGIN_S = 0.05
 """So much longer does the robot move than is recorded: no sample may fall into its braking."""
+
+_BEHIND_S, _AHEAD_S = 0.02, 30.0
+"""So far from the newest row may the start of a motion be: further, and its clock is not the sensor's."""
+
+_NO_ROWS = np.zeros((0, 6))
 
 
 @dataclass(frozen=True)
@@ -60,10 +65,10 @@ def drive(
     rows_timeout_s: float = 1.0,
     reader: WrenchReader | None = None,
 ) -> Generator[Step, None, None]:
-    """Feed a capture until it is over; the robot is set in motion as soon as the rest is there.
+    """Feed a capture until it is over and the robot stands; it is set in motion as soon as the rest is there.
 
-    Close the generator when you leave its loop early (``contextlib.closing``): the robot is stopped then, as it is
-    on any failure and on Ctrl-C.
+    Whenever this ends, the robot stands or was told to stop: on any failure, on Ctrl-C, where a motion does not
+    end by itself, and where you leave the loop early and close the generator (``contextlib.closing``).
 
     Parameters
     ----------
@@ -82,47 +87,90 @@ def drive(
     Yields
     ------
     Step
-        Some fifty times a second, or as rows come in. When the last one was given, `capture` is over.
+        Some fifty times a second, or as rows come in. Those after the capture is complete, while the robot comes to
+        its stand, have no rows for it: what is read there is none of the next push's rest.
+
+    Raises
+    ------
+    CaptureError
+        The robot could not be stopped.
     """
     reader = stream.buffer.reader() if reader is None else reader
     motion: Motion | None = None
-    newest_s = time.monotonic()
-    came_to_its_end = False
+    newest: BlockLike | None = None
+    heard_s = time.monotonic()
+    stands = False
     try:
         while not capture.state.is_over:
             reader.wait(_WAIT_S)
             block = reader.read()
-            rows = capture.feed(block, stream.lag_s())
             if len(block):
-                newest_s = time.monotonic()
-            else:
-                _check_source(stream, capture, time.monotonic() - newest_s, rows_timeout_s)
+                if motion is not None and newest is not None:
+                    _check_epoch(capture, motion, newest, block)
+                newest, heard_s = block, time.monotonic()
+            rows = capture.feed(block, stream.lag_s())
+            if not len(block):
+                _check_source(stream, capture, time.monotonic() - heard_s, rows_timeout_s)
             if robot is not None and motion is None and capture.state is CaptureState.ARMED:
-                motion = _set_in_motion(robot, capture, direction, speed_m_s)
+                motion = _set_in_motion(robot, capture, direction, speed_m_s, newest)
             if motion is not None:
                 motion.finished()  # many controllers tell an error only when asked for the end
                 if motion.error is not None:
                     capture.fail(FailureReason.ROBOT, f"the robot's motion failed: {motion.error}")
             yield Step(block, rows, motion)
-        came_to_its_end = capture.state is CaptureState.COMPLETE
+        if capture.state is CaptureState.COMPLETE:
+            stands = motion is None
+            deadline_s = time.monotonic() + motion_duration_s(capture)
+            while motion is not None and not stands and time.monotonic() < deadline_s:
+                stands = motion.finished()
+                reader.wait(_WAIT_S)
+                yield Step(reader.read(), _NO_ROWS, motion)
     finally:
-        if not came_to_its_end:
+        if not stands:
             capture.fail(FailureReason.INTERRUPTED, "ended from outside")
             if robot is not None:
-                robot.stop()
+                _stop(robot, capture)
 
 
 def _set_in_motion(
-    robot: Robot, capture: Capture, direction: Sequence[float], speed_m_s: float
+    robot: Robot, capture: Capture, direction: Sequence[float], speed_m_s: float, newest: BlockLike | None
 ) -> Motion | None:
     try:
         motion = robot.move_line(direction, speed_m_s, motion_duration_s(capture))
     except Exception as error:  # whatever the robot's library raises
         capture.fail(FailureReason.ROBOT, f"the robot refused the motion: {error}")
         return None
+    start_s = motion.start_time_s
+    if start_s is not None and newest is not None:
+        now_s = float(newest.time_s[-1])
+        if not now_s - _BEHIND_S <= start_s <= now_s + _AHEAD_S:
+            text = (
+                f"the robot's motion begins at {start_s:.3f} s, the sensor's newest row is of {now_s:.3f} s"
+            )
+            capture.fail(FailureReason.ROBOT, f"{text}: they do not share a clock")
     if isinstance(capture.trigger, MotionTrigger):
         capture.trigger.follow(motion)
     return motion
+
+
+def _stop(robot: Robot, capture: Capture) -> None:
+    try:
+        robot.stop()
+    except KeyboardInterrupt:
+        robot.stop()  # a second Ctrl-C must not leave it moving
+        raise
+    except Exception as error:  # whatever the robot's library raises
+        text = f"the robot could not be stopped: {type(error).__name__}: {error}"
+        raise CaptureError(FailureReason.ROBOT, f"{text} (it was to stop: {capture.text})") from error
+
+
+def _check_epoch(capture: Capture, motion: Motion, before: BlockLike, block: BlockLike) -> None:
+    """Fail where device time has begun anew: a start in it says nothing any more."""
+    if motion.start_time_s is not None and block.epoch != before.epoch:
+        text = "the sensor's time began anew after the motion was commanded"
+        if capture.n_rows:
+            text += f", {capture.n_rows} of {capture.n_samples} rows in"
+        capture.fail(FailureReason.RESTART, text)
 
 
 def _check_source(stream: Stream, capture: Capture, silent_s: float, timeout_s: float) -> None:

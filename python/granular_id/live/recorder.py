@@ -21,11 +21,9 @@ from granular_id.live.robots import ManualRobot
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import checked_text, thaw
+from granular_id.recording._values import checked_text, freeze, thaw
 
 __all__ = ["Recorded", "Recorder"]
-
-_POLL_S = 0.005
 
 
 @dataclass(frozen=True)
@@ -99,6 +97,11 @@ class Recorder:
     ) -> None:
         if robot is not None and not isinstance(robot, Robot):
             raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
+        if trigger is not None and not callable(trigger):
+            raise TypeError(
+                "trigger must make a new trigger for each recording, like ForceTrigger or lambda: "
+                f"ForceTrigger(1.0); got a {type(trigger).__name__}"
+            )
         if trigger is None:
             trigger = ForceTrigger if robot is None or isinstance(robot, ManualRobot) else MotionTrigger
         self.session = checked_text(
@@ -129,7 +132,8 @@ class Recorder:
         Raises
         ------
         CaptureError
-            There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped.
+            There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped (or
+            the text says that it could not be).
         OSError
             The file cannot be written (disk full ...); the recording is still in `last`.
         KeyboardInterrupt
@@ -149,9 +153,7 @@ class Recorder:
         capture.raise_failure()
         self._n_recorded += 1
         stem = f"{safe_name(label)}_{_stamp(time.time())}_{self._n_recorded}"
-        self.last = capture.recording(
-            label, session=self.session, name=stem, meta=self._facts(motion, motion_duration_s(capture))
-        )
+        self.last = capture.recording(label, session=self.session, name=stem, meta=self._facts(motion))
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
     def _new_capture(self) -> Capture:
@@ -164,23 +166,19 @@ class Recorder:
             **self._limits,
         )
 
-    def _facts(self, motion: Motion | None, longest_s: float) -> dict[str, Any]:
-        """Wait for the end of the motion, stop it if there is none, and gather what is worth keeping."""
+    def _facts(self, motion: Motion | None) -> dict[str, Any]:
+        """Gather what is worth keeping beside the samples; an odd report must not cost the recording."""
         facts: dict[str, Any] = {}
         truth = getattr(self._stream.source, "truth", None)
         if truth is not None:
             facts["truth"] = truth
-        if motion is None or self._robot is None:
-            return facts
-        deadline_s = time.monotonic() + longest_s
-        try:
-            while not motion.finished() and time.monotonic() < deadline_s:
-                time.sleep(_POLL_S)
-        finally:
-            if not motion.finished():
-                self._robot.stop()
-        report = thaw(dict(motion.report()))
-        return {**facts, "robot": {**report, "error": motion.error}}
+        if motion is not None:
+            try:
+                report = thaw(freeze(dict(motion.report()), "the robot's report"))
+            except Exception as error:  # whatever the robot's library raises
+                report = {"report_error": f"{type(error).__name__}: {error}"}
+            facts["robot"] = {**report, "error": motion.error}
+        return facts
 
     def _write(self, recording: Recording, folder: str, stem: str) -> Path:
         with made_folder(self.folder / folder) as place:
