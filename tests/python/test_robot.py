@@ -15,35 +15,46 @@ from sink_cases import eventually
 
 def test_countdown():
     console = io.StringIO()
-    robot = ManualRobot(countdown_s=0.12, console=console)
+    robot = ManualRobot(countdown_s=0.5, console=console)
     assert isinstance(robot, Robot)
     assert robot.tcp_pose() is None
     before_ns = host_ns()
     motion = robot.move_line((1, 0, 0), 0.03, 0.05)
     assert isinstance(motion, Motion)
     assert motion.start_time_s is None
-    assert 0.11e9 < motion.start_host_ns - before_ns < 5e9
-    assert not motion.finished()
+    assert before_ns + 0.5e9 <= motion.start_host_ns <= host_ns() + 0.5e9
     eventually(lambda: "push" in console.getvalue())
     assert host_ns() >= motion.start_host_ns
-    assert console.getvalue() == "1 ...\npush: 30 mm/s for 0.1 s\n"
+    assert console.getvalue() in ("1 ...\npush: 30 mm/s for 0.1 s\n", "push: 30 mm/s for 0.1 s\n")
     eventually(motion.finished)
-    assert motion.report() == {"robot": "manual", "countdown_s": 0.12}
+    assert motion.report() == {"robot": "manual", "countdown_s": 0.5}
     robot.stop()
     assert "stop" not in console.getvalue(), "it was over"
 
 
 def test_countdown_stopped():
     console = io.StringIO()
-    robot = ManualRobot(countdown_s=30, console=console)
+    robot = ManualRobot(countdown_s=300, console=console)
     robot.stop()
     motion = robot.move_line((1, 0, 0), 0.03, 3)
-    eventually(lambda: console.getvalue() == "30 ...\n")
+    eventually(lambda: " ...\n" in console.getvalue())
+    assert not motion.finished()
     robot.stop()
     assert motion.finished()
-    assert console.getvalue() == "30 ...\nstop\n"
+    assert console.getvalue().endswith(" ...\nstop\n")
     with pytest.raises(ValueError, match="countdown_s must not be negative"):
         ManualRobot(-1)
+
+
+def test_a_new_countdown_ends_the_last_one():
+    console = io.StringIO()
+    robot = ManualRobot(countdown_s=0.3, console=console)
+    threads = threading.active_count()
+    for _ in range(3):
+        robot.move_line((1, 0, 0), 0.03, 3)
+    eventually(lambda: "push" in console.getvalue())
+    eventually(lambda: threading.active_count() <= threads)
+    assert console.getvalue().count("push") == 1
 
 
 def test_callback():
@@ -79,6 +90,40 @@ def test_callback_that_returns_at_once_moves_on():
     robot.stop()
     eventually(motion.finished)
     assert robot.tcp_pose() is None
+
+
+def test_a_motion_that_was_stopped_never_begins():
+    """The command is given in a thread: where the stop comes first, nothing moves after it."""
+    calls = []
+    robot = CallbackRobot(lambda *_: calls.append("move"), lambda: calls.append("stop"))
+    held = robot.move_line((1, 0, 0), 0.03, 60)
+    eventually(lambda: not held._thread.is_alive())
+    motion = type(held)(60, {}, lambda: calls.append("late"))
+    robot._motion = motion
+    robot.stop()
+    motion.begin()
+    eventually(motion.finished)
+    assert calls == ["move", "stop"]
+
+
+def test_a_command_that_crosses_with_the_stop_is_stopped_after_all():
+    calls, under_way, stopped = [], threading.Event(), threading.Event()
+
+    def move(*_):
+        under_way.set()
+        stopped.wait(20)  # the command is still on its way when the stop arrives ...
+        calls.append("moves")
+
+    def stop():
+        calls.append("stop")
+        stopped.set()
+
+    robot = CallbackRobot(move, stop)
+    robot.move_line((1, 0, 0), 0.03, 60)
+    assert under_way.wait(20)
+    robot.stop()
+    eventually(lambda: "moves" in calls)
+    assert calls.count("stop") == 2
 
 
 def test_callback_that_fails():

@@ -15,6 +15,9 @@ __all__ = ["CallbackRobot", "ManualRobot"]
 
 _POLL_S = 0.02
 
+_CROSSING_S = 0.1
+"""How long a command may take to reach a robot that was stopped meanwhile."""
+
 
 class ManualRobot:
     """A person who pushes the tool, told when.
@@ -47,6 +50,7 @@ class ManualRobot:
         self._motion = TimedMotion(
             start_ns, duration_s, {"robot": "manual", "countdown_s": self._countdown_s}
         )
+        self._stopped.set()  # whoever pushed early needs no second "push"
         self._stopped = threading.Event()
         words = f"push: {speed_m_s * 1e3:g} mm/s for {duration_s:.1f} s"
         threading.Thread(target=self._count_down, args=(start_ns, words, self._stopped), daemon=True).start()
@@ -76,22 +80,46 @@ class ManualRobot:
 
 
 class CallbackMotion(TimedMotion):
-    """A motion that runs in the user's function."""
+    """A motion that runs in the user's function, from `begin` on."""
 
     def __init__(self, duration_s: float, report: Mapping[str, Any], work: Callable[[], object]) -> None:
         super().__init__(host_ns(), duration_s, report)
+        self._lock = threading.Lock()
+        self._cancelled = False
+        self._calls_work = False
         self._thread = threading.Thread(target=self._work, args=(work,), daemon=True)
+
+    def begin(self) -> None:
+        """Call the function in a thread of its own."""
         self._thread.start()
 
     def finished(self) -> bool:
         """Tell whether the function has returned and the time is over."""
         return not self._thread.is_alive() and (self.error is not None or super().finished())
 
+    def cancel(self) -> None:
+        """Take the motion for ended now; a function that was not called yet never will be."""
+        with self._lock:
+            self._cancelled = True
+        super().cancel()
+
+    def is_called(self, wait_s: float = 0.0) -> bool:
+        """Tell whether the function is being called; wait so long at most for it to return."""
+        if self._calls_work and wait_s:
+            self._thread.join(wait_s)
+        return self._calls_work
+
     def _work(self, work: Callable[[], object]) -> None:
+        with self._lock:
+            if self._cancelled:
+                return
+            self._calls_work = True
         try:
             work()
         except Exception as error:  # whatever the user's robot raises: `error` tells it
             self.error = f"{type(error).__name__}: {error}"
+        finally:
+            self._calls_work = False
 
 
 class CallbackRobot:
@@ -103,7 +131,8 @@ class CallbackRobot:
         Called as ``move(direction, speed_m_s, duration_s)`` in a thread of its own; it may return at once or when
         the motion is over. What it raises fails the capture.
     stop : callable
-        Called as ``stop()`` on every failure and on Ctrl-C, also when nothing moves.
+        Called as ``stop()`` on every failure and on Ctrl-C, also when nothing moves; a second time where `move` has
+        not returned, because a command may cross with the first one.
     pose : callable, optional
         Returns x y z (m) rx ry rz (rad).
     name : str, default "callback"
@@ -150,11 +179,18 @@ class CallbackRobot:
             "speed_m_s": speed_m_s,
             "duration_s": duration_s,
         }
-        self._motion = CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
-        return self._motion
+        motion = CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
+        self._motion = motion  # before it begins: whatever comes in between, `stop` finds it
+        motion.begin()
+        return motion
 
     def stop(self) -> None:
-        """Call the user's function."""
+        """Call the user's function; no motion that was commanded before begins after it."""
+        motion = self._motion
+        if motion is not None:
+            motion.cancel()
+        may_cross = motion is not None and motion.is_called()
         self._stop()
-        if self._motion is not None:
-            self._motion.cancel()
+        if motion is not None and may_cross:
+            motion.is_called(_CROSSING_S)
+            self._stop()
