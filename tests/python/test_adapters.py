@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -41,7 +42,8 @@ def watched(source, n_rows):
     assert not source.health().running
     assert source.health().error is None
     n = len(sink.rows)
-    assert len(sink.rows) == n
+    time.sleep(0.01)
+    assert len(sink.rows) == n, "nothing is written after the stop"
     return sink
 
 
@@ -85,7 +87,7 @@ def test_ur_controller_that_starts_anew(ur):
 def test_ur_robot(ur):
     from granular_id.live.adapters.ur import URRobot
 
-    robot = URRobot("arm")
+    robot = URRobot("arm", shares_clock=True)
     assert isinstance(robot, Robot)
     motion = robot.move_line((0, 2, 0), 0.03, 3.0)
     name, target, speed, acceleration, asynchronous = ur.calls[-1]
@@ -100,6 +102,21 @@ def test_ur_robot(ur):
     assert motion.report()["robot"] == "ur"
     robot.close()
     assert [call[0] for call in ur.calls[-3:]] == ["stopScript", "control disconnect", "receive disconnect"]
+
+
+@pytest.mark.parametrize("url", ["ur://arm", "franka://arm"])
+def test_the_clock_of_an_arm_is_that_of_its_own_source_only(ur, franka, url):
+    from granular_id.live.adapters.franka import FrankaRobot
+    from granular_id.live.adapters.ur import URRobot
+    from granular_id.live.setup import setup_of
+
+    source = open_source(url)
+    own = setup_of(source, "source").robot
+    assert isinstance(own.move_line((1, 0, 0), 0.03, 3.0).start_time_s, float)
+    assert setup_of(source).robot is None, "no machine moves unasked"
+    alone = (URRobot if url.startswith("ur") else FrankaRobot)("arm").move_line((1, 0, 0), 0.03, 3.0)
+    assert alone.start_time_s is None, "a sensor beside the arm has a clock of its own"
+    assert alone.start_host_ns > 0
 
 
 def test_ur_robot_that_refuses(monkeypatch):

@@ -81,8 +81,10 @@ class ThreadedSource(ABC):
 
     def health(self) -> Health:
         """Tell how the source is."""
+        error, finished = self._error, self._finished
+        over = finished or error is not None or self._stopping.is_set()
         alive = self._thread is not None and self._thread.is_alive()
-        return Health(alive and not self._stopping.is_set(), self._error, self._finished, self.counters())
+        return Health(alive and not over, error, finished, self.counters())
 
     def _work(self, buffer: WrenchSink) -> None:
         try:

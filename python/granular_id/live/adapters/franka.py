@@ -54,7 +54,7 @@ class FrankaSource(PollingSource):
 
     def robot(self) -> FrankaRobot:
         """Return the robot on the same connection."""
-        return FrankaRobot(self._arm)
+        return FrankaRobot(self._arm, shares_clock=True)
 
     def newest(self) -> tuple[float, Any, int]:
         """Return the newest state."""
@@ -69,9 +69,13 @@ class FrankaRobot:
     ----------
     robot : str or franky.Robot
         Address of the arm, or the connection that `FrankaSource` reads too.
+    shares_clock : bool, default False
+        The samples are this arm's own (`FrankaSource.robot` says so): the start of a motion is then told by its
+        clock, else by the host's.
     """
 
-    def __init__(self, robot: Any) -> None:
+    def __init__(self, robot: Any, *, shares_clock: bool = False) -> None:
+        self._shares_clock = shares_clock
         self._franky = library("franky", _PACKAGE)
         self._arm = self._franky.Robot(robot) if isinstance(robot, str) else robot
 
@@ -94,7 +98,7 @@ class FrankaRobot:
             "speed_m_s": speed_m_s,
             "duration_s": duration_s,
         }
-        start_time_s = self._arm.state.time.to_sec()
+        start_time_s = self._arm.state.time.to_sec() if self._shares_clock else None
         self._arm.move(push, asynchronous=True)
         # Joining without waiting tells whether the motion has ended, and raises what ended it.
         return PolledMotion(start_time_s, lambda: self._arm.join_motion(timeout=0.0), report)

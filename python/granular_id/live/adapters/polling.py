@@ -62,16 +62,18 @@ class PolledMotion:
 
     Parameters
     ----------
-    start_time_s : float
-        The controller's time at the command.
+    start_time_s : float or None
+        The controller's time at the command, where the samples bear it too.
     has_ended : callable
         Asked until it says True; what it raises is the motion's error.
     report : mapping
         See `Motion.report`.
     """
 
-    def __init__(self, start_time_s: float, has_ended: Callable[[], bool], report: Mapping[str, Any]) -> None:
-        self.start_time_s: float | None = start_time_s
+    def __init__(
+        self, start_time_s: float | None, has_ended: Callable[[], bool], report: Mapping[str, Any]
+    ) -> None:
+        self.start_time_s = start_time_s
         self.start_host_ns = host_ns()
         self.error: str | None = None
         self._has_ended = has_ended

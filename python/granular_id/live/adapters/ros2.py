@@ -42,7 +42,6 @@ class Ros2Source(ThreadedSource):
         self._executors = library("rclpy.executors", _PACKAGE, _HOW)
         self._message = library("geometry_msgs.msg", "geometry_msgs", _HOW).WrenchStamped
         self._topic = topic
-        self._frame: str | None = None
         super().__init__(
             SourceInfo(
                 f"ROS 2 topic {topic}",

@@ -34,7 +34,7 @@ class URSource(PollingSource):
     -----
     e-Series arms have a sensor at the flange; CB3 arms estimate the force from motor currents, too coarse for
     grains. The controller takes the payload's weight off and refers the force to the base frame: set the payload,
-    and push along a fixed direction. Time is the controller's own, and `URRobot` knows it.
+    and push along a fixed direction. Time is the controller's own, and the robot of `robot()` knows it.
     """
 
     def __init__(self, host: str, rate_hz: float = 500.0) -> None:
@@ -71,6 +71,10 @@ class URSource(PollingSource):
             self._receive.disconnect()
             self._receive = None
 
+    def robot(self) -> URRobot:
+        """Connect to the arm itself, which shares this source's clock; nothing moves yet."""
+        return URRobot(self._host, shares_clock=True)
+
     def newest(self) -> tuple[float, Any, int] | None:
         """Return the newest sample, all of one cycle."""
         receive = self._receive
@@ -91,13 +95,14 @@ class URRobot:
         Address of the controller, in remote control.
     acceleration_m_s2 : float, default 1.2
         Of the ramps; ur-rtde's own default.
-
-    Notes
-    -----
-    The start is the controller's time at the command, some cycles before the tool moves.
+    shares_clock : bool, default False
+        The samples are those of this controller (`URSource.robot` says so): the start of a motion is then the
+        controller's time at the command, some cycles before the tool moves. A sensor of its own, as on most arms,
+        has another clock, and the start is told by the host's.
     """
 
-    def __init__(self, host: str, acceleration_m_s2: float = 1.2) -> None:
+    def __init__(self, host: str, acceleration_m_s2: float = 1.2, *, shares_clock: bool = False) -> None:
+        self._shares_clock = shares_clock
         self._acceleration = positive_number("acceleration_m_s2", acceleration_m_s2)
         self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
         self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
@@ -121,7 +126,7 @@ class URRobot:
         length_m = speed_m_s * max(duration_s - speed_m_s / self._acceleration, 0.5 * duration_s)
         place = [begin + length_m * part for begin, part in zip(pose[:3], ahead, strict=True)]
         target = [*place, *pose[3:]]
-        start_time_s = self._receive.getTimestamp()
+        start_time_s = self._receive.getTimestamp() if self._shares_clock else None
         if not self._control.moveL(target, speed_m_s, self._acceleration, True):
             raise RuntimeError("the controller refused moveL: is the arm in remote control and released?")
         report = {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s}
