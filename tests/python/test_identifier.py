@@ -233,6 +233,13 @@ def test_labels_that_are_no_text_and_other_rates_are_refused(data):
         Identifier.from_classifier(HFMH())
 
 
+def test_samples_of_another_shape_are_refused(data):
+    pipeline = make_pipeline(RawHFMH(), ECOCClassifier()).fit(data.X, data.y)
+    turned = data.X.transpose(0, 2, 1)
+    with pytest.raises(ValueError, match=r"samples must have shape \(n, \d+, 6\), got \(32, 6, \d+\)"):
+        Identifier.from_classifier(pipeline, samples=turned)
+
+
 # -- refusals
 
 
@@ -242,6 +249,8 @@ def test_labels_that_are_no_text_and_other_rates_are_refused(data):
         ({"space": "dft"}, "space must be one of 'raw', 'hfmh', 'raw.hfmh', got 'dft'"),
         ({"space": "raw", "block_weights": "unit"}, "block_weights weigh two blocks"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
+        ({"target_error": 0.0, "early": False}, "target_error must lie between 0 and 1, got 0"),
+        ({"n_folds": 1}, "n_folds must be at least 2, got 1"),
         ({"C": -1.0}, "C"),
         ({"coding": "none"}, "coding"),
         ({"n_bins": 0}, "n_bins"),

@@ -133,9 +133,11 @@ def train(
     )
     console = Console(highlight=False)
     identifier = Identifier(training.core)
+    if figure is not None and training.held is None:
+        raise ValueError(f"--figure shows held-out recordings, and there are none: {training.why_none}")
     print_model(console, identifier, brief=True)
+    identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     written = [output, *_extras(training, data, figure, json)]
-    identifier.save(output)
     say_written(console, written, None if quiet else repeated_command())
 
 
@@ -151,11 +153,9 @@ def _extras(training: Training, data: Dataset, figure: Path | None, json: Path |
     course = None
     if training.held is not None:
         course = over_time(training.held, data.rate_hz, training.early, synthetic=is_synthetic(data))
-    if figure is not None:
+    if figure is not None and course is not None:
         from granular_id.plotting.over_time import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
 
-        if course is None:
-            raise ValueError(f"--figure shows held-out recordings, and there are none: {training.why_none}")
         plot_over_time(course, path=figure)
     if json is not None:
         write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})

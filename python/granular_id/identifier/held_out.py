@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,40 @@ from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.protocols import plan_partitions, strictest
 from granular_id.recording import Dataset
 
-__all__ = ["N_CHECKPOINTS", "HeldOut", "checkpoints", "honest_partitions", "provisional_answers"]
+__all__ = [
+    "N_CHECKPOINTS",
+    "HeldOut",
+    "Partitions",
+    "answers_held_out",
+    "checkpoints",
+    "honest_partitions",
+    "margins_of",
+    "provisional_answers",
+]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 N_CHECKPOINTS = 160
-"""At so many moments of a recording provisional answers are looked at: every 20 ms of the paper's 3.2 s, about as often
-as a robot's loop looks at them. An early rule that was calibrated on fewer looks would err more often."""
+"""At so many moments of a recording provisional answers are looked at: every 20 ms of the paper's 3.2 s. A live
+identification looks no more often for an early answer: each look is another chance to be wrong."""
+
+
+class Partitions(NamedTuple):
+    """Partitions of recordings, and how they came about.
+
+    Attributes
+    ----------
+    protocol : str
+        Key of `granular_id.evaluation.partition.PROTOCOLS`.
+    each : tuple of Partition
+    note : str
+        How they were drawn, and what kept stricter ones out.
+    """
+
+    protocol: str
+    each: tuple[Partition, ...]
+    note: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +114,7 @@ def checkpoints(n_samples: int, n_checkpoints: int = N_CHECKPOINTS) -> IntArray:
     return np.array([-(-k * n_samples // steps) for k in range(1, steps + 1)], dtype=np.intp)
 
 
-def honest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> tuple[str, list[Partition], str]:
+def honest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> Partitions:
     """Draw the strictest partitions that recordings allow.
 
     Whole sessions where every class has several; else halves in time order; else, without an order in time,
@@ -103,10 +129,7 @@ def honest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> tupl
 
     Returns
     -------
-    protocol : str
-    partitions : list of Partition
-    note : str
-        How they were drawn, and what kept stricter ones out.
+    Partitions
 
     Raises
     ------
@@ -128,31 +151,30 @@ def honest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> tupl
     protocol = "kfold" if name is None else name
     largest = max(rows.size for rows in splittable_rows(data.y, protocol).values())
     partitions, note = plan_partitions(data, protocol, n_folds=min(n_folds, largest), seed=seed)
-    return protocol, partitions, f"{note} ({why})" if why else note
+    return Partitions(protocol, tuple(partitions), f"{note} ({why})" if why else note)
 
 
 def answers_held_out(
     data: Dataset,
-    fitted: Callable[[Partition], Any],
+    drawn: Partitions,
+    fitted: Callable[[Partition], _core.Model],
     *,
-    n_folds: int = 5,
-    seed: int = 0,
     tick: Callable[[str], None] = lambda _: None,
 ) -> HeldOut:
-    """Train on the rows of each honest partition, and answer about the recordings it holds out.
+    """Train on the rows of each partition, and answer about the recordings it holds out.
 
     Parameters
     ----------
     data : Dataset
         Recordings of one length and rate with a label each.
+    drawn : Partitions
+        Of `honest_partitions`.
     fitted : callable
-        From a partition to the `granular_id._core.Model` that was trained on its training rows.
-    n_folds, seed : int
-        As in `honest_partitions`.
+        From a partition to the model that was trained on its training rows.
     tick : callable
         Told the name of each partition that is done.
     """
-    protocol, partitions, note = honest_partitions(data, n_folds=n_folds, seed=seed)
+    protocol, partitions, note = drawn
     labels, truth = np.unique(data.y, return_inverse=True)
     X = data.X
     n_seen = checkpoints(X.shape[1])
@@ -179,7 +201,7 @@ def answers_held_out(
         protocol=protocol,
         held_out=protocol_name(protocol, partitions),
         note=note,
-        partitions=tuple(partitions),
+        partitions=partitions,
     )
 
 

@@ -166,7 +166,7 @@ class Identifier(Answers):
         rate_hz: float | None = None,
         axes: Sequence[str] | None = None,
         lead_s: float | None = None,
-        samples: npt.NDArray[np.float64] | None = None,
+        samples: npt.ArrayLike | None = None,
     ) -> Identifier:
         """Take over a scikit-learn pipeline that was fitted on recordings.
 
@@ -182,17 +182,18 @@ class Identifier(Answers):
             Seconds of rest ahead of the trigger in the recordings.
         samples : ndarray, shape (n, T, C), optional
             The recordings of the training. Provisional answers of models on raw samples take their mean for what
-            has not been seen, and zero without them.
+            has not been seen; without them zero, and none is ever settled.
 
         Returns
         -------
         Identifier
-            Without estimates and without an early rule.
+            Without estimates and without an early rule; whether its recordings were simulated is not known.
 
         Raises
         ------
         TypeError, ValueError
-            Another kind of pipeline, not fitted, learners that are not linear, no rate, labels that are no text.
+            Another kind of pipeline, not fitted, learners that are not linear, no rate, labels that are no text,
+            samples of another shape than the pipeline was fitted on.
 
         Examples
         --------
@@ -208,7 +209,11 @@ class Identifier(Answers):
         parts = parts_of(pipeline, rate_hz)
         names = axis_names(parts.n_axes) if axes is None else tuple(axes)
         units = axis_units(parts.n_axes) if axes is None else None
-        raw = samples if parts.spec.raw else None
+        raw = None if samples is None else np.asarray(samples, dtype=np.float64)
+        wanted = (parts.n_samples, parts.n_axes)
+        if raw is not None and raw.shape[1:] != wanted:
+            raise ValueError(f"samples must have shape (n, {wanted[0]}, {wanted[1]}), got {raw.shape}")
+        raw = raw if parts.spec.raw else None
         return cls(core_of(parts, axes=names, units=units, lead_s=lead_s, samples=raw))
 
     @classmethod

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from granular_id._progress import ProgressCallback
 from granular_id.evaluation.describe import is_synthetic
-from granular_id.identifier.early import EarlyRule
+from granular_id.identifier.early import EarlyRule, outcome_text
 from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import train
@@ -38,7 +38,8 @@ class OverTime:
     answered : ndarray, shape (M,)
         Share of recordings that the early rule has answered by then.
     error : ndarray, shape (M,)
-        Share of those answers that are wrong; NaN before the first.
+        Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings, see
+        `granular_id.identifier.early`.
     chance : float
         Accuracy of guessing.
     n_answers : int
@@ -75,10 +76,10 @@ class OverTime:
         first = f"within 1 % of that from {self.seconds[near[0]]:.2f} s on"
         lines = [f"{self.n_answers} answers, {self.held_out}: {whole}; {first}"]
         if self.target_error is not None and self.answered[-1] > 0:
-            lines.append(
-                f"early answers to {100 * self.answered[-1]:.0f} % of recordings after {self.mean_seconds:.2f} s on "
-                f"average, {100 * self.error[-1]:.2g} % of them wrong (aim: at most {100 * self.target_error:g} %)"
+            outcome = outcome_text(
+                float(self.answered[-1]), self.mean_seconds, float(self.error[-1]), self.target_error
             )
+            lines.append(f"early answers: {outcome}")
         elif self.why_not:
             lines.append(f"no early answers: {self.why_not}")
         return "\n".join(lines)

@@ -17,11 +17,12 @@ from granular_id.evaluation.describe import warnings_in
 from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.identifier.about import described, estimate_of
 from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
-from granular_id.identifier.early import EarlyRule, calibrate
+from granular_id.identifier.early import EarlyRule, calibrate, checked_target
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
 from granular_id.identifier.parts import Parts, parts_of
 from granular_id.identifier.recipe import Recipe
 from granular_id.recording import Dataset
+from granular_id.recording._values import checked_index
 from granular_id.recording.axes import unit_of
 
 __all__ = ["Training", "train"]
@@ -69,25 +70,10 @@ def train(
 
     Parameters
     ----------
-    data : Dataset
-        Recordings of equal length and rate with a label each.
     recipe : Recipe
         Settings of features and classifier.
-    estimate : bool, default True
-        Hold recordings out, as strictly as they allow, and measure the accuracy. Costs a training for each
-        partition. Without it there is no early rule.
-    early : bool, default True
-        Calibrate an early rule on the held-out recordings.
-    target_error : float, default 0.01
-        Share of early answers that may be wrong.
-    n_folds : int, default 5
-        Random folds, where neither sessions nor an order in time are known.
-    max_file_bytes : int, default 16 MiB
-        Largest model file.
-    threads : int, optional
-        Threads of the extraction; no bit depends on it. Default: all cores.
-    progress : bool or callable, optional
-        As in `granular_id.evaluate`; None is silent.
+    data, estimate, early, target_error, n_folds, max_file_bytes, threads, progress
+        As in `granular_id.Identifier.fit`.
 
     Returns
     -------
@@ -95,39 +81,33 @@ def train(
 
     Raises
     ------
-    TypeError
-        `data` is not a `Dataset`, or a setting has the wrong type.
-    ValueError
-        Lengths or rates differ, a recording has no label, there is one class only, a setting is out of range, or
-        the model would be too large: the message names ways out.
+    TypeError, ValueError
+        As `granular_id.Identifier.fit`, and before anything is trained.
     """
+    target_error = checked_target(target_error)
+    if checked_index(n_folds, "n_folds") < 2:
+        raise ValueError(f"n_folds must be at least 2, got {n_folds}")
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     X, y, rate_hz = data.X, data.y, data.rate_hz
     classes = rows_of_class(y)
     refuse_large(recipe, len(classes), X.shape[1:], max_file_bytes)
     why_none = "" if estimate else "no recordings were held out, as asked"
-    n_partitions = 0
+    drawn = None
     if estimate:
         try:
-            n_partitions = len(honest_partitions(data, n_folds=n_folds, seed=recipe.random_state)[1])
-        except ValueError as why:
+            drawn = honest_partitions(data, n_folds=n_folds, seed=recipe.random_state)
+        except ValueError as why:  # a model all the same, of which nobody knows how good it is
             why_none = str(why)
     held = None
     with showing(progress or False) as callback, heard_complaints(recipe.space) as complaints:
-        ticker = Ticker(1 + n_partitions, callback)
+        ticker = Ticker(1 + (0 if drawn is None else len(drawn.each)), callback)
         # The bits of a model must not depend on how many threads multiply its matrices.
         with single_threaded_blas():
             parts = _fitted(recipe, X, y, rate_hz, posterior=True, threads=threads)
             ticker.tick("all recordings")
-            if n_partitions:
-                held = answers_held_out(
-                    data,
-                    _of_rows(recipe, data, threads),
-                    n_folds=n_folds,
-                    seed=recipe.random_state,
-                    tick=ticker.tick,
-                )
+            if drawn is not None:
+                held = answers_held_out(data, drawn, _of_rows(recipe, data, threads), tick=ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     trained = {
         **described(data, recipe),

@@ -7,6 +7,7 @@ from textwrap import shorten
 from typing import Any
 
 from granular_id.identifier.answers import Answers
+from granular_id.identifier.early import outcome_text
 
 __all__ = ["description", "promises"]
 
@@ -103,7 +104,5 @@ def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
     first = f"from {n_seen / model.rate_hz:.2f} s on, with a margin of {margin:.3g} or more"
     if not known:
         return first
-    return (
-        f"{first}; {100 * known['answered_early']:.0f} % of held-out recordings after {known['mean_seconds']:.2f} s on "
-        f"average, {100 * known['error']:.2g} % of them wrong (aim: at most {100 * known['target_error']:g} %)"
-    )
+    figures = (known[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))
+    return f"{first}; {outcome_text(*figures)}"
