@@ -130,6 +130,20 @@ def test_what_never_came_is_a_gap_and_the_filter_starts_anew_behind_it():
     assert np.isnan(builder.build("armed").wrench[:-1]).all()
 
 
+def test_rows_that_were_overwritten_are_a_gap_and_not_missing():
+    builder = SnapshotBuilder(500.0, view_s=1.0)
+    builder.rows(block(np.zeros((100, 6))))
+    builder.rows(block(np.full((50, 6), 5.0), 140, missed=40))
+    seen = builder.build("armed")
+    assert np.isnan(seen.wrench[100:140]).all()
+    assert np.isfinite(np.delete(seen.wrench, slice(100, 140), axis=0)).all()
+    assert abs(seen.residual[140:]).max() < 1e-9
+    assert np.allclose(seen.fresh_time_s, np.arange(190) / 500)
+    assert (seen.counters["missing"], seen.counters["missed"], seen.counters["rows"]) == (0, 40, 150)
+    builder.rows(block(ROWS[:5], epoch=1, missed=9))
+    assert len(builder.build("armed").wrench) == 5, "those were of the epoch before"
+
+
 def test_a_new_epoch_clears_the_traces():
     builder = SnapshotBuilder(500.0, view_s=1.0)
     builder.rows(block(ROWS[:200], epoch=0))

@@ -55,6 +55,19 @@ def test_a_stuck_view_takes_nothing_of_the_publisher_and_drops_are_counted():
     assert view.dropped == 997
 
 
+def test_a_view_that_stays_stuck_is_left_behind_and_told():
+    view = Remembering(patience_s=0.05)
+    view.released.clear()
+    view.publish(Snapshot("idle"))
+    assert view.reached.wait(10)
+    with Views([view]) as views:
+        pass
+    assert views.complaints == ("the remembering view was stuck, and not waited for after 0.05 s",)
+    view.released.set()
+    view._thread.join(10)
+    assert view.finished == 1
+
+
 def test_a_view_that_wants_all_gets_all():
     with Remembering(waiting=2000) as view:
         for snapshot in snapshots(1000):

@@ -85,6 +85,15 @@ def test_words_are_logged_once(log):
     assert "SYNTHETIC sim:rice" in text
 
 
+def test_rows_that_are_not_logged_are_told_each_time(tmp_path):
+    with RerunLog(tmp_path / "lost.rrd") as log:
+        for _ in range(2):
+            log.publish(Snapshot("armed", fresh_lost=5))
+    text = printed(tmp_path / "lost.rrd", "-vvv")
+    assert "5 rows not logged so far" in text
+    assert "10 rows not logged so far" in text
+
+
 def test_a_session_without_rows_is_a_readable_file(tmp_path):
     with RerunLog(tmp_path / "idle.rrd") as log:
         log.publish(Snapshot("idle"))

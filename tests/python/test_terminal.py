@@ -9,6 +9,7 @@ from rich.console import Console
 from granular_id.live.snapshot import Snapshot
 from granular_id.live.terminal import TerminalView, line_of
 from granular_id.live.terminal_screen import screen
+from granular_id.live.wording import answer_of
 from live_view_cases import CLASSES, answer, listening
 
 MIDDLE = listening(1.7)[1]
@@ -146,6 +147,13 @@ def test_a_pipe_gets_a_line_per_change_and_one_a_second():
 )
 def test_how_sure_it_is_is_told(options, words):
     assert words in line_of(replace(MIDDLE, decision=answer(1.7, **options)))
+
+
+def test_an_early_answer_that_was_given_is_not_called_provisional():
+    given = answer_of(replace(MIDDLE, state="complete", decision=answer(1.7, sure=True)))
+    assert (given.kind, given.stage) == ("final", "early, 1.70 s of 3.20 s, sure enough to stop")
+    still = answer_of(replace(MIDDLE, state="triggered", decision=answer(1.7, sure=True)))
+    assert (still.kind, still.stage) == ("provisional", "provisional, 1.70 s of 3.20 s, sure enough to stop")
 
 
 def test_a_single_class_has_no_runner_up():

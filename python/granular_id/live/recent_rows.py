@@ -57,9 +57,8 @@ class RecentRows:
     def skip(self, n_instants: int) -> None:
         """Append instants of which there is nothing."""
         self.add(np.full((min(n_instants, self.capacity), self._ring.shape[1]), math.nan))
-        self.total += max(
-            n_instants - self.capacity, 0
-        )  # all is NaN then: where the ring begins is all the same
+        # All is NaN then: where the ring begins is all the same.
+        self.total += max(n_instants - self.capacity, 0)
 
     def last(self, n: int) -> NDArray[np.float64]:
         """Return a copy of the last `n` rows, or of as many as there are, oldest first."""

@@ -74,7 +74,8 @@ class RerunLog(BackgroundView):
             except OSError as error:
                 raise cannot_write(target, error) from error
         self._begun = False
-        self._said: dict[str, Any] = {}
+        self._said: dict[str, str] = {}
+        self._not_logged = 0
         self._pieces: list[Snapshot] = []
         super().__init__("Rerun log", max_hz=10.0, waiting=_WAITING, patience_s=_PATIENCE_S)
 
@@ -112,6 +113,7 @@ class RerunLog(BackgroundView):
                 self._log.log(f"{kind}/{axis}", lines, static=True)
 
     def _say(self, snapshot: Snapshot) -> None:
+        self._not_logged += snapshot.fresh_lost
         answer = answer_of(snapshot)
         state = f"{state_of(snapshot)}: {snapshot.hint}" if snapshot.hint else state_of(snapshot)
         named = answer.kind in ("provisional", "final")
@@ -119,7 +121,7 @@ class RerunLog(BackgroundView):
             "state": (state, "ERROR" if snapshot.state == "failed" else "INFO"),
             "answer": (f"{answer.kind}: {answer.title}" if named else "", "INFO"),
             "warnings": ("; ".join(warnings_of(snapshot)), "WARN"),
-            "not logged": (f"{snapshot.fresh_lost} rows not logged" * bool(snapshot.fresh_lost), "WARN"),
+            "not logged": (f"{self._not_logged:,} rows not logged so far" * bool(self._not_logged), "WARN"),
         }
         for kind, (text, level) in told.items():
             if text and text != self._said.get(kind):

@@ -115,7 +115,7 @@ class SnapshotBuilder:
         self._step = (
             1 if self._view_rows <= _MOST_ROWS else math.ceil(self._view_rows / (_MOST_ROWS // 2 - 1))
         )
-        # Seen from the second row on: a step from nothing to the sensor's offset is no residual worth a screen.
+        # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
         self._high_pass = HighPass(spec, steady=True)
         self._histogram = GrowingHistogram(spec, self._n_axes)
         self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
@@ -129,8 +129,8 @@ class SnapshotBuilder:
     def rows(self, block: BlockLike) -> None:
         """Take the next block of the stream.
 
-        Where instants are missing the traces are interrupted and the high-pass starts anew; a new epoch clears
-        both.
+        Where instants are missing, or rows were overwritten before they were read, the traces are interrupted and
+        the high-pass starts anew; a new epoch clears both.
 
         Raises
         ------
@@ -146,7 +146,12 @@ class SnapshotBuilder:
             self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
             self._high_pass.restart()
             self._fresh = 0
-        gaps = np.asarray(block.missing_before, np.int64)
+            overwritten = 0  # rows of the epoch before
+        else:
+            overwritten = int(block.missed)
+        missing = np.asarray(block.missing_before, np.int64)
+        gaps = missing.copy()
+        gaps[0] += overwritten
         begin = 0
         for end in [*np.flatnonzero(gaps).tolist(), len(wrench)]:
             piece = wrench[begin:end]
@@ -159,7 +164,7 @@ class SnapshotBuilder:
         self._time_s = float(block.time_s[-1])
         self._fresh += len(wrench) + int(gaps.sum())
         self._counted["rows"] += len(wrench)
-        self._counted["missing"] += int(gaps.sum())
+        self._counted["missing"] += int(missing.sum())
         self._counted["missed"] += int(block.missed)
 
     def begin_capture(self) -> None:

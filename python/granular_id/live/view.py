@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
-from threading import Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 from typing_extensions import Self
 
+from granular_id.live.view_thread import ViewThread
 from granular_id.recording._values import checked_number
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class View(Protocol):
         """Show the last snapshot, then give everything back. May be called again."""
 
 
-class BackgroundView(ABC):
+class BackgroundView(ViewThread):
     """A view whose work is done by a thread of its own; `publish` only leaves the snapshot where it will look.
 
     Publishing appends to a deque of fixed length and takes no lock, so it cannot wait for anybody. When the thread
@@ -58,25 +58,23 @@ class BackgroundView(ABC):
     waiting : int
         Snapshots that may wait. 1: only the newest is of interest.
     patience_s : float
-        How long `close` waits for the thread; a terminal that is stopped must not keep the program alive.
+        See `ViewThread`.
+
+    Notes
+    -----
+    The thread starts at the end of this constructor: derived classes set what `show` uses before they call it.
     """
 
     def __init__(
         self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1, patience_s: float = 2.0
     ) -> None:
-        self.name = name
+        super().__init__(name, patience_s=patience_s)
         self.dropped = 0
         """Snapshots that came too fast for this view."""
-        self.failure: Exception | None = None
-        """What ended the view, if something did."""
         self._period_s = 1.0 / checked_max_hz(max_hz)
-        self._patience_s = patience_s
         self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
-        self._published = 0
         self._handled = 0
-        self._closing = Event()
-        self._thread = Thread(target=self._run, name=f"granular_id {name}", daemon=True)
-        self._thread.start()
+        self.begin()
 
     @abstractmethod
     def show(self, snapshot: Snapshot) -> None:
@@ -86,54 +84,18 @@ class BackgroundView(ABC):
     def finish(self) -> None:
         """Give back what `show` uses; in the thread of the view, after the last snapshot or a failure."""
 
-    def publish(self, snapshot: Snapshot) -> None:
-        """Leave a snapshot for the thread.
+    def leave(self, number: int, snapshot: Snapshot) -> None:
+        """Append to what waits; when that is full, the oldest is dropped."""
+        self._waiting.append((number, snapshot))
 
-        Raises
-        ------
-        RuntimeError
-            The view has failed or is closed.
-        """
-        self._tell_failure()
-        if self._closing.is_set():
-            raise RuntimeError(f"the {self.name} is closed")
-        self._published += 1
-        self._waiting.append((self._published, snapshot))
-
-    def close(self) -> None:
-        """Show what waits and end the thread; one that is stuck in a write is left behind after a while.
-
-        Raises
-        ------
-        RuntimeError
-            The view has failed.
-        """
-        self._closing.set()
-        self._thread.join(self._patience_s)
-        self._tell_failure()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _tell_failure(self) -> None:
-        if self.failure is not None:
-            raise RuntimeError(f"the {self.name} has stopped: {self.failure}") from self.failure
-
-    def _run(self) -> None:
+    def keep(self) -> None:
+        """Show what waits, again and again, and once more at the end."""
         try:
-            try:
-                while not self._closing.wait(self._period_s):
-                    self._show_waiting()
+            while not self._closing.wait(self._period_s):
                 self._show_waiting()
-            finally:
-                self.finish()
-        except Exception as error:  # told by publish or close
-            self.failure = error
+            self._show_waiting()
+        finally:
+            self.finish()
 
     def _show_waiting(self) -> None:
         for _ in range(len(self._waiting)):

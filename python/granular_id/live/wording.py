@@ -64,7 +64,7 @@ class Answer:
     Parameters
     ----------
     kind : {"none", "provisional", "final", "failed"}
-        What sort of an answer it is.
+        What sort of an answer it is. Final is what nothing will be added to: early answers that were given, too.
     title : str
         The material, or that there is none yet.
     stage : str
@@ -109,15 +109,16 @@ def answer_of(snapshot: Snapshot) -> Answer:
     if decision is None:
         return Answer("none", "no answer yet", hint or state_of(snapshot).lower(), "")
     seconds = f"{decision.seconds:.2f} s"
+    given = decision.final or snapshot.state == "complete"
     if decision.final:
         stage = f"final, after {seconds}"
     else:
-        stage = f"provisional, {seconds} of {snapshot.capture_s:.2f} s"
+        stage = f"{'early' if given else 'provisional'}, {seconds} of {snapshot.capture_s:.2f} s"
         if decision.settled:
-            stage += ", can no longer change"
+            stage += ", can no longer change (forces as in training)"
         elif decision.sure:
             stage += ", sure enough to stop"
-    kind: Kind = "final" if decision.final else "provisional"
+    kind: Kind = "final" if given else "provisional"
     return Answer(kind, printable(decision.label), stage, _lead(decision))
 
 

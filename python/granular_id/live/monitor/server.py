@@ -7,15 +7,12 @@ import contextlib
 import secrets
 import socket
 import time
-from threading import Event, Thread
-from types import TracebackType
 from typing import TYPE_CHECKING
-
-from typing_extensions import Self
 
 from granular_id.live.monitor.frame import event, frame
 from granular_id.live.monitor.request import answer, busy
 from granular_id.live.view import MAX_HZ, checked_max_hz
+from granular_id.live.view_thread import ViewThread
 from granular_id.recording._values import checked_index
 
 if TYPE_CHECKING:
@@ -28,15 +25,14 @@ _HEAD_BYTES = 16 * 1024
 _HEAD_S = 5.0  # for the head of a request; a browser needs milliseconds
 _MOST_CONNECTIONS = 64
 _MOST_STREAMS = 16
-_SEND_BUFFER_BYTES = (
-    256 * 1024
-)  # a few frames: a browser that comes back must not first see old ones for seconds
+# A few frames: a browser that comes back must not first see old ones for seconds.
+_SEND_BUFFER_BYTES = 256 * 1024
 _QUIET_S = 1.0  # after this long without a snapshot, pages are told so
 _STALLED_S = 30.0  # a browser that has taken nothing for so long is dropped
 _PATIENCE_S = 2.0
 
 
-class MonitorServer:
+class MonitorServer(ViewThread):
     """Shows snapshots in browsers on this machine.
 
     `publish` assigns one attribute: it takes no lock and wakes nobody. A thread looks at that attribute
@@ -71,6 +67,7 @@ class MonitorServer:
     """
 
     def __init__(self, port: int = 0, *, max_hz: float = MAX_HZ) -> None:
+        super().__init__("monitor", patience_s=_PATIENCE_S)
         self._period_s = 1.0 / checked_max_hz(max_hz)
         if not 0 <= checked_index(port, "port") <= 65535:
             raise ValueError(f"port must be between 0 and 65535, got {port}")
@@ -78,58 +75,19 @@ class MonitorServer:
         self._socket = _listening(port)
         self.port: int = self._socket.getsockname()[1]
         self.url = f"http://{_LOOPBACK}:{self.port}/{self._token}/"
-        self.failure: Exception | None = None
         self._newest: tuple[int, Snapshot] | None = None
-        self._published = 0
-        self._closing = Event()
         self._connections: dict[asyncio.Task[None], asyncio.StreamWriter] = {}
         self._streams: dict[asyncio.StreamWriter, _Reader] = {}
-        self._thread = Thread(target=self._run, name="granular_id monitor", daemon=True)
-        self._thread.start()
+        self.begin()
 
-    def publish(self, snapshot: Snapshot) -> None:
-        """Show this from now on.
+    def leave(self, number: int, snapshot: Snapshot) -> None:
+        """Assign the newest snapshot: the thread looks at it when it is time for the next update."""
+        self._newest = (number, snapshot)
 
-        Raises
-        ------
-        RuntimeError
-            The server has failed or is closed.
-        """
-        self._tell_failure()
-        if self._closing.is_set():
-            raise RuntimeError("the monitor is closed")
-        self._published += 1
-        self._newest = (self._published, snapshot)
-
-    def close(self) -> None:
-        """Send the last snapshot, tell the pages that the session has ended, and stop listening.
-
-        Raises
-        ------
-        RuntimeError
-            The server has failed.
-        """
-        self._closing.set()
-        self._thread.join(_PATIENCE_S)
-        self._tell_failure()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def _tell_failure(self) -> None:
-        if self.failure is not None:
-            raise RuntimeError(f"the monitor has stopped: {self.failure}") from self.failure
-
-    def _run(self) -> None:
+    def keep(self) -> None:
+        """Serve until closed, send the last snapshot, and tell the pages that the session has ended."""
         try:
             asyncio.run(self._serve())
-        except Exception as error:  # told by publish or close
-            self.failure = error
         finally:
             self._socket.close()
 
@@ -151,9 +109,8 @@ class MonitorServer:
         closing = False
         while not closing:
             await asyncio.sleep(self._period_s)
-            closing = (
-                self._closing.is_set()
-            )  # asked before the last look, so that nothing published is missed
+            # Asked before the last look, so that nothing published is missed.
+            closing = self._closing.is_set()
             now = time.monotonic()
             newest = self._newest
             if newest is not None and newest[0] != seen:
@@ -161,9 +118,8 @@ class MonitorServer:
             elif now - max(changed_s, told_s) > _QUIET_S:
                 told_s = now
                 self._tell_all(event("quiet", {"for_s": round(now - changed_s, 1)}))
-            if (
-                newest is not None and newest[0] != encoded[0] and self._streams
-            ):  # else it would be for nobody
+            # Encoded only where somebody looks.
+            if newest is not None and newest[0] != encoded[0] and self._streams:
                 encoded = (newest[0], frame(newest[1], newest[0]))
             for reader in tuple(self._streams.values()):
                 reader.offer(encoded, now)
