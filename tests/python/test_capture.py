@@ -27,7 +27,7 @@ def test_rows_are_those_around_the_trigger():
     assert np.array_equal(recording.wrench, rows)
     assert recording.trigger_index == taker.n_pre == 50
     assert recording.rate_hz == RATE_HZ
-    assert recording.label, recording.session == ("rice", "s")
+    assert (recording.label, recording.session, recording.name) == ("rice", "s", "n")
     assert recording.start_time == pytest.approx(1.7e9 + line.time_s[250], abs=1e-6)
     assert taker.trigger_time_s == line.time_s[300]
     assert recording.flags is None
@@ -180,6 +180,12 @@ def test_a_tool_that_never_rests_is_waited_for_and_told_of():
 def test_bad_options(options, error, match):
     with pytest.raises(error, match=match):
         capture(ManualTrigger(), **options)
+
+
+def test_a_kind_of_trigger_is_none():
+    for wrong in (ForceTrigger, "force", None):
+        with pytest.raises(TypeError, match=r"trigger must be a trigger like ForceTrigger\(\), got"):
+            capture(wrong)
 
 
 def test_bad_threshold():

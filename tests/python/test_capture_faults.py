@@ -183,6 +183,32 @@ def test_a_sensor_that_is_never_at_rest_says_why():
     assert "the sensor was at the end of its range at" in taker.text
 
 
+@pytest.mark.parametrize("cuts", [[], range(1000), [3, 250, 700]])
+def test_a_sensor_that_stays_at_the_end_of_its_range_is_not_waited_for_for_ever(cuts):
+    line = Line.of(1000)
+    line.flags[:] = SampleFlag.SATURATED
+    taker = capture(ManualTrigger(), timeout_s=0.5)
+    run(taker, line, cuts=cuts)
+    assert taker.reason is FailureReason.NO_TRIGGER
+    assert taker.text.endswith(
+        f"the sensor was at the end of its range at {line.time_s[249]:.3f} s of the sensor's time"
+    )
+
+
+def test_a_line_from_a_saturated_sample_is_no_rest():
+    line = Line.of(900).without(260, 2)
+    line.flags[259] = SampleFlag.SATURATED
+    taker = capture(moving_at(Line.of(900), 311), max_gap=2)
+    run(taker, line)
+    assert taker.reason is FailureReason.SATURATION
+    assert "triggered after 49 rows at rest" in taker.text, "those filled in do not count"
+    allowed = capture(moving_at(Line.of(900), 300), max_gap=2, allow_saturated=True)
+    run(allowed, line)
+    flags = allowed.recording().flags[9:12].tolist()
+    both = int(SampleFlag.SATURATED | SampleFlag.GAP_FILLED)
+    assert flags == [SampleFlag.SATURATED, both, both]
+
+
 def test_failure_from_outside():
     taker = capture(ManualTrigger())
     taker.fail(FailureReason.SOURCE, "the source died: cable")

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from granular_id._numbers import non_negative_number, whole_number
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-from granular_id.live.clock import start_utc_s, utc_at_origin_s
+from granular_id.live.captured import rate_complaint, recording_of
 from granular_id.live.lag import LagWatch
+from granular_id.live.rest import Rest
 from granular_id.live.rows import BlockLike, Rows, filled
-from granular_id.live.runs import Break, measured_rate_hz, runs
+from granular_id.live.runs import Break, runs
 from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
 from granular_id.recording import Recording
@@ -22,9 +23,6 @@ from granular_id.recording._values import checked_rate
 __all__ = ["Capture"]
 
 _NO_ROWS = np.zeros((0, 6))
-
-_NEW_LOOKS = 10
-"""How often rows are looked at anew for being at rest, within the time that they are to rest."""
 
 
 class Capture:
@@ -54,7 +52,7 @@ class Capture:
     lag_patience_s : float, default 0.1
         So long may the lag be larger than that: a busy computer stumbles, and no sample is lost by it.
     timeout_s : float, default 30
-        Device time from the first row to the trigger.
+        From the first row to the trigger, counted in rows: those that are no rest too.
     info : SourceInfo, optional
         Goes into the recording's metadata. Without a device clock the rate is measured by when rows come in.
     utc_at_zero_s : float, optional
@@ -103,13 +101,15 @@ class Capture:
             raise ValueError(
                 f"pre_s={pre_s:g} is {self.n_pre} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
             )
+        if isinstance(trigger, type) or not callable(getattr(trigger, "arm", None)):
+            raise TypeError(f"trigger must be a trigger like ForceTrigger(), got {trigger!r:.60}")
         self.trigger = trigger
         self.info = info
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = non_negative_number("rate_tolerance", rate_tolerance)
         self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
-        self._timeout_s = non_negative_number("timeout_s", timeout_s)
+        self._rest = Rest(self.n_pre, non_negative_number("timeout_s", timeout_s), self.rate_hz)
         self._utc_at_zero_s = utc_at_zero_s
 
         self.state = CaptureState.IDLE
@@ -118,9 +118,6 @@ class Capture:
         self.trigger_time_s: float | None = None
         self._epoch: int | None = None
         self._last = Rows.none()
-        self._rest = Rows.none()
-        self._broken: Break | None = None
-        self._n_waited = 0
         self._taken: list[Rows] = []
         self.n_rows = 0
 
@@ -219,37 +216,35 @@ class Capture:
         self.raise_failure()
         if self.state is not CaptureState.COMPLETE:
             raise RuntimeError(f"the capture is {self.state.value}: {self.n_rows} of {self.n_samples} rows")
-        rows = self.rows
-        if self._utc_at_zero_s is None:
-            start_time = start_utc_s(rows.time_s, rows.host_ns, utc_at_origin_s())
-        else:
-            start_time = round(self._utc_at_zero_s + float(rows.time_s[0]), 6)
-        facts: dict[str, Any] = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz}
-        if self.info is not None:
-            facts |= {"source": self.info.to_dict(), "synthetic": self.info.synthetic}
-        return Recording(
-            rows.wrench,
+        facts = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz, **(meta or {})}
+        return recording_of(
+            self.rows,
+            facts,
+            info=self.info,
+            utc_at_zero_s=self._utc_at_zero_s,
             rate_hz=self.rate_hz,
             label=label,
             session=session,
-            start_time=start_time,
-            trigger_index=self.n_pre,
-            meta={**facts, **(meta or {})},
-            flags=rows.flags,
             name=name,
+            trigger_index=self.n_pre,
         )
 
     def _break(self, why: Break) -> None:
         if self.state is CaptureState.TRIGGERED:
             self.fail(why.reason, f"{why.text}, {self.n_rows} of {self.n_samples} rows in")
-        else:
-            self.state = CaptureState.ARMING
-            self._rest, self._broken = Rows.none(), why
+            return
+        self.state = CaptureState.ARMING
+        self._rest.begin_anew(why)
+        if not self._rest.n_left:
+            self._fail(self._rest.why_over())
+
+    def _fail(self, why: Break) -> None:
+        self.fail(why.reason, why.text)
 
     def _take(self, rows: Rows, taken: list[Rows]) -> None:
         """Go through rows without a fault among them."""
         while not self.state.is_over:
-            if self.state is CaptureState.ARMING and len(self._rest) == self.n_pre:
+            if self.state is CaptureState.ARMING and not self._rest.n_wanted:
                 self._arm()
             if not len(rows):
                 return
@@ -259,43 +254,31 @@ class Capture:
             rows = self._wait(rows, taken)
 
     def _arm(self) -> None:
-        complaint = self.trigger.arm(self._rest)
+        complaint = self.trigger.arm(self._rest.rows)
         if complaint is None:
-            self.state, self._broken = CaptureState.ARMED, None
+            self.state = CaptureState.ARMED
+            self._rest.is_accepted()
         else:
-            # A fixed share of the oldest rows goes, so that nothing depends on how rows come in.
-            self._rest = self._rest[max(1, self.n_pre // _NEW_LOOKS) :]
-            self._broken = Break(FailureReason.NO_REST, complaint)
+            self._rest.look_again(complaint)
 
     def _wait(self, rows: Rows, taken: list[Rows]) -> Rows:
         """Look for the trigger in as many rows as may be looked at alike; return the others."""
-        arming = self.state is CaptureState.ARMING
-        n_left = round(self._timeout_s * self.rate_hz) - self._n_waited
-        if n_left <= 0:
-            broken = f"; the rest was broken last by this: {self._broken.text}" if self._broken else ""
-            self.fail(FailureReason.NO_TRIGGER, f"nothing triggered within {self._timeout_s:g} s{broken}")
+        rest, arming = self._rest, self.state is CaptureState.ARMING
+        if not rest.n_left:
+            self._fail(rest.why_over())
             return rows
-        looked = rows[: min(n_left, self.n_pre - len(self._rest)) if arming else n_left]
+        looked = rows[: min(rest.n_left, rest.n_wanted) if arming else rest.n_left]
         found = self.trigger.index(looked)
         if found is not None and arming:
-            self._fail_early(len(self._rest) + found)
+            self._fail(rest.why_early(found))
             return rows
         resting = looked[:found]
-        self._n_waited += len(resting)
-        kept = Rows.joined([self._rest, resting])
-        self._rest = kept[len(kept) - min(self.n_pre, len(kept)) :]
+        rest.add(resting)
         if found is not None:
             self.state = CaptureState.TRIGGERED
             self.trigger_time_s = float(looked.time_s[found])
-            self._add(self._rest, taken)
+            self._add(rest.rows, taken)
         return rows[len(resting) :]
-
-    def _fail_early(self, n_rest: int) -> None:
-        text = f"triggered after {n_rest} rows at rest, wanted {self.n_pre}"
-        if self._broken is None:
-            self.fail(FailureReason.TRIGGER_TOO_EARLY, text)
-        else:
-            self.fail(self._broken.reason, f"{text}: {self._broken.text}")
 
     def _add(self, rows: Rows, taken: list[Rows]) -> None:
         self._taken.append(rows)
@@ -303,11 +286,9 @@ class Capture:
         self.n_rows += len(rows)
         if self.n_rows < self.n_samples:
             return
-        rate_hz = measured_rate_hz(self.rows, device_clock=self.info is None or self.info.device_clock)
-        rate_hz /= 1.0 if self.info is None or self.info.device_clock else self.info.speed
-        if abs(rate_hz / self.rate_hz - 1) > self._rate_tolerance:
-            text = f"measured {rate_hz:.6g} Hz, wanted {self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
-            self.fail(FailureReason.RATE, text)
+        complaint = rate_complaint(self.rows, self.rate_hz, self._rate_tolerance, self.info)
+        if complaint is not None:
+            self.fail(FailureReason.RATE, complaint)
         else:
             self.state = CaptureState.COMPLETE
 

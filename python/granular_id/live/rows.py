@@ -112,6 +112,8 @@ class Rows:
 def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
     """Put a straight line into gaps of at most `max_gap` instants, flagged ``GAP_FILLED``.
 
+    What is saturated or of bad status at either end is so in between.
+
     Parameters
     ----------
     before : Rows
@@ -145,12 +147,15 @@ def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
     )
 
 
+_PASSED_ON = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
+
+
 def _between(left: Rows, right: Rows, n: int) -> Rows:
     share = np.arange(1, n + 1) / (n + 1)
     return Rows(
         left.wrench + share[:, np.newaxis] * (right.wrench - left.wrench),
         left.time_s + share * (right.time_s - left.time_s),
         np.repeat(right.host_ns, n),
-        np.full(n, SampleFlag.GAP_FILLED, dtype=np.uint8),
+        np.repeat((left.flags | right.flags) & _PASSED_ON | np.uint8(SampleFlag.GAP_FILLED), n),
         np.zeros(n, dtype=np.int64),
     )

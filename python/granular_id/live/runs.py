@@ -20,6 +20,8 @@ class Break:
 
     reason: FailureReason
     text: str
+    n_rows: int = 0
+    """Rows that came and are left out for it."""
 
 
 def runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> Iterator[Rows | Break]:
@@ -55,7 +57,7 @@ def runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> I
             yield Break(FailureReason.GAP, f"{n} samples ({1e3 * n / rate_hz:g} ms) are missing {when}")
         start = at
         if saturated[at]:
-            yield Break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}")
+            yield Break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}", 1)
             start = at + 1
     if start < len(rows):
         yield rows[start:]
