@@ -323,6 +323,16 @@ def test_sources_that_do_not_begin():
         opened(Silent(), first_row_s=0.1),
     ):
         pass
+    for option in ("seconds", "first_row_s"):
+        with pytest.raises(ValueError, match=f"{option} must be positive"), opened(Silent(), **{option: 0}):
+            pass
+
+    class Ended(Silent):
+        def deliver(self, buffer, stopping):
+            """Nothing to deliver."""
+
+    with pytest.raises(ConnectionError, match="silent came to its end before its first row"), opened(Ended()):
+        pass
     dead = Silent(OSError("no route"))
     with pytest.raises(ConnectionError, match="silent: OSError: no route"), opened(dead):
         pass

@@ -78,7 +78,7 @@ def opened(
     TimeoutError
         No row came.
     ConnectionError
-        The source died before its first row; says why.
+        The source died, or came to its end, before its first row; says why.
     ValueError, ImportError, OSError
         As `open_source`.
 
@@ -89,26 +89,27 @@ def opened(
     ...     stream.info.rate_hz, stream.health().running
     (500.0, True)
     """
+    # Before the source is opened: it may hold a connection from then on.
+    seconds, first_row_s = positive_number("seconds", seconds), positive_number("first_row_s", first_row_s)
     chosen = open_source(source) if isinstance(source, str) else source
     if not isinstance(chosen, WrenchSource):
         raise TypeError(
             f"source must be a URL or have info, start, stop and health, got {type(source).__name__}"
         )
     info = chosen.info
-    buffer = WrenchBuffer(
-        positive_number("seconds", seconds) * info.speed,
-        rate_hz=info.rate_hz,
-        tick_hz=info.tick_hz,
-        reorder_depth=reorder_depth,
-    )
-    first = buffer.reader(from_oldest=True)
     try:
+        buffer = WrenchBuffer(
+            seconds * info.speed, rate_hz=info.rate_hz, tick_hz=info.tick_hz, reorder_depth=reorder_depth
+        )
+        first = buffer.reader(from_oldest=True)
         chosen.start(buffer)
         deadline_s = time.monotonic() + first_row_s
         while not first.wait(_POLL_S):
             health = chosen.health()
             if health.error is not None:
                 raise ConnectionError(f"{info.name}: {health.error}")
+            if health.finished and not first.wait(0.0):
+                raise ConnectionError(f"{info.name} came to its end before its first row")
             if time.monotonic() > deadline_s:
                 raise TimeoutError(f"{info.name} delivered nothing within {first_row_s:g} s")
         yield Stream(chosen, buffer)
