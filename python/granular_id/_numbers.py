@@ -7,7 +7,17 @@ from numbers import Integral, Real
 
 import numpy as np
 
-__all__ = ["finite_number", "non_negative_number", "positive_number", "real_number", "whole_number"]
+__all__ = [
+    "finite_number",
+    "non_negative_number",
+    "positive_number",
+    "real_number",
+    "sampling_rate",
+    "whole_number",
+]
+
+# Beyond this no force-torque sensor samples, and a mistyped rate would only fill the memory.
+_MAX_RATE_HZ = 50_000.0
 
 
 def real_number(name: str, value: object, wanted: str = "a number") -> float:
@@ -81,6 +91,22 @@ def positive_number(name: str, value: object, wanted: str = "a number") -> float
     number = real_number(name, value, wanted)
     if not 0 < number < math.inf:
         raise ValueError(f"{name} must be positive and finite, got {number!r}")
+    return number
+
+
+def sampling_rate(name: str, value: object) -> float:
+    """Return an argument as the rate of something that is to be simulated, up to 50 kHz; see `real_number`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        It is no real number; it is not positive, or beyond what sensors sample at.
+    """
+    number = finite_number(name, value)
+    if number <= 0:
+        raise ValueError(f"{name} must be positive, got {number:g}")
+    if number > _MAX_RATE_HZ:
+        raise ValueError(f"{name} must be at most {_MAX_RATE_HZ:g}, got {number:g}")
     return number
 
 

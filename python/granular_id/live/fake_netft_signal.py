@@ -80,14 +80,11 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
         Recordings without a common rate, or without the six axes.
     """
     from granular_id.io import load  # noqa: PLC0415
+    from granular_id.live.replay import common_rate  # noqa: PLC0415
 
     data = load(Path(path))
-    rates = {recording.rate_hz for recording in data}
-    if len(rates) != 1 or None in rates:
-        raise ValueError(
-            f"{path} has recordings of several rates or none; wanted one rate: resample them first"
-        )
-    if any(recording.wrench.shape[1] != 6 for recording in data):
-        raise ValueError(f"{path} has recordings without six axes; a sensor box has six")
-    (own,) = rates
+    try:
+        own = common_rate(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
     return np.concatenate([r.wrench for r in data]), checked_rate(own if rate_hz is None else rate_hz)

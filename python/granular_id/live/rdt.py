@@ -254,7 +254,7 @@ def _of_page(
             "box's own web page, or leave it out"
         )
     filter_number = page.fields.get("setuserfilter", "")
-    cut_off = dict(enumerate(_NET_FT_FILTER_HZ)).get(int(filter_number)) if filter_number.isdigit() else None
+    cut_off = {str(number): hz for number, hz in enumerate(_NET_FT_FILTER_HZ)}.get(filter_number)
     return SourceInfo(
         f"{page.product or 'Net F/T'} {host}",
         rate_hz,

@@ -20,7 +20,7 @@ from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
 from granular_id.recording import AXES, Dataset
 from granular_id.recording._values import thaw
 
-__all__ = ["ReplaySource", "open_url"]
+__all__ = ["ReplaySource", "common_rate", "open_url"]
 
 _PERIOD_S = 0.004
 
@@ -51,7 +51,7 @@ class ReplaySource(ThreadedSource):
     """
 
     def __init__(self, recordings: Dataset, *, speed: float = 1.0, pause_s: float = 1.0) -> None:
-        rate_hz = _common_rate(recordings)
+        rate_hz = common_rate(recordings)
         self.speed = positive_number("speed", speed)
         # Whole samples, so that every sample stands where it would in one long recording.
         pause = max(1, round(non_negative_number("pause_s", pause_s) * rate_hz))
@@ -109,7 +109,14 @@ class ReplaySource(ThreadedSource):
                     return
 
 
-def _common_rate(recordings: Dataset) -> float:
+def common_rate(recordings: Dataset) -> float:
+    """Return the rate of recordings that can be played one after another.
+
+    Raises
+    ------
+    ValueError
+        They are irregular, of several rates, or have other axes than fx fy fz tx ty tz.
+    """
     rates = {recording.rate_hz for recording in recordings}
     if None in rates:
         raise ValueError("recordings are irregular; resample them first: .resample(500)")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._numbers import whole_number
+from granular_id._numbers import positive_number, sampling_rate, whole_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.sim_faults import Fault, FaultPlan
@@ -23,7 +23,7 @@ from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.source_url import SourceUrl
 from granular_id.recording import SampleFlag
-from granular_id.synthetic import PAPER_MATERIALS, Material, Nuisance, Rig, Sensor, _checks
+from granular_id.synthetic import PAPER_MATERIALS, Material, Nuisance, Rig, Sensor
 from granular_id.synthetic.generate import FRAME, SIGN
 from granular_id.synthetic.materials import resolve_materials
 
@@ -79,7 +79,7 @@ class SimSource(ThreadedSource):
         unknown = materials == UNKNOWN
         chosen = resolve_materials(PAPER_MATERIALS if unknown else materials)
         unknown = unknown or len(chosen) > 1
-        rate_hz, self.speed = _checks.rate("rate_hz", rate_hz), _checks.positive("speed", speed)
+        rate_hz, self.speed = sampling_rate("rate_hz", rate_hz), positive_number("speed", speed)
         seed = secrets.randbits(48) if seed is None else whole_number("seed", seed, least=0)
         session = whole_number("session", session, least=0)
         self.world = SimWorld(
