@@ -13,7 +13,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py \
 	tests/python/test_buffer_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign stress soak fuzz bench-formats bench-decision wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
@@ -27,6 +27,7 @@ help:
 	@echo "                100,000 damaged CSV files, 20,000 damaged Parquet archives (minutes)"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
+	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
@@ -124,6 +125,14 @@ RING_ITEMS ?= 1000000000
 
 stress: | toolchain
 	GRANULAR_ID_RING_ITEMS=$(RING_ITEMS) cargo test --release --test buffer_stress -- --nocapture
+
+# The stable compiler has the sanitizers of nightly ones when told to.
+SANITIZE := RUSTC_BOOTSTRAP=1 cargo test --quiet --target $(shell rustc -vV | sed -n 's/host: //p')
+
+sanitize: | toolchain
+	RUSTFLAGS=-Zsanitizer=address $(SANITIZE) --target-dir target/address --tests
+	RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" GRANULAR_ID_RING_ITEMS=1000000 \
+	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test buffer_stress --test rdt
 
 soak: $(TOOLS)
 	$(BIN)/python benches/rdt_soak.py --rate-hz 500 --seconds 600

@@ -134,6 +134,23 @@ def test_a_label_that_the_source_contradicts_is_told(tmp_path):
     assert "wrote 2 SYNTHETIC recordings of 1 material into" in out
 
 
+def test_options_that_do_nothing_or_harm_are_refused(model):
+    words = ("live", "--source", "sim:rice?seed=3", "--model", model)
+    assert "--port is about the page: add --view" in refused(*words, "--port", 8000)
+    assert "--no-browser is about the page: add --view" in refused(*words, "--no-browser")
+    assert "--port must be between 0 and 65535, got 70000" in refused(*words, "--view", "--port", 70000)
+    line = refused(*words, "--pre-s", 0.1)
+    assert "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out" in line
+
+
+def test_early_without_a_rule_and_unknown_materials_are_told(model):
+    words = ("--speed", 20, "--model", model, "--n", 1, "--quiet")
+    out = ended_well("live", "--source", "sim:rice?seed=3", *words, "--early")
+    assert "note: the model has no early rule" in out
+    out = ended_well("live", "--source", "sim:macaroni?seed=3", *words)
+    assert "WRONG, it was macaroni, which the model does not know" in out
+
+
 def test_nobody_pushes(model):
     words = ("--source", "sim:rice?seed=3", "--speed", 20, "--robot", "none", "--timeout-s", 1)
     line = refused("live", *words, "--model", model, "--quiet")

@@ -37,7 +37,7 @@ Examples:
 
 `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
 
-`granular-id live --source sim:unknown --model simulated.safetensors --n 20 --speed 10`
+`granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
 """
 
 MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
@@ -94,6 +94,12 @@ def live(
         console.print(
             "warning: the model was trained on SYNTHETIC recordings; its answers about real materials mean nothing",
             style="bold yellow",
+            soft_wrap=True,
+        )
+    if early and identifier.core.early is None:
+        console.print(
+            "note: the model has no early rule (see granular-id model info): it answers before the end of a push only "
+            "where the answer can no longer change",
             soft_wrap=True,
         )
     with ExitStack() as stack:
@@ -169,6 +175,8 @@ def _line(push: Push) -> str:
     if push.decision is None:
         return f"no answer: {push.text}"
     verdict = {True: "  right", False: f"  WRONG, it was {push.truth}", None: ""}[push.is_right]
+    if push.is_right is False and push.truth not in dict(push.decision.ranking):
+        verdict += ", which the model does not know"
     return f"{push.decision}{verdict}"
 
 

@@ -118,6 +118,10 @@ class LiveIdentifier:
                 "pre_s must be given: the recordings that the model was trained on do not say how much rest they "
                 f"begin with (recorded here, it is {_PRE_S:g} s)"
             )
+        if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
+            raise ValueError(
+                f"pre_s is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
+            )
         self.stream, self.model = stream, model
         self.n_pushes = self.n_answered = self.n_right = 0
         self.knows_truth = False
