@@ -1,17 +1,14 @@
 """The monitor's page in a real browser: quiet, true to what was published, readable everywhere."""
 
-import shutil
 from dataclasses import replace
 from urllib.parse import urlsplit
 
 import pytest
 
+from browser_cases import CONTRAST, watch
 from granular_id.live.monitor import MonitorServer
 from granular_id.live.snapshot import Snapshot
 from live_view_cases import CLASSES, listening
-from test_report_browser import CONTRAST
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 HOSTILE = (
     '<script>document.title = "owned"</script>',
@@ -34,17 +31,6 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module")
-def browser():
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("no chromium on this machine")
-    with playwright.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield running
-        running.close()
-
-
 @pytest.fixture
 def monitor():
     with MonitorServer() as running:
@@ -63,14 +49,7 @@ def opened(browser, monitor):
         )
         contexts.append(context)
         page = context.new_page()
-        page.said, page.asked = [], []
-        page.on("console", lambda message: page.said.append(message.text))
-        page.on("pageerror", lambda error: page.said.append(str(error)))
-        page.on("request", lambda request: page.asked.append(request.url))
-        page.add_init_script(
-            "window.violations = []; document.addEventListener('securitypolicyviolation', "
-            "(e) => window.violations.push(e.violatedDirective))"
-        )
+        watch(page)
         page.goto(monitor.url, wait_until="load")
         page.wait_for_selector("body[data-number]")
         return page

@@ -1,5 +1,6 @@
 """The monitor's page is closed by default, and no browser can hold up a capture."""
 
+import contextlib
 import http.client
 import json
 import socket
@@ -160,6 +161,28 @@ def test_an_endless_request_is_cut_off(monitor):
     with browser, pytest.raises((ConnectionResetError, BrokenPipeError)):
         talk_for_ever(browser)
     assert ask(monitor, "/")[0] == 401
+
+
+def test_who_asks_too_slowly_is_cut_off(monitor, monkeypatch):
+    monkeypatch.setattr("granular_id.live.monitor.server._HEAD_S", 0.1)
+    with socket.create_connection(("127.0.0.1", monitor.port), timeout=10) as browser:
+        browser.sendall(b"GET / HTTP/1.1\r\nHost: localhost\r\n")  # and never the empty line
+        assert browser.recv(1) == b""
+    assert ask(monitor, "/")[0] == 401
+
+
+def test_many_that_ask_nothing_leave_no_room_only_for_a_while(monitor, monkeypatch):
+    monkeypatch.setattr("granular_id.live.monitor.server._HEAD_S", 0.3)
+    silent = [socket.create_connection(("127.0.0.1", monitor.port), timeout=10) for _ in range(80)]
+    try:
+        for browser in silent:  # some at once, for want of room, the others when their time is over
+            with contextlib.suppress(ConnectionResetError):
+                assert browser.recv(1) == b""
+        assert ask(monitor, "/")[0] == 401
+        assert len(monitor._connections) <= 1  # that of the question may not be over yet
+    finally:
+        for browser in silent:
+            browser.close()
 
 
 def test_no_other_interface_listens(monitor):

@@ -2,45 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
-
 import pytest
 
+from browser_cases import CONTRAST, watch
 from report_cases import CASES, page_of, result_of
-
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-# Contrast of text with what lies behind it, by WCAG; 4.5 is what normal text needs.
-CONTRAST = """
-() => {
-  const linear = (x) => x <= .04045 ? x / 12.92 : ((x + .055) / 1.055) ** 2.4;
-  const light = (c) => { const v = c.map((x) => linear(x / 255));
-    return .2126 * v[0] + .7152 * v[1] + .0722 * v[2]; };
-  const parse = (text) => text.match(/[\\d.]+/g).map(Number);
-  const behind = (node) => { for (; node; node = node.parentElement) {
-    const c = parse(getComputedStyle(node).backgroundColor); if (c.length < 4 || c[3] === 1) return c; }
-    return [255, 255, 255]; };
-  const poor = [];
-  for (const node of document.querySelectorAll('p, td, th, h1, h2, h3, a, li, dd, dt, pre, .side span, svg text')) {
-    const style = getComputedStyle(node), text = parse(node.closest('svg') ? style.fill : style.color);
-    if (node.closest('figure.confusion')) continue;  // its numbers stand on cells, see below
-    const [a, b] = [light(text), light(behind(node))].sort((x, y) => y - x);
-    if ((a + .05) / (b + .05) < 4.5) poor.push([node.tagName, node.textContent.slice(0, 40), (a + .05) / (b + .05)]);
-  }
-  return poor;
-}
-"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    chromium = shutil.which("chromium")
-    if chromium is None:
-        pytest.skip("no chromium on this machine")
-    with playwright.sync_playwright() as driver:
-        running = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -61,10 +26,7 @@ def opened(case, browser):
         context = browser.new_context(viewport={"width": width, "height": 800}, color_scheme=scheme)
         contexts.append(context)
         page = context.new_page()
-        page.said, page.asked = [], []
-        page.on("console", lambda message: page.said.append(message.text))
-        page.on("pageerror", lambda error: page.said.append(str(error)))
-        page.on("request", lambda request: page.asked.append(request.url))
+        watch(page)
         page.on("requestfailed", lambda request: page.said.append(f"failed: {request.url}"))
         page.goto(case[1].as_uri(), wait_until="load")
         return page

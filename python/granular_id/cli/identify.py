@@ -22,9 +22,9 @@ from granular_id.cli.reading import (
     Repair,
     Topic,
     load_settings,
+    say_loaded,
 )
 from granular_id.cli.recordings import MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
-from granular_id.cli.sentences import loaded_text, skipped_text
 from granular_id.cli.session import check_targets, say_written
 from granular_id.cli.settings import onsets_in, positive
 from granular_id.cli.unnamed import load_all
@@ -88,9 +88,7 @@ class Recordings:
     def load(self, *, quiet: bool) -> Dataset:
         """Read the recordings and say what was read; when quiet, only what was skipped."""
         data = load_all(self.paths, self.settings, quiet=quiet)
-        said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
-        if said:
-            Console(highlight=False).print(said, soft_wrap=True, markup=False)
+        say_loaded(data, quiet=quiet)
         return data
 
 

@@ -31,6 +31,7 @@ __all__ = [
     "Topic",
     "load_settings",
     "loaded",
+    "say_loaded",
 ]
 
 PANEL = "Recordings"
@@ -89,10 +90,15 @@ class Reading:
     def load(self, *, quiet: bool) -> Dataset:
         """Read the recordings and say what was read; when quiet, only what was skipped."""
         data = loaded(self.path, self.settings, quiet=quiet)
-        said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
-        if said:
-            Console(highlight=False).print(said, soft_wrap=True, markup=False)
+        say_loaded(data, quiet=quiet)
         return data
+
+
+def say_loaded(data: Dataset, *, quiet: bool) -> None:
+    """Say what was read; when quiet, only what was skipped."""
+    said = skipped_text(data.history[-1]) if quiet else loaded_text(data)
+    if said:
+        Console(highlight=False).print(said, soft_wrap=True, markup=False)
 
 
 def load_settings(
