@@ -135,7 +135,7 @@ def test_a_label_that_the_source_contradicts_is_told(tmp_path):
 
 
 def test_options_that_do_nothing_or_harm_are_refused(model):
-    words = ("live", "--source", "sim:rice?seed=3", "--model", model)
+    words = ("live", "--source", "sim:rice?seed=3", "--model", model, "--n", 1, "--quiet")
     assert "--port is about the page: add --view" in refused(*words, "--port", 8000)
     assert "--no-browser is about the page: add --view" in refused(*words, "--no-browser")
     assert "--port must be between 0 and 65535, got 70000" in refused(*words, "--view", "--port", 70000)

@@ -78,6 +78,8 @@ def live(
     at_least("--n", n, 1)
     if not 0 <= port <= 65535:
         raise ValueError(f"--port must be between 0 and 65535, got {port}")
+    if not view and (port or no_browser):
+        raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
     positive("--pre-s", pre_s)
     check_targets(json, rerun, source=model)
 
