@@ -83,6 +83,27 @@ def test_callback():
     assert calls[-1] == "stop"
 
 
+@pytest.mark.parametrize(
+    ("move", "error", "match"),
+    [
+        ((None, 0.03, 3), TypeError, "direction must hold three numbers, got None"),
+        (("xyz", 0.03, 3), TypeError, "direction must hold three numbers, got 'xyz'"),
+        (((1, 0), 0.03, 3), ValueError, "direction must hold three numbers, not all 0"),
+        (
+            ((1, 0, 0), 30, 3),
+            ValueError,
+            "speed_m_s must be at most 1, got 30: metres per second, not millimetres",
+        ),
+        (((1, 0, 0), 0.03, 0), ValueError, "duration_s must be positive"),
+    ],
+)
+def test_moves_that_are_refused(move, error, match):
+    calls = []
+    with pytest.raises(error, match=match):
+        CallbackRobot(lambda *_: calls.append("move"), lambda: None).move_line(*move)
+    assert calls == []
+
+
 def test_callback_that_returns_at_once_moves_on():
     robot = CallbackRobot(lambda *_: None, lambda: None)
     motion = robot.move_line((1, 0, 0), 0.03, 60)

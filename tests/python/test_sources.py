@@ -99,9 +99,19 @@ def test_info_says_what_is_known():
         "device_clock": True,
         "full_scale": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
         "synthetic": False,
+        "speed": 1.0,
         "meta": {"a": [1]},
     }
-    for wrong in ({"name": ""}, {"rate_hz": 0}, {"rate_hz": float("nan")}, {"tick_hz": -1}):
+    assert SourceInfo("x", 500, device_clock=True, meta={"speed": 0.03}).speed == 1, "an arm's, perhaps"
+    for wrong in (
+        {"name": ""},
+        {"rate_hz": 0},
+        {"rate_hz": float("nan")},
+        {"tick_hz": -1},
+        {"speed": 0},
+        {"full_scale": (1, 2, 3)},
+        {"full_scale": (1, 2, 3, 4, 5, 0)},
+    ):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             SourceInfo(**{"name": "x", "rate_hz": 500, "device_clock": True, **wrong})
 
@@ -130,6 +140,10 @@ def test_a_source_that_ends_and_one_that_dies():
     with pytest.raises(RuntimeError, match="counting was started before"):
         source.start(sink)
     source.stop()
+    unused = Counting()
+    unused.stop()
+    with pytest.raises(RuntimeError, match="counting was stopped before"):
+        unused.start(sink)
 
     dying = Counting(OSError("unplugged"))
     dying.start(Sink())

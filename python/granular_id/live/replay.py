@@ -52,7 +52,7 @@ class ReplaySource(ThreadedSource):
 
     def __init__(self, recordings: Dataset, *, speed: float = 1.0, pause_s: float = 1.0) -> None:
         rate_hz = common_rate(recordings)
-        self.speed = positive_number("speed", speed)
+        speed = positive_number("speed", speed)
         # Whole samples, so that every sample stands where it would in one long recording.
         pause = max(1, round(non_negative_number("pause_s", pause_s) * rate_hz))
         self._recordings = list(recordings)
@@ -68,10 +68,8 @@ class ReplaySource(ThreadedSource):
                 frame=_text(measured.get("frame")),
                 sign=_text(measured.get("sign")),
                 synthetic=any(bool(recording.meta.get("synthetic")) for recording in self._recordings),
-                meta={
-                    "speed": self.speed,
-                    "labels": sorted({str(r.label) for r in self._recordings if r.label}),
-                },
+                speed=speed,
+                meta={"labels": sorted({str(r.label) for r in self._recordings if r.label})},
             )
         )
         self._tick = 0
@@ -97,7 +95,7 @@ class ReplaySource(ThreadedSource):
         for start, recording in zip(self._starts, self._recordings, strict=True):
             sent = 0
             while sent < recording.n_samples:
-                due = math.floor(1e-9 * (host_ns() - start_ns) * self.speed * rate_hz) + 1 - start
+                due = math.floor(1e-9 * (host_ns() - start_ns) * self.info.speed * rate_hz) + 1 - start
                 end = min(max(due, sent), recording.n_samples)
                 if end > sent:
                     flags = None if recording.flags is None else recording.flags[sent:end]

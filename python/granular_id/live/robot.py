@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from granular_id._numbers import finite_number, positive_number
 from granular_id.live.clock import host_ns
 
 __all__ = ["Motion", "Pose", "Robot", "TimedMotion", "checked_move"]
+
+MAX_SPEED_M_S = 1.0
+"""Thirty times the paper's: what is faster is a speed in mm/s or cm/s, and would move an arm before anybody notices."""
 
 Pose = tuple[float, float, float, float, float, float]
 """Position x y z (m) and rotation vector rx ry rz (rad) of the tool in the robot's base frame."""
@@ -77,12 +80,19 @@ def checked_move(
     >>> checked_move([0, 2, 0], 0.03, 3)
     ((0.0, 1.0, 0.0), 0.03, 3.0)
     """
+    if isinstance(direction, str) or not isinstance(direction, Iterable):
+        raise TypeError(f"direction must hold three numbers, got {direction!r:.60}")
     parts = [finite_number("direction", part) for part in direction]
     length = math.hypot(*parts)
     if len(parts) != 3 or length == 0:
-        raise ValueError(f"direction must hold three numbers, not all 0, got {tuple(direction)!r}")
+        raise ValueError(f"direction must hold three numbers, not all 0, got {tuple(parts)!r:.60}")
+    speed_m_s, duration_s = positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
+    if speed_m_s > MAX_SPEED_M_S:
+        raise ValueError(
+            f"speed_m_s must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres"
+        )
     x, y, z = (part / length for part in parts)
-    return (x, y, z), positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
+    return (x, y, z), speed_m_s, duration_s
 
 
 class TimedMotion:

@@ -79,7 +79,7 @@ class SimSource(ThreadedSource):
         unknown = materials == UNKNOWN
         chosen = resolve_materials(PAPER_MATERIALS if unknown else materials)
         unknown = unknown or len(chosen) > 1
-        rate_hz, self.speed = sampling_rate("rate_hz", rate_hz), positive_number("speed", speed)
+        rate_hz, speed = sampling_rate("rate_hz", rate_hz), positive_number("speed", speed)
         seed = secrets.randbits(48) if seed is None else whole_number("seed", seed, least=0)
         session = whole_number("session", session, least=0)
         self.world = SimWorld(
@@ -95,7 +95,8 @@ class SimSource(ThreadedSource):
                 compensated=True,
                 full_scale=self.world.sensor.full_scale,
                 synthetic=True,
-                meta={"seed": seed, "session": session, "speed": self.speed},
+                speed=speed,
+                meta={"seed": seed, "session": session},
             )
         )
         self._start_ns: int | None = None
@@ -129,7 +130,7 @@ class SimSource(ThreadedSource):
         """Return the host's time of a sample."""
         if self._start_ns is None:
             raise RuntimeError(f"{self.info.name} is not started")
-        return self._start_ns + round(1e9 * tick / (self.info.rate_hz * self.speed))
+        return self._start_ns + round(1e9 * tick / (self.info.rate_hz * self.info.speed))
 
     def start(self, buffer: WrenchSink) -> None:
         """Begin to write rows into `buffer`; time 0 is now."""
@@ -139,10 +140,10 @@ class SimSource(ThreadedSource):
 
     def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
         """Write samples as they fall due."""
-        period_s = max(_PERIOD_S, 1.0 / (self.info.rate_hz * self.speed))
+        period_s = max(_PERIOD_S, 1.0 / (self.info.rate_hz * self.info.speed))
         longest = math.ceil(_LONGEST_S * self.info.rate_hz)
         while not stopping.wait(period_s):
-            due = int(1e-9 * (host_ns() - self.host_ns_at(0)) * self.speed * self.info.rate_hz)
+            due = int(1e-9 * (host_ns() - self.host_ns_at(0)) * self.info.speed * self.info.rate_hz)
             while self.world.tick < due and not stopping.is_set():
                 self._write(buffer, min(due - self.world.tick, longest), stopping)
 

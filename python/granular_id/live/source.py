@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
+from granular_id._numbers import positive_number
 from granular_id.live.source_url import SourceUrl
 from granular_id.recording._values import checked_rate, checked_text, freeze, thaw
 
@@ -53,13 +54,15 @@ class SourceInfo:
     filter_hz : float, optional
         Cut-off of the low-pass filter within the sensor; None: not known, or none.
     full_scale : tuple of 6 float, optional
-        Range of each axis, N and N m.
+        Range of each axis, N and N m, above 0.
     serial : str, optional
         Serial number or calibration.
     synthetic : bool, default False
         True for everything that no sensor has measured; shown wherever its samples or results are.
+    speed : float, default 1
+        Device seconds per second: another number for simulations and replays that run faster or slower.
     meta : mapping, optional
-        Whatever else is known, JSON-like; ``meta["speed"]`` is device seconds per second where it is not 1.
+        Whatever else is known, JSON-like.
 
     Examples
     --------
@@ -80,6 +83,7 @@ class SourceInfo:
     full_scale: tuple[float, ...] | None = None
     serial: str | None = None
     synthetic: bool = False
+    speed: float = 1.0
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -87,13 +91,12 @@ class SourceInfo:
         object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
         object.__setattr__(self, "tick_hz", checked_rate(self.tick_hz, "tick_hz"))
         if self.full_scale is not None:
-            object.__setattr__(self, "full_scale", tuple(float(value) for value in self.full_scale))
+            full_scale = tuple(positive_number("full_scale", value) for value in self.full_scale)
+            if len(full_scale) != 6:
+                raise ValueError(f"full_scale must hold six numbers, N and N m, got {len(full_scale)}")
+            object.__setattr__(self, "full_scale", full_scale)
+        object.__setattr__(self, "speed", positive_number("speed", self.speed))
         object.__setattr__(self, "meta", freeze(self.meta, "meta"))
-
-    @property
-    def speed(self) -> float:
-        """Device seconds per second: 1 but for simulations and replays that run faster or slower."""
-        return float(self.meta.get("speed", 1.0))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything that is known as plain JSON-like values; what is unknown (None) is left out."""

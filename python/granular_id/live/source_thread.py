@@ -55,10 +55,11 @@ class ThreadedSource(ABC):
         Raises
         ------
         RuntimeError
-            It has been started before: every source runs once.
+            It has been started or stopped before: every source runs once.
         """
-        if self._thread is not None:
-            raise RuntimeError(f"{self._info.name} was started before; open the source anew")
+        if self._thread is not None or self._stopping.is_set():
+            how = "stopped" if self._thread is None else "started"
+            raise RuntimeError(f"{self._info.name} was {how} before; open the source anew")
         self._thread = threading.Thread(
             target=self._work, args=(buffer,), name=f"source {self._info.name}", daemon=True
         )
