@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,6 +42,16 @@ def test_overflow():
     assert not len(taker.feed(blocks[1]))
     assert (taker.state, taker.reason) == (CaptureState.FAILED, FailureReason.OVERFLOW)
     assert taker.text.startswith("17 rows were overwritten")
+
+
+def test_what_was_overwritten_before_the_first_row_is_nobodys_loss():
+    """Between two pushes a reader may stand still for longer than the buffer: refilling takes its time."""
+    line = Line.of(600)
+    taker = capture(moving_at(line, 100))
+    blocks = list(line.blocks([200]))
+    blocks[0].missed = 17
+    rows = np.concatenate([taker.feed(block) for block in blocks])
+    assert np.array_equal(rows, line.wrench[50 : 50 + N])
 
 
 @pytest.mark.parametrize("max_gap", [0, 2])
@@ -207,6 +218,15 @@ def test_a_line_from_a_saturated_sample_is_no_rest():
     flags = allowed.recording().flags[9:12].tolist()
     both = int(SampleFlag.SATURATED | SampleFlag.GAP_FILLED)
     assert flags == [SampleFlag.SATURATED, both, both]
+
+
+def test_every_reason_is_explained():
+    page = Path(__file__).parents[2] / "docs" / "live" / "recording.md"
+    explained = {
+        line.split("`")[1] for line in page.read_text("utf-8").splitlines() if line.startswith("| `")
+    }
+    assert {reason.name for reason in FailureReason} <= explained
+    assert {state.name for state in CaptureState} <= explained
 
 
 def test_failure_from_outside():

@@ -140,7 +140,7 @@ class Capture:
             return _NO_ROWS
         if self.state is CaptureState.IDLE:
             self.state = CaptureState.ARMING
-        if block.missed:
+        if block.missed and self._epoch is not None:  # before the first row it is nobody's loss
             self.fail(FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read")
             return _NO_ROWS
         if not len(block):
