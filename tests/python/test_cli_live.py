@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -100,6 +101,7 @@ def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
         (("--label", "rice", "--direction", "0,0,0"), "--direction must hold three numbers, not all 0"),
         (("--label", "rice", "--robot", "none", "--trigger", "motion"), "--trigger motion needs a robot"),
         (("--label", "rice", "--session", ""), "--session is empty"),
+        (("--label", "rice,gravel,rice"), "--label must name each material once, got 'rice,gravel,rice'"),
         (("--label", "rice", "--n", 0), "--n must be at least 1, got 0"),
         (("--label", "rice", "--direction", "1,0"), "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
         (("--label", "rice", "--speed-m-s", 0), "--speed-m-s must be positive and finite, got 0"),
@@ -149,6 +151,24 @@ def test_early_without_a_rule_and_unknown_materials_are_told(model):
     assert "note: the model has no early rule" in out
     out = ended_well("live", "--source", "sim:macaroni?seed=3", *words)
     assert "WRONG, it was macaroni, which the model does not know" in out
+
+
+@pytest.mark.parametrize("option", ["--json", "--rerun"])
+def test_live_does_not_write_into_its_model(model, option):
+    before = Path(model).read_bytes()
+    line = refused("live", "--source", "sim:rice", "--model", model, option, model)
+    assert f"belongs to {model}, which is read" in line
+    assert Path(model).read_bytes() == before
+
+
+def test_a_port_that_is_none_is_refused_before_anything_starts(model):
+    line = refused("live", "--source", "sim:rice", "--model", model, "--view", "--port", 65536)
+    assert "--port must be between 0 and 65535, got 65536" in line
+
+
+def test_more_answers_than_a_replay_has_is_an_error(model, folder):
+    words = ("--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model, "-q", "--n", 13)
+    assert "the source came to its end" in refused("live", *words)
 
 
 def test_nobody_pushes(model):

@@ -71,6 +71,10 @@ def record(
     if not labels:
         raise ValueError(f"--label must name at least one material, got {label!r}")
     if len(set(labels)) < len(labels):
+        raise ValueError(
+            f"--label must name each material once, got {label!r}: --n says how often it is recorded"
+        )
+    if len(set(labels)) < len(labels):
         raise ValueError(f"--label must name each material once, got {label!r}; --n says how many of each")
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")

@@ -89,7 +89,7 @@ class Answers:
 
     @property
     def synthetic(self) -> bool:
-        """Whether it was trained on simulated recordings: its answers then say nothing about real materials."""
+        """Whether it is known to be trained on simulated recordings: its answers say nothing about real materials."""
         return bool(self.trained.get("synthetic", False))
 
     def scores(self, X: npt.ArrayLike, *, threads: int | None = None) -> FloatArray:

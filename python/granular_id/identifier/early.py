@@ -4,10 +4,11 @@ The rule has two numbers: from `n_seen` samples on, the first provisional answer
 Among all pairs of them the one is taken that answers soonest, while the share of wrong early answers stays within a
 level. Each partition is then answered by the pair that the *others* choose, and the level is lowered until the answers
 so found are wrong in at most the share that was asked for.
-That one level is thus chosen on the answers whose share of errors is shown: the share is a little lower there than on
-fresh recordings. What was asked for is kept on those as well, on the average over sets of recordings; a test draws many.
 
-That share is counted as (wrong + 1) / (answered + 1), as if the next recording were answered wrongly: ten right answers
+That one level is chosen on the answers whose share of errors is shown: the share is a little lower there than on fresh
+recordings. What was asked for is kept on those as well, on the average over sets of recordings; a test draws many.
+
+Shares are counted as (wrong + 1) / (answered + 1), as if the next recording were answered wrongly: ten right answers
 out of ten say little about an error of one in a hundred. A small set of recordings therefore gives no rule for a small
 error, and the result says how many would be needed.
 

@@ -121,7 +121,8 @@ class StreamingIdentifier:
             A score left float64, for forces of unearthly size.
         """
         ranking, margin, final, settled, sure, n_seen, first_row, scores = self.core.standing()
-        warnings = tuple(what for what, row in self._warnings.items() if row >= first_row)
+        # A copy: another thread may be adding one.
+        warnings = tuple(what for what, row in list(self._warnings.items()) if row >= first_row)
         probability: Callable[[], float] | None = None
         if self._has_probabilities:
             probability = partial(_probability, self.core.model, scores, ranking[0][0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,47 +14,9 @@ from granular_id._core import AXES, UNITS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["DecisionLike", "Snapshot"]
+    from granular_id.identifier.decision import Decision
 
-
-class DecisionLike(Protocol):
-    """The part of a decision that views read."""
-
-    @property
-    def label(self) -> str:
-        """The best material."""
-
-    @property
-    def ranking(self) -> tuple[tuple[str, float], ...]:
-        """Pairs of material and mean loss, the best first."""
-
-    @property
-    def margin(self) -> float:
-        """Loss of the second material minus that of the first."""
-
-    @property
-    def probability(self) -> float | None:
-        """Probability of the label, of a calibrated model."""
-
-    @property
-    def final(self) -> bool:
-        """Whether the whole signal was seen."""
-
-    @property
-    def settled(self) -> bool:
-        """Whether the rest of the signal can no longer change the label."""
-
-    @property
-    def sure(self) -> bool:
-        """Whether the margin is as large as the model wants for an early answer."""
-
-    @property
-    def seconds(self) -> float:
-        """Seconds of signal seen."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the label may suffer from."""
+__all__ = ["Snapshot"]
 
 
 def _no_rows() -> NDArray[np.float64]:
@@ -114,7 +76,7 @@ class Snapshot:
         Materials the model knows, in its order.
     ranking_history : pair of ndarray, shapes (h,), (h, K)
         Seconds of signal, and the mean loss of each of `classes` then.
-    decision : DecisionLike or None
+    decision : Decision or None
         The latest answer of this capture.
     lag_s, max_lag_s : float
         Age of the newest row when it was looked at (NaN: unknown), and from where on that is an alarm.
@@ -161,7 +123,7 @@ class Snapshot:
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(AXES), 1), np.int64))
     classes: tuple[str, ...] = ()
     ranking_history: tuple[NDArray[np.float64], NDArray[np.float64]] = field(default_factory=_no_history)
-    decision: DecisionLike | None = None
+    decision: Decision | None = None
     lag_s: float = math.nan
     max_lag_s: float = 0.02
     counters: Mapping[str, int] = field(default_factory=dict)

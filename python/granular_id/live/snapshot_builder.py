@@ -12,12 +12,13 @@ from granular_id._core import AXES, UNITS
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
-from granular_id.live.snapshot import DecisionLike, Snapshot
+from granular_id.live.snapshot import Snapshot
 from granular_id.recording._values import as_floats, checked_index, checked_number, checked_rate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from granular_id.identifier.decision import Decision
     from granular_id.live.rows import BlockLike
 
 __all__ = ["SnapshotBuilder"]
@@ -185,7 +186,7 @@ class SnapshotBuilder:
     def build(
         self,
         state: str,
-        decision: DecisionLike | None = None,
+        decision: Decision | None = None,
         *,
         hint: str = "",
         lag_s: float = math.nan,
@@ -200,7 +201,7 @@ class SnapshotBuilder:
         ----------
         state : str
             State of the capture, see `Snapshot`.
-        decision : DecisionLike, optional
+        decision : Decision, optional
             The answer so far.
         hint, lag_s, n_captures, n_correct
             See `Snapshot`.
@@ -252,7 +253,7 @@ class SnapshotBuilder:
             **self._fixed,
         )
 
-    def _remember(self, decision: DecisionLike) -> None:
+    def _remember(self, decision: Decision) -> None:
         if self._answers and decision.seconds < self._answers[-1][0]:
             self._answers.clear()  # the answer begins anew
         if self._answers and decision.seconds == self._answers[-1][0]:

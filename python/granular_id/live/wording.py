@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from granular_id.live.snapshot import DecisionLike, Snapshot
+    from granular_id.identifier.decision import Decision
+    from granular_id.live.snapshot import Snapshot
 
 __all__ = [
     "SYNTHETIC",
@@ -122,7 +123,7 @@ def answer_of(snapshot: Snapshot) -> Answer:
     return Answer(kind, printable(decision.label), stage, _lead(decision))
 
 
-def _lead(decision: DecisionLike) -> str:
+def _lead(decision: Decision) -> str:
     parts = []
     if len(decision.ranking) > 1:
         parts.append(f"margin {decision.margin:.3f} ahead of {printable(decision.ranking[1][0])}")

@@ -29,7 +29,7 @@ _MOST_STREAMS = 16
 _SEND_BUFFER_BYTES = 256 * 1024
 _QUIET_S = 1.0  # after this long without a snapshot, pages are told so
 _STALLED_S = 30.0  # a browser that has taken nothing for so long is dropped
-_PATIENCE_S = 2.0
+_PATIENCE_S = 10.0  # at the end; nothing here waits for a browser, so only a machine that is busy takes long
 
 
 class MonitorServer(ViewThread):
