@@ -113,6 +113,26 @@ fn a_jump_back_of_more_than_a_second_is_a_restart() {
 }
 
 #[test]
+fn a_restart_may_repeat_the_times_before_it() {
+    let (mut writer, reader) = buffer(5000, 0);
+    push(&mut writer, 0..2500);
+    assert_eq!(push(&mut writer, 0..600), [Pushed::Written; 600]);
+    assert_eq!((reader.stats().epochs, reader.stats().duplicates), (1, 0));
+}
+
+#[test]
+fn a_sender_that_tells_restarts_has_late_rows_only() {
+    let (mut writer, reader) = buffer(5000, 0);
+    push(&mut writer, 2000..2100);
+    for ticks in (0..20).chain(1000..1040) {
+        assert_eq!(writer.push_in_epoch(&row(ticks)), Pushed::Late);
+    }
+    assert_eq!(writer.push_in_epoch(&row(2050)), Pushed::Duplicate);
+    assert_eq!(writer.push_in_epoch(&row(2100)), Pushed::Written);
+    assert_eq!((reader.stats().epochs, reader.stats().late), (0, 60));
+}
+
+#[test]
 fn eight_late_rows_in_a_row_are_a_restart() {
     let (mut writer, reader) = buffer(50, 0);
     push(&mut writer, 100..103);

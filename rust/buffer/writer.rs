@@ -32,13 +32,23 @@ pub enum Pushed {
     NonFinite,
 }
 
+/// Who says that a device has started again.
+#[derive(Clone, Copy, PartialEq)]
+enum Restarts {
+    /// The buffer, by the times of the rows.
+    Guessed,
+    /// The sender of the rows.
+    Told,
+}
+
 /// The one writer of a buffer.
 ///
 /// Pushing never blocks and never allocates, whatever readers do; its work is bounded by the reorder depth and the
 /// logarithm of the capacity. When the buffer is full the oldest row is overwritten.
 ///
 /// Rows leave in strictly increasing device time. A device time more than a second before the newest (or eight periods,
-/// if that is longer), or the eighth late row in a row, is a device that has started again: a new epoch begins by itself.
+/// if that is longer), or the eighth late row in a row, is a device that has started again: a new epoch begins by itself,
+/// but for rows of [`push_in_epoch`](Self::push_in_epoch).
 pub struct Writer {
     shared: Arc<Shared>,
     holding: Holding,
@@ -75,13 +85,19 @@ impl Writer {
 
     /// Takes the next row as it came. Of two rows with the same device time the second is a duplicate.
     pub fn push(&mut self, row: &Row) -> Pushed {
-        self.take(row, Packet::UNKNOWN)
+        self.take(row, Packet::UNKNOWN, Restarts::Guessed)
+    }
+
+    /// The same from a sender that knows when its device starts again, and calls [`new_epoch`](Self::new_epoch) then: a
+    /// row before the newest is late, however old it is and however many come in a row.
+    pub fn push_in_epoch(&mut self, row: &Row) -> Pushed {
+        self.take(row, Packet::UNKNOWN, Restarts::Told)
     }
 
     /// The same, with the number of the packet (its low 56 bits count): the same device time under another number is
     /// stale, not a duplicate.
     pub fn push_packet(&mut self, row: &Row, packet: u64) -> Pushed {
-        self.take(row, Packet::new(packet))
+        self.take(row, Packet::new(packet), Restarts::Guessed)
     }
 
     /// Begins a new epoch, unless the present one has no rows: device time may start anywhere. Rows that wait are
@@ -116,13 +132,13 @@ impl Writer {
         self.epoch
     }
 
-    fn take(&mut self, row: &Row, packet: Packet) -> Pushed {
+    fn take(&mut self, row: &Row, packet: Packet, restarts: Restarts) -> Pushed {
         if !row.wrench.iter().all(|value| value.is_finite()) {
             self.shared.counters.non_finite.add(1);
             return Pushed::NonFinite;
         }
         match &self.written {
-            Some(written) if row.ticks <= written.newest => self.take_late(row, packet),
+            Some(written) if row.ticks <= written.newest => self.take_late(row, packet, restarts),
             Some(written) => {
                 self.late_in_a_row = 0;
                 let next = self.shared.spec.missing_between(written.newest, row.ticks) == 0;
@@ -180,20 +196,29 @@ impl Writer {
     }
 
     /// A row at or before the newest one written.
-    fn take_late(&mut self, row: &Row, packet: Packet) -> Pushed {
+    fn take_late(&mut self, row: &Row, packet: Packet, restarts: Restarts) -> Pushed {
         let Some(written) = &self.written else { return Pushed::Late };
+        let guessed = restarts == Restarts::Guessed;
+        // Asked first: a device that starts again may repeat the very times it had before.
+        if guessed && (written.newest - row.ticks) as f64 > self.restart_ticks {
+            return self.restart(row, packet);
+        }
         if let Some(same) = self.packet_at(row.ticks, written.begin) {
             return self.repeated(packet, same);
         }
-        self.late_in_a_row += 1;
-        let back = (written.newest - row.ticks) as f64;
-        if back > self.restart_ticks || self.late_in_a_row >= LATE_IN_A_ROW {
-            self.new_epoch();
-            self.write(row, packet);
-            return Pushed::Written;
+        self.late_in_a_row = self.late_in_a_row.saturating_add(1);
+        if guessed && self.late_in_a_row >= LATE_IN_A_ROW {
+            return self.restart(row, packet);
         }
         self.shared.counters.late.add(1);
         Pushed::Late
+    }
+
+    /// The first row of a device that has started again.
+    fn restart(&mut self, row: &Row, packet: Packet) -> Pushed {
+        self.new_epoch();
+        self.write(row, packet);
+        Pushed::Written
     }
 
     fn repeated(&self, packet: Packet, same: Packet) -> Pushed {

@@ -93,8 +93,9 @@ impl Work {
         let Self { decoder, writer, shared, .. } = self;
         decoder.datagram(datagram, now_ns, &mut |decoded| match decoded {
             Decoded::Row(row) => {
-                // What the buffer does with it, it counts itself.
-                writer.push(&row);
+                // What the buffer does with it, it counts itself. Restarts are told: a swapped datagram of forty records is
+                // late, and no restart.
+                writer.push_in_epoch(&row);
             }
             Decoded::NewEpoch => writer.new_epoch(),
         });

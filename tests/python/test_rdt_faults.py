@@ -92,6 +92,15 @@ def test_late_rows_without_patience_are_dropped_by_the_buffer_alone():
     assert buffer.stats()["late"] == box.injected.reordered > 0
 
 
+def test_swapped_datagrams_without_patience_are_late_and_no_restart():
+    source, buffer, _, box = run(
+        Faults(reorder=0.3), n_records=1000, reorder_depth=0, options={"buffered": True}
+    )
+    assert counted(source) == injected(box)
+    assert buffer.stats()["late"] == box.injected.reordered >= 40
+    assert buffer.stats()["epochs"] == 0
+
+
 def test_both_numbers_wrap():
     source, _, reader, box = run(Faults(wrap=300, loss=0.05))
     assert counted(source) == injected(box)

@@ -62,6 +62,9 @@ impl Naive {
         if row.ticks > newest {
             self.late_in_a_row = 0;
         }
+        if newest > row.ticks + 500 * PERIOD {
+            return self.restart((row, packet));
+        }
         let written = self.rows.iter().zip(&self.packets);
         let here = written.filter(|(row, _)| row.epoch == self.epoch).map(|(row, packet)| (row.row, *packet));
         if let Some((_, first)) =
@@ -77,10 +80,8 @@ impl Naive {
         }
         if row.ticks < newest {
             self.late_in_a_row += 1;
-            if newest - row.ticks > 500 * PERIOD || self.late_in_a_row == 8 {
-                self.new_epoch();
-                self.write((row, packet));
-                return Pushed::Written;
+            if self.late_in_a_row == 8 {
+                return self.restart((row, packet));
             }
             self.stats.late += 1;
             return Pushed::Late;
@@ -101,6 +102,12 @@ impl Naive {
         } else {
             Pushed::Held
         }
+    }
+
+    fn restart(&mut self, row: Numbered) -> Pushed {
+        self.new_epoch();
+        self.write(row);
+        Pushed::Written
     }
 
     fn write(&mut self, (row, packet): Numbered) {
