@@ -63,6 +63,18 @@ fn a_million_samples_give_the_scores_of_the_batch() {
     }
 }
 
+/// 2^63 rows to skip of two axes each: their number of values is no number of 64 bits.
+#[test]
+fn rows_before_a_window_are_no_part_of_it_however_far_it_is() {
+    let model = Arc::new(random_model(3, 4, 2, FeatureSpec::default()));
+    let mut stream = StreamingIdentifier::new(model, Some((1 << 63) + 4)).unwrap();
+    stream.push(&[0.5; 8]).unwrap();
+    stream.advance().unwrap();
+    let before = bits(stream.scores().unwrap());
+    assert_eq!(stream.push(&[0.5; 8]).unwrap(), 4);
+    assert_eq!((stream.stream().n_seen(), bits(stream.scores().unwrap())), (0, before));
+}
+
 #[test]
 fn a_refused_row_changes_nothing() {
     let model = Arc::new(random_model(3, 8, 2, FeatureSpec::default()));

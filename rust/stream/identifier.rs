@@ -106,7 +106,7 @@ impl StreamingIdentifier {
         let n_taken = self.stream.push(rows)?;
         self.is_fresh &= n_taken == 0;
         let n_axes = self.model.n_axes();
-        let of_window = rows[..n_taken * n_axes].get(ahead * n_axes..).unwrap_or_default();
+        let of_window = rows[..n_taken * n_axes].get(ahead.saturating_mul(n_axes)..).unwrap_or_default();
         self.add_raw(first, of_window);
         Ok(n_taken)
     }
