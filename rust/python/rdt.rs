@@ -72,11 +72,15 @@ impl PyRdtReceiver {
 
     /// Ask for the stream, wait for its first record, and write into `buffer` from then on.
     fn start(&self, buffer: &Bound<'_, PyWrenchBuffer>) -> PyResult<()> {
-        if !matches!(*self.place(), Place::Idle { .. }) {
-            return Err(PyRuntimeError::new_err("the source runs already: stop it first"));
-        }
-        let writer = buffer.get().take_writer()?;
-        *self.place() = Place::Busy;
+        let writer = {
+            let mut place = self.place();
+            if !matches!(*place, Place::Idle { .. }) {
+                return Err(PyRuntimeError::new_err("the source runs already: stop it first"));
+            }
+            let writer = buffer.get().take_writer()?;
+            *place = Place::Busy;
+            writer
+        };
         let settings = self.settings.clone();
         let (place, result) = match buffer.py().detach(|| Receiver::start(settings, writer)) {
             Ok(receiver) => (Place::Running { receiver, buffer: buffer.clone().unbind() }, Ok(())),

@@ -21,10 +21,12 @@ pub enum Fault {
         most: f64,
     },
     /// A number among the settings outside its range.
-    #[error("{what} must be positive and finite, got {value}")]
+    #[error("{what} must be {wanted}, got {value}")]
     Setting {
         /// Which one.
         what: &'static str,
+        /// The range.
+        wanted: &'static str,
         /// The value given.
         value: f64,
     },

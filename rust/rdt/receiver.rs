@@ -35,7 +35,7 @@ pub struct Receiver {
 impl Receiver {
     /// Asks the box for the stream and waits for its first record. The writer comes back with a fault.
     ///
-    /// Blocks for a second at most where the box is silent.
+    /// Where the box is silent, blocks for a second, or thirty periods if that is longer.
     pub fn start(settings: Settings, writer: Writer) -> Result<Self, Box<(Fault, Writer)>> {
         let mut decoder = Decoder::new(settings.variant, settings.scale, settings.limits);
         match Self::connect(&settings, &mut decoder) {

@@ -14,6 +14,9 @@ pub const PORT: u16 = 49152;
 const ALARM: Duration = Duration::from_millis(20);
 const ALARM_PERIODS: f64 = 3.0;
 
+/// Silence that is an alarm, however slowly records come.
+const LONGEST_ALARM: Duration = Duration::from_secs(60);
+
 /// A box, and how to talk to it.
 #[derive(Clone, Debug)]
 pub struct Settings {
@@ -54,13 +57,17 @@ impl Settings {
 
     /// Refuses numbers that no box has; [`Receiver::start`](super::Receiver::start) does so too.
     pub fn check(&self) -> Result<(), Fault> {
-        let limits = self
-            .limits
-            .iter()
-            .map(|limit| ("limits", *limit))
-            .find(|(_, limit)| limit.is_nan() || *limit <= 0.0);
-        let rate = (!(self.rate_hz.is_finite() && self.rate_hz > 0.0)).then_some(("rate_hz", self.rate_hz));
-        limits.or(rate).map_or(Ok(()), |(what, value)| Err(Fault::Setting { what, value }))
+        if let Some(limit) = self.limits.into_iter().find(|limit| limit.is_nan() || *limit <= 0.0) {
+            return Err(Fault::Setting { what: "limits", wanted: "positive", value: limit });
+        }
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(Fault::Setting {
+                what: "rate_hz",
+                wanted: "positive and finite",
+                value: self.rate_hz,
+            });
+        }
+        Ok(())
     }
 
     /// Requests that start the stream, in order.
@@ -91,6 +98,44 @@ impl Settings {
 
     /// Silence that counts as a stall.
     pub(super) fn alarm(&self) -> Duration {
-        Duration::try_from_secs_f64(ALARM_PERIODS / self.rate_hz).unwrap_or(Duration::MAX).max(ALARM)
+        Duration::try_from_secs_f64(ALARM_PERIODS / self.rate_hz)
+            .unwrap_or(LONGEST_ALARM)
+            .clamp(ALARM, LONGEST_ALARM)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(rate_hz: f64) -> Settings {
+        Settings { rate_hz, ..Settings::new("box", Scale::new(1e6, 1e6).unwrap()) }
+    }
+
+    #[test]
+    fn an_alarm_is_a_time_that_can_be_waited_for() {
+        for (rate_hz, alarm) in [
+            (1e300, ALARM),
+            (500.0, ALARM),
+            (10.0, Duration::from_millis(300)),
+            (1e-3, LONGEST_ALARM),
+            (1e-300, LONGEST_ALARM),
+        ] {
+            assert_eq!(settings(rate_hz).alarm(), alarm, "{rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn numbers_that_no_box_has_are_refused() {
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let fault = settings(rate_hz).check().unwrap_err().to_string();
+            assert_eq!(fault, format!("rate_hz must be positive and finite, got {rate_hz}"));
+        }
+        for limit in [0.0, -1.0, f64::NAN] {
+            let limits = [1.0, 1.0, 1.0, limit, 1.0, f64::INFINITY];
+            let fault = Settings { limits, ..settings(500.0) }.check().unwrap_err().to_string();
+            assert_eq!(fault, format!("limits must be positive, got {limit}"));
+        }
+        assert_eq!(Settings { limits: [f64::INFINITY; 6], ..settings(500.0) }.check(), Ok(()));
     }
 }
