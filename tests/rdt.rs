@@ -177,7 +177,7 @@ fn rows_have_units_and_flags() {
     datagrams[4] = record(5, 0, i32::MIN);
     let datagrams: Vec<&[u8]> = datagrams.iter().map(|bytes| &bytes[..]).collect();
     let both = BAD_STATUS | SATURATED;
-    let wanted = [(-1.5, 0), (-1.5, BAD_STATUS), (-1.5, both), (-1.5, 0), (-2147.483_648, SATURATED)];
+    let wanted = [(-1.5, 0), (-1.5, BAD_STATUS), (-1.5, both), (-1.5, 0), (-2_147.483_648, SATURATED)];
     assert_eq!(decoded(&mut decoder, &datagrams), wanted);
     let Counts { bad_status, saturated, warnings, .. } = *decoder.counts();
     assert_eq!((bad_status, saturated, warnings), (2, 2, 1));
