@@ -68,12 +68,7 @@ impl<'py> Rows<'py> {
         let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
         let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
         let host_ns = match host_ns {
-            Some(value)
-                if value.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() > 0)
-                    || value.hasattr("__len__")? =>
-            {
-                Each::Row(host_times(value, n_rows)?)
-            }
+            Some(value) if is_one_per_row(value)? => Each::Row(host_times(value, n_rows)?),
             one => Each::All(host_time(one, "host_ns")?),
         };
         Ok(Self { wrench, ticks, flags, host_ns })
@@ -171,7 +166,7 @@ pub(super) fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
 }
 
 fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> {
-    if !value.hasattr("__len__")? || value.cast::<PyUntypedArray>().is_ok_and(|array| array.ndim() == 0) {
+    if !is_one_per_row(value)? {
         return Ok(Each::All(flags_of_one(value)?));
     }
     let array = contiguous_real(value, "flags")?;
@@ -188,6 +183,14 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> 
         })
     };
     Ok(Each::Row(array.as_slice()?.iter().enumerate().map(known).collect::<PyResult<_>>()?))
+}
+
+/// True for a sequence or array; false for a single value, also in an array without dimensions.
+fn is_one_per_row(value: &Bound<'_, PyAny>) -> PyResult<bool> {
+    match value.cast::<PyUntypedArray>() {
+        Ok(array) => Ok(array.ndim() > 0),
+        Err(_) => value.hasattr("__len__"),
+    }
 }
 
 fn check_length(shape: &[usize], n_rows: usize, name: &str) -> PyResult<()> {

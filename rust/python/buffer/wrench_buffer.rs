@@ -1,0 +1,337 @@
+//! The class: unpack, call, map the error.
+
+use std::sync::Mutex;
+
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::super::scalars::{count, flag, number, whole, word};
+use super::block::{Columns, PyBlock};
+use super::input::Input;
+use super::reader::PyWrenchReader;
+use super::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
+use super::window::PyWindow;
+use crate::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, MAX_REORDER_DEPTH};
+
+/// Words for what stands for an instant without a row.
+const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("linear", Fill::Linear)];
+
+/// The newest seconds of a 6-axis wrench: one writer, any number of readers, the oldest rows overwritten.
+///
+/// Parameters
+/// ----------
+/// seconds : float, default 10
+///     Time that the rows reach back; ``capacity`` is seconds times rate, rounded up. The default holds three recordings of
+///     the paper's length.
+/// rate_hz : float, default 500
+///     Nominal rate of the rows: gaps are counted in its periods.
+/// tick_hz : float, default 1e9
+///     Ticks per second of the device's clock; times are kept as whole ticks. Nanoseconds suit most; a sensor that counts
+///     its own samples has the rate of those.
+/// reorder_depth : int, default 0
+///     Rows that wait for a late one at most. With 0 nothing ever waits, and a row that comes after a later one is dropped
+///     and counted.
+///
+/// Raises
+/// ------
+/// TypeError, ValueError
+///     If an argument has the wrong type or is out of range; the message names it.
+///
+/// Notes
+/// -----
+/// All memory is taken at once; pushing never waits for a reader. Device time is the axis: rows leave in strictly
+/// increasing time within an epoch. A time more than a second before the newest, or the eighth late row in a row, begins a
+/// new epoch: the device has started again. No block and no window spans two epochs.
+///
+/// Any thread may push (one at a time goes in), unless a sensor owns the buffer.
+///
+/// Examples
+/// --------
+/// >>> import numpy as np
+/// >>> from granular_id.live import WrenchBuffer
+/// >>> buffer = WrenchBuffer(seconds=2.0, rate_hz=500.0)
+/// >>> buffer.push_block(np.zeros((10, 6)), np.arange(10) / 500)
+/// 10
+/// >>> buffer.push([0.1, 0.0, -5.2, 0.0, 0.0, 0.0])
+/// True
+/// >>> buffer.window(4).wrench[:, 2].tolist()
+/// [0.0, 0.0, 0.0, -5.2]
+/// >>> buffer.latest().time_s
+/// array([0.02])
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
+#[pyclass(frozen, name = "WrenchBuffer", module = "granular_id.live")]
+pub(in crate::python) struct PyWrenchBuffer {
+    reader: Reader,
+    pub(super) input: Mutex<Input>,
+}
+
+#[allow(clippy::doc_markdown)] // numpydoc, read by Python
+#[pymethods]
+impl PyWrenchBuffer {
+    #[new]
+    #[pyo3(
+        signature = (seconds=None, *, rate_hz=None, tick_hz=None, reorder_depth=None),
+        text_signature = "(seconds=10.0, *, rate_hz=500.0, tick_hz=1e9, reorder_depth=0)"
+    )]
+    fn new(
+        seconds: Option<&Bound<'_, PyAny>>,
+        rate_hz: Option<&Bound<'_, PyAny>>,
+        tick_hz: Option<&Bound<'_, PyAny>>,
+        reorder_depth: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let mut spec = BufferSpec::default();
+        if let Some(value) = seconds {
+            spec.seconds = number(value, "seconds")?;
+        }
+        if let Some(value) = rate_hz {
+            spec.rate_hz = number(value, "rate_hz")?;
+        }
+        if let Some(value) = tick_hz {
+            spec.tick_hz = number(value, "tick_hz")?;
+        }
+        if let Some(value) = reorder_depth {
+            spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
+        }
+        let (writer, reader) = wrench_buffer(spec)?;
+        Ok(Self { reader, input: Mutex::new(Input::new(writer, &spec)) })
+    }
+
+    /// Take in one row.
+    ///
+    /// Parameters
+    /// ----------
+    /// wrench : array_like of shape (6,)
+    ///     Forces in N, then torques in N m.
+    /// t : float, optional
+    ///     Device time in seconds, not negative. One period after the last row by default; 0 for the first of an epoch.
+    /// flags : int, default 0
+    ///     Bits of ``granular_id.recording.SampleFlag``.
+    /// host_ns : int, optional
+    ///     Arrival by ``host_ns()``; now by default.
+    ///
+    /// Returns
+    /// -------
+    /// bool
+    ///     True if the row was taken (written, or held for a late one before it); False if it was dropped, and counted in
+    ///     ``stats()``: as a duplicate, late, or with a value that is NaN or infinite.
+    ///
+    /// Raises
+    /// ------
+    /// TypeError, ValueError
+    ///     If an argument has the wrong type, shape or range.
+    /// RuntimeError
+    ///     If a sensor is writing.
+    #[pyo3(
+        signature = (wrench, t=None, *, flags=None, host_ns=None),
+        text_signature = "($self, wrench, t=None, *, flags=0, host_ns=None)"
+    )]
+    fn push(
+        &self,
+        wrench: &Bound<'_, PyAny>,
+        t: Option<&Bound<'_, PyAny>>,
+        flags: Option<&Bound<'_, PyAny>>,
+        host_ns: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<bool> {
+        // Everything from Python is read before the lock is taken: it may run code that pushes too.
+        let wrench = one_wrench(wrench)?;
+        let flags = flags.map_or(Ok(0), flags_of_one)?;
+        let host_ns = host_time(host_ns, "host_ns")?;
+        let ticks = t.map(|t| number_of_ticks(number(t, "t")?, self.tick_hz(), None)).transpose()?;
+        let mut input = self.input();
+        let (writer, clock) = input.writing()?;
+        let ticks = clock.ticks(ticks, writer);
+        Ok(matches!(
+            writer.push(&buffer::Row { ticks, host_ns, wrench, flags }),
+            Pushed::Written | Pushed::Held
+        ))
+    }
+
+    /// Take in several rows.
+    ///
+    /// Parameters
+    /// ----------
+    /// wrench : array_like of shape (n, 6)
+    ///     Forces in N, then torques in N m, row by row. Any layout and width; C-ordered float64 is read in place.
+    /// t : array_like of shape (n,), optional
+    ///     Device times in seconds, not negative. One period apart after the last row by default.
+    /// flags : int or array_like of shape (n,), optional
+    ///     Bits of ``granular_id.recording.SampleFlag``, for all rows or for each.
+    /// host_ns : int or array_like of shape (n,), optional
+    ///     Arrival by ``host_ns()``, of all rows or of each; now by default.
+    ///
+    /// Returns
+    /// -------
+    /// int
+    ///     Rows written by this call; rows that waited for a late one count when they are written.
+    ///
+    /// Raises
+    /// ------
+    /// TypeError, ValueError
+    ///     If an argument has the wrong type, shape or range; no row has been taken then.
+    /// RuntimeError
+    ///     If a sensor is writing.
+    #[pyo3(signature = (wrench, t=None, *, flags=None, host_ns=None))]
+    fn push_block(
+        &self,
+        wrench: &Bound<'_, PyAny>,
+        t: Option<&Bound<'_, PyAny>>,
+        flags: Option<&Bound<'_, PyAny>>,
+        host_ns: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<u64> {
+        let rows = Rows::new(wrench, t, flags, host_ns, self.tick_hz())?;
+        let rows = rows.borrow()?;
+        let mut input = self.input();
+        let (writer, clock) = input.writing()?;
+        let before = self.reader.stats().written;
+        for row in rows.given()? {
+            let ticks = clock.ticks(row.ticks, writer);
+            writer.push(&buffer::Row { ticks, host_ns: row.host_ns, wrench: row.wrench, flags: row.flags });
+        }
+        Ok(self.reader.stats().written - before)
+    }
+
+    /// Begin a new epoch, unless the present one has no rows: device time may start anywhere.
+    fn new_epoch(&self) -> PyResult<()> {
+        self.input().writing()?.0.new_epoch();
+        Ok(())
+    }
+
+    /// Write all rows that wait for a late one: none will come any more.
+    fn flush(&self) -> PyResult<()> {
+        self.input().writing()?.0.flush();
+        Ok(())
+    }
+
+    /// The newest row as a block of one, or None before the first.
+    fn latest(&self, py: Python<'_>) -> PyResult<Option<PyBlock>> {
+        let newest = self.reader.latest();
+        newest.map(|row| PyBlock::new(py, Columns::one(&row), self.tick_hz())).transpose()
+    }
+
+    /// The last instants up to the newest row, as a copy.
+    ///
+    /// Parameters
+    /// ----------
+    /// n : int
+    ///     Instants, one period apart, with or without a row; at most ``capacity``.
+    /// fill : {"none", "nan", "linear"}, default "none"
+    ///     What stands for an instant without a row: nothing (the window has fewer rows than instants), NaN, or a straight
+    ///     line between its neighbours with the flag GAP_FILLED.
+    /// max_gap : int, default 0
+    ///     Longest gap, in instants, that the window may touch. None by default: nothing is invented unasked.
+    /// allow_saturated : bool, default False
+    ///     Whether rows at the end of the sensor's range are taken.
+    ///
+    /// Returns
+    /// -------
+    /// Window
+    ///     Arrays of their own, which rows to come do not change.
+    ///
+    /// Raises
+    /// ------
+    /// WindowError
+    ///     A ValueError that says why there is no such window: too few rows, a longer gap, a new epoch, saturation.
+    /// TypeError, ValueError
+    ///     If an argument has the wrong type or is out of range.
+    #[pyo3(
+        signature = (n, *, fill=None, max_gap=None, allow_saturated=None),
+        text_signature = "($self, n, *, fill='none', max_gap=0, allow_saturated=False)"
+    )]
+    fn window(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        fill: Option<&Bound<'_, PyAny>>,
+        max_gap: Option<&Bound<'_, PyAny>>,
+        allow_saturated: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<PyWindow> {
+        let spec = buffer::WindowSpec {
+            n: count(n, "n", self.reader.capacity())?,
+            fill: fill.map_or(Ok(Fill::None), |value| word(value, "fill", &FILLS))?,
+            max_gap: max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?,
+            allow_saturated: allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?,
+        };
+        let window = py.detach(|| self.reader.window(&spec))?;
+        PyWindow::new(py, window, self.tick_hz())
+    }
+
+    /// A reader with a place of its own.
+    ///
+    /// Parameters
+    /// ----------
+    /// from_oldest : bool, default False
+    ///     Whether it begins with the rows already there, oldest first; else with the next one.
+    ///
+    /// Returns
+    /// -------
+    /// WrenchReader
+    #[pyo3(signature = (from_oldest=None), text_signature = "($self, from_oldest=False)")]
+    fn reader(&self, from_oldest: Option<&Bound<'_, PyAny>>) -> PyResult<PyWrenchReader> {
+        let from_oldest = from_oldest.map_or(Ok(false), |value| flag(value, "from_oldest"))?;
+        Ok(PyWrenchReader::new(if from_oldest { self.reader.from_oldest() } else { self.reader.from_now() }))
+    }
+
+    /// Seconds since the newest row would have arrived without any delay; NaN before the first row.
+    ///
+    /// Device time is mapped to host time by the lower envelope of (host - device), so a delay on the way shows even while
+    /// rows keep coming. Parameter ``now_ns``: a moment by ``host_ns()``, the present one by default.
+    #[pyo3(signature = (now_ns=None))]
+    fn lag_s(&self, now_ns: Option<&Bound<'_, PyAny>>) -> PyResult<f64> {
+        Ok(self.reader.lag_ns(host_time(now_ns, "now_ns")?).map_or(f64::NAN, |lag_ns| lag_ns / 1e9))
+    }
+
+    /// Device time in seconds at a moment by ``host_ns()``, in the newest epoch; NaN before the first row.
+    fn device_time_s(&self, host_ns: &Bound<'_, PyAny>) -> PyResult<f64> {
+        let ticks = self.reader.ticks_at(host_time(Some(host_ns), "host_ns")?);
+        Ok(ticks.map_or(f64::NAN, |ticks| ticks / self.reader.spec().tick_hz))
+    }
+
+    /// What happened to the rows so far: counts by name.
+    ///
+    /// ``written``; ``held`` (waiting now); dropped ones: ``duplicates`` (device time was there already), ``stale`` (the
+    /// same in another packet), ``late``, ``non_finite``; ``reordered`` (came late, put in order); ``gaps`` and ``missing``
+    /// (instants in them); ``epochs`` (new beginnings after the first); ``saturated`` and ``bad_status`` (written with that
+    /// flag).
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let counts = PyDict::new(py);
+        for (name, n) in self.reader.stats().named() {
+            counts.set_item(name, n)?;
+        }
+        Ok(counts)
+    }
+
+    /// Nominal rate of the rows.
+    #[getter]
+    fn rate_hz(&self) -> f64 {
+        self.reader.spec().rate_hz
+    }
+
+    /// Time that the rows reach back.
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.reader.spec().seconds
+    }
+
+    /// Rows the buffer holds.
+    #[getter]
+    fn capacity(&self) -> usize {
+        self.reader.capacity()
+    }
+
+    /// Ticks per second of the device's clock.
+    #[getter]
+    fn tick_hz(&self) -> f64 {
+        self.reader.spec().tick_hz
+    }
+
+    /// Rows that wait for a late one at most.
+    #[getter]
+    fn reorder_depth(&self) -> usize {
+        self.reader.spec().reorder_depth
+    }
+
+    fn __repr__(&self) -> String {
+        let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth } = self.reader.spec();
+        format!("WrenchBuffer({seconds:?}, rate_hz={rate_hz:?}, tick_hz={tick_hz:?}, reorder_depth={reorder_depth})")
+    }
+}
