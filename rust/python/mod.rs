@@ -4,7 +4,6 @@ mod arrays;
 mod buffer;
 mod convert;
 mod features;
-mod identification;
 mod model;
 mod number_table;
 mod rdt;
@@ -25,8 +24,6 @@ mod _core {
     #[pymodule_export]
     use super::features::{extract_features, histogram};
     #[pymodule_export]
-    use super::identification::PyStreamingIdentifier;
-    #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]
     use super::number_table::{parse_number_table, write_number_table, NumberTableError};
@@ -37,7 +34,7 @@ mod _core {
     #[pymodule_export]
     use super::spec::PyFeatureSpec;
     #[pymodule_export]
-    use super::stream::PyStreamingExtractor;
+    use super::stream::{PyStreamingExtractor, PyStreamingIdentifier};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

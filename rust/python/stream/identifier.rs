@@ -6,9 +6,9 @@ use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyTuple};
 
-use super::model::PyModel;
-use super::scalars::count;
-use super::stream::{locked, push_rows, written};
+use super::super::model::PyModel;
+use super::super::scalars::count;
+use super::{locked, push_rows, written};
 use crate::model::ranking;
 use crate::stream::StreamingIdentifier;
 
@@ -55,7 +55,7 @@ use crate::stream::StreamingIdentifier;
 /// (array([0.8]), False)
 #[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
 #[pyclass(frozen, name = "StreamingIdentifier", module = "granular_id._core")]
-pub(super) struct PyStreamingIdentifier {
+pub(in crate::python) struct PyStreamingIdentifier {
     model: Py<PyModel>,
     hop: Option<usize>,
     n_axes: usize,
