@@ -1,31 +1,26 @@
 //! Trained models and their files: unpack, call, map the error.
 
-use std::collections::BTreeMap;
-use std::ffi::OsString;
-use std::io;
+mod answers;
+mod errors;
+mod parts;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
-use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyTypeError, PyValueError};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyString, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 
-use super::arrays::{contiguous_real, readable, tuple};
-use super::scalars::{count, shown, word};
+use super::scalars::{count, word};
 use super::spec::PyFeatureSpec;
-use crate::model::{
-    Decoding, Fault, FileFault, Loss, ModelParts, Notes, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
-};
+use crate::model::{Decoding, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
 use crate::Model;
+pub(super) use errors::ModelFileError;
+use errors::{bad_file, bad_part, no_model};
+use parts::{labels, notes, Borrowed};
 
-create_exception!(
-    granular_id._core,
-    ModelFileError,
-    PyValueError,
-    "A file that holds no model; the message says what is wrong with it."
-);
+/// Samples of the paper's recordings.
+const PAPER_SAMPLES: usize = 1600;
 
 /// A trained linear identifier as one checked, immutable value, shared between threads.
 ///
@@ -163,21 +158,20 @@ impl PyModel {
 
     /// The model in the bytes of a file.
     #[staticmethod]
-    #[pyo3(signature = (data, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(data, *, max_file_bytes=16777216)")]
-    fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: usize) -> PyResult<Self> {
-        let model = py.detach(|| Model::from_bytes(data, max_file_bytes));
-        Ok(Self { model: Arc::new(model.map_err(|fault| ModelFileError::new_err(fault.to_string()))?) })
+    #[pyo3(signature = (data, *, max_file_bytes=None), text_signature = "(data, *, max_file_bytes=16777216)")]
+    fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let most = most_bytes(max_file_bytes)?;
+        let model = py.detach(|| Model::from_bytes(data, most)).map_err(no_model)?;
+        Ok(Self { model: Arc::new(model) })
     }
 
     /// The model in a file.
     #[staticmethod]
-    #[pyo3(signature = (path, *, max_file_bytes=MAX_FILE_BYTES), text_signature = "(path, *, max_file_bytes=16777216)")]
-    fn read(py: Python<'_>, path: PathBuf, max_file_bytes: usize) -> PyResult<Self> {
-        match py.detach(|| Model::read_within(path, max_file_bytes)) {
-            Ok(model) => Ok(Self { model: Arc::new(model) }),
-            Err(FileFault::Unreadable { path, source }) => Err(unreadable(py, path.into(), &source)?),
-            Err(fault) => Err(ModelFileError::new_err(fault.to_string())),
-        }
+    #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=16777216)")]
+    fn read(py: Python<'_>, path: PathBuf, max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let most = most_bytes(max_file_bytes)?;
+        let model = py.detach(|| Model::read_within(path, most)).map_err(|fault| bad_file(py, fault))?;
+        Ok(Self { model: Arc::new(model) })
     }
 
     /// The bytes of a file with this model, always the same ones.
@@ -192,50 +186,12 @@ impl PyModel {
         wrench: &Bound<'py, PyAny>,
         threads: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (py, model) = (wrench.py(), &self.model);
-        let wrench = contiguous_real(wrench, "wrench")?;
-        let wanted = [model.n_samples(), model.n_axes()];
-        let n_recordings = match *wrench.shape() {
-            [n_samples, n_axes] if [n_samples, n_axes] == wanted => 1,
-            [n, n_samples, n_axes] if [n_samples, n_axes] == wanted => n,
-            _ => {
-                let (inner, got) = (tuple(&wanted), tuple(wrench.shape()));
-                return Err(PyValueError::new_err(format!(
-                    "wrench must have shape {inner}, or one more dimension in front of it, as the model was trained on, got {got}"
-                )));
-            }
-        };
-        let threads = match threads {
-            Some(threads) => count(threads, "threads", usize::MAX)?,
-            None if n_recordings == 1 => 1,
-            None => crate::pool::cores(),
-        };
-        let values = readable(&wrench, "wrench")?;
-        let values = values.as_slice()?;
-        let scores = py.detach(|| model.scores(values, n_recordings, threads))?;
-        PyArray1::from_vec(py, scores).reshape([n_recordings, model.n_learners()])
+        answers::scores(&self.model, wrench, threads)
     }
 
     /// Mean losses (n, K) of the classes from scores (n, L) or (L,): the smallest wins, the first of equal ones.
     fn losses<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (py, model) = (scores.py(), &self.model);
-        let scores = contiguous_real(scores, "scores")?;
-        let n_learners = model.n_learners();
-        if !matches!(*scores.shape(), [l] | [_, l] if l == n_learners) {
-            let got = tuple(scores.shape());
-            return Err(PyValueError::new_err(format!(
-                "scores must have shape (n, {n_learners}) or ({n_learners},), one per learner, got {got}"
-            )));
-        }
-        let scores = readable(&scores, "scores")?;
-        let scores = scores.as_slice()?;
-        let n_classes = model.classes().len();
-        let mut losses = vec![0.0; scores.len() / n_learners * n_classes];
-        let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
-        for (row, (scores, losses)) in rows.enumerate() {
-            model.decode(scores, losses).map_err(|error| error.later(row))?;
-        }
-        PyArray1::from_vec(py, losses).reshape([scores.len() / n_learners, n_classes])
+        answers::losses(&self.model, scores)
     }
 
     #[getter]
@@ -376,51 +332,8 @@ impl PyModel {
     }
 }
 
-/// Samples of the paper's recordings.
-const PAPER_SAMPLES: usize = 1600;
-
-/// An array that nobody writes meanwhile, and its name.
-struct Borrowed<'py>(PyReadonlyArrayDyn<'py, f64>);
-
-impl<'py> Borrowed<'py> {
-    fn new(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Self> {
-        Ok(Self(readable(&contiguous_real(value, name)?, name)?))
-    }
-
-    fn tensor(&self) -> PyResult<Tensor<'_>> {
-        Ok(Tensor::new(self.0.shape().to_vec(), self.0.as_slice()?))
-    }
-}
-
-fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
-    let wrong = || PyTypeError::new_err(format!("classes must be a sequence of str, got {}", shown(classes)));
-    if classes.is_instance_of::<PyString>() {
-        return Err(wrong());
-    }
-    let labels = classes.try_iter().map_err(|_| wrong())?;
-    labels.map(|label| label?.extract::<String>().map_err(|_| wrong())).collect()
-}
-
-/// The notes of a mapping, the others as they are without one.
-fn notes(n_axes: usize, metadata: Option<&Bound<'_, PyAny>>) -> PyResult<Notes> {
-    let Some(metadata) = metadata else { return Ok(Notes::of_axes(n_axes)) };
-    let texts: BTreeMap<String, String> = metadata.extract().map_err(|_| {
-        PyTypeError::new_err(format!("metadata must be a dict of str to str, got {}", shown(metadata)))
-    })?;
-    Notes::of_axes(n_axes).with(texts).map_err(bad_part)
-}
-
-/// Parts come from the caller, not from a file.
-#[allow(clippy::needless_pass_by_value)] // for `map_err`
-fn bad_part(fault: Fault) -> PyErr {
-    PyValueError::new_err(fault.to_string())
-}
-
-/// The exception that Python's own `open` would raise.
-fn unreadable(py: Python<'_>, path: OsString, error: &io::Error) -> PyResult<PyErr> {
-    let Some(code) = error.raw_os_error() else { return Ok(PyOSError::new_err((error.to_string(), path))) };
-    let text: String = py.import("os")?.call_method1("strerror", (code,))?.extract()?;
-    Ok(PyOSError::new_err((code, text, path)))
+fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
+    max_file_bytes.map_or(Ok(MAX_FILE_BYTES), |value| count(value, "max_file_bytes", usize::MAX))
 }
 
 fn pairs<'py>(py: Python<'py>, pairs: Option<&[[f64; 2]]>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
