@@ -119,6 +119,27 @@ def test_the_clock_of_an_arm_is_that_of_its_own_source_only(ur, franka, url):
     assert alone.start_host_ns > 0
 
 
+@pytest.mark.parametrize("arm", ["ur", "franka"])
+def test_an_arm_does_not_push_on_from_where_it_ended(ur, franka, arm):
+    from granular_id.live.adapters.franka import FrankaRobot
+    from granular_id.live.adapters.ur import URRobot
+
+    robot, at = (URRobot if arm == "ur" else FrankaRobot)("arm"), [0.4]
+    robot.tcp_pose = lambda: (at[0], 0.0, 0.2, 0.0, 0.0, 0.0)
+    calls = ur.calls if arm == "ur" else franka.calls
+    robot.move_line((1, 0, 0), 0.03, 3.0)
+    n, at[0] = len(calls), 0.487
+    with pytest.raises(RuntimeError, match="stands 87 mm ahead of where the last push began: bring it back"):
+        robot.move_line((1, 0, 0), 0.03, 3.0)
+    assert len(calls) == n, "nothing was commanded"
+    robot.move_line((-1, 0, 0), 0.03, 3.0)
+    for at[0] in (0.4, 0.407):
+        robot.move_line((1, 0, 0), 0.03, 3.0)
+    at[0] = 0.411
+    with pytest.raises(RuntimeError, match="11 mm ahead"):
+        robot.move_line((1, 0, 0), 0.03, 3.0)
+
+
 def test_ur_robot_that_refuses(monkeypatch):
     install(monkeypatch, FakeUR(refuse=True))
     from granular_id.live.adapters.ur import URRobot

@@ -11,7 +11,7 @@ from typing import Any
 from scipy.spatial.transform import Rotation
 
 from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PolledMotion, PollingSource, library
+from granular_id.live.adapters.polling import PolledMotion, PollingSource, PushStart, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo
 from granular_id.live.source_url import SourceUrl
@@ -76,6 +76,7 @@ class FrankaRobot:
 
     def __init__(self, robot: Any, *, shares_clock: bool = False) -> None:
         self._shares_clock = shares_clock
+        self._start = PushStart()
         self._franky = library("franky", _PACKAGE)
         self._arm = self._franky.Robot(robot) if isinstance(robot, str) else robot
 
@@ -87,14 +88,22 @@ class FrankaRobot:
         return (x, y, z, rx, ry, rz)
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> PolledMotion:
-        """Move straight on in the base frame; the speed is held for `duration_s` once it is reached."""
+        """Move straight on in the base frame; the speed is held for `duration_s` once it is reached.
+
+        Raises
+        ------
+        RuntimeError
+            The tool was not brought back after the last push.
+        """
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        pose = self.tcp_pose()
+        self._start.check(pose, ahead)
         franky = self._franky
         twist = franky.Twist([speed_m_s * part for part in ahead], [0.0, 0.0, 0.0])
         push = franky.CartesianVelocityMotion(twist, franky.Duration(round(1000 * duration_s)))
         report = {
             "robot": "franka",
-            "start": list(self.tcp_pose()),
+            "start": list(pose),
             "speed_m_s": speed_m_s,
             "duration_s": duration_s,
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -14,10 +14,14 @@ from granular_id.live.clock import host_ns
 from granular_id.live.source import WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 
-__all__ = ["PolledMotion", "PollingSource", "library"]
+__all__ = ["PolledMotion", "PollingSource", "PushStart", "library"]
 
 _PER_SAMPLE = 4
 """How often a driver is asked per sample: it only knows its newest one, and none may pass unseen."""
+
+
+_AHEAD_M = 0.01
+"""So far ahead of the last push's start may the next one begin: arms, and people who guide them, are not exact."""
 
 
 def library(module: str, package: str, how: str | None = None) -> Any:
@@ -33,6 +37,43 @@ def library(module: str, package: str, how: str | None = None) -> Any:
     except ImportError as error:
         how = how or f"pip install {package}"
         raise ImportError(f"{package} is needed for this sensor or robot: {how}") from error
+
+
+class PushStart:
+    """Remembers where an arm's pushes begin.
+
+    One after another, each from where the last one ended, they would drive the tool on and on: into the wall of the
+    container, or to the end of the arm's reach.
+    """
+
+    def __init__(self) -> None:
+        self._place: tuple[float, ...] | None = None
+
+    def check(self, place: Sequence[float], ahead: Sequence[float]) -> None:
+        """Refuse a push that begins ahead of the last one.
+
+        Parameters
+        ----------
+        place : sequence of 3 float
+            Where the tool is, m.
+        ahead : sequence of 3 float
+            Direction of the push, of length 1.
+
+        Raises
+        ------
+        RuntimeError
+            The tool was not brought back.
+        """
+        x, y, z = (float(value) for value in place[:3])
+        if self._place is not None:
+            ahead_m = sum((n - b) * a for n, b, a in zip((x, y, z), self._place, ahead, strict=True))
+            if ahead_m > _AHEAD_M:
+                raise RuntimeError(
+                    f"the tool stands {1e3 * ahead_m:.0f} mm ahead of where the last push began: bring it back first"
+                )
+            if ahead_m > 0:
+                return  # many short pushes that were stopped must not creep either
+        self._place = (x, y, z)
 
 
 class PollingSource(ThreadedSource):

@@ -10,7 +10,7 @@ from typing import Any
 
 from granular_id._numbers import positive_number
 from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PolledMotion, PollingSource, library
+from granular_id.live.adapters.polling import PolledMotion, PollingSource, PushStart, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
@@ -103,6 +103,7 @@ class URRobot:
 
     def __init__(self, host: str, acceleration_m_s2: float = 1.2, *, shares_clock: bool = False) -> None:
         self._shares_clock = shares_clock
+        self._start = PushStart()
         self._acceleration = positive_number("acceleration_m_s2", acceleration_m_s2)
         self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
         self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
@@ -118,10 +119,11 @@ class URRobot:
         Raises
         ------
         RuntimeError
-            The controller refuses the motion.
+            The controller refuses the motion, or the tool was not brought back after the last one.
         """
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         pose = self.tcp_pose()
+        self._start.check(pose, ahead)
         # Two ramps take the time of one: the tool covers speed * (duration - one ramp).
         length_m = speed_m_s * max(duration_s - speed_m_s / self._acceleration, 0.5 * duration_s)
         place = [begin + length_m * part for begin, part in zip(pose[:3], ahead, strict=True)]
