@@ -3,12 +3,15 @@
 import contextlib
 import http.client
 import json
+import re
 import socket
 import threading
 import time
 from urllib.parse import urlsplit
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from granular_id.live.monitor import MonitorServer
 from granular_id.live.monitor.request import answer
@@ -150,6 +153,16 @@ def test_what_is_no_request_is_refused(head):
 def test_two_hosts_are_none():
     head = b"GET /secret/ HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n"
     assert answer(head, "secret").head.startswith(b"HTTP/1.1 403 ")
+
+
+@given(st.binary(max_size=400), st.sampled_from([b"", b"GET /secret", b"GET /secret/ HTTP/1.1\r\nHost:"]))
+def test_whatever_comes_gets_an_answer_and_nothing_without_token_and_host(noise, begin):
+    head = begin + noise + b"\r\n\r\n"
+    response = answer(head, "secret")
+    assert re.match(rb"HTTP/1.1 (200|400|401|403|404|405) ", response.head)
+    if response.head.startswith(b"HTTP/1.1 200 "):
+        assert b"/secret/" in head
+        assert re.search(rb"(?i)host:[ \t]*(127\.0\.0\.1|localhost)", head)
 
 
 def test_an_endless_request_is_cut_off(monitor):

@@ -34,14 +34,15 @@ class OverTime:
     seconds : ndarray, shape (M,)
         Signal seen at each moment, s, from the first sample of a recording (its lead before the motion included).
     accuracy : ndarray, shape (M,)
-        Share of the provisional answers of that moment that are right.
+        Share of the provisional answers of that moment that are right, of all together. The accuracy that a model
+        states is the mean over partitions: another number where these are not of one size.
     answered : ndarray, shape (M,)
         Share of recordings that the early rule has answered by then.
     error : ndarray, shape (M,)
         Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings, see
         `granular_id.identifier.early`.
     chance : float
-        Accuracy of guessing.
+        Accuracy of guessing with every class as likely.
     n_answers : int
         Held-out recordings, each counted as often as a partition held it out.
     held_out : str
