@@ -15,7 +15,8 @@ import pytest
 import granular_id as gid
 from granular_id.live.fake_netft import FakeNetft
 from granular_id.live.fake_netft_command import main
-from granular_id.live.fake_netft_faults import RECORD, FaultPlan, Faults, Injected
+from granular_id.live.fake_netft_faults import Faults, Injected
+from granular_id.live.fake_netft_plan import RECORD, FaultPlan
 from granular_id.live.fake_netft_signal import counts_of, played, pushes
 from granular_id.live.source import open_source
 from granular_id.synthetic import synthesize
