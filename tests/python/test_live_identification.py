@@ -155,6 +155,16 @@ def test_identify_yields_one_decision_per_push(model, tmp_path):
     assert labels == ["rice", "rice"]
 
 
+def test_without_a_number_it_waits_however_long_nobody_pushes(model):
+    source = SimSource("rice", seed=3, speed=20)
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model, setup_of(source, None), timeout_s=0.5)
+        waited = [push.reason for push, _ in zip(live.pushes(), range(3), strict=False)]
+        assert waited == [FailureReason.NO_TRIGGER] * 3
+        with pytest.raises(CaptureError, match=r"nothing triggered within 0\.5 s"):
+            next(live.pushes(1))
+
+
 def test_identify_ends_with_a_replay(model, pushes):
     source = ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
     assert len(list(gid.identify(source, model))) == 2

@@ -75,6 +75,12 @@ def test_the_page_is_there_with_all_its_parts(monitor):
     assert ask(monitor, path, "HEAD")[::2] == (200, b"")
 
 
+def test_a_missing_slash_is_made_up_for(monitor):
+    path = urlsplit(monitor.url).path
+    status, headers, _ = ask(monitor, path.rstrip("/"))
+    assert (status, headers["Location"]) == (308, path)
+
+
 def test_every_answer_carries_the_security_headers(monitor):
     path = urlsplit(monitor.url).path
     for asked in (path, path + "page.js", path + "nothing", "/"):
@@ -159,7 +165,7 @@ def test_two_hosts_are_none():
 def test_whatever_comes_gets_an_answer_and_nothing_without_token_and_host(noise, begin):
     head = begin + noise + b"\r\n\r\n"
     response = answer(head, "secret")
-    assert re.match(rb"HTTP/1.1 (200|400|401|403|404|405) ", response.head)
+    assert re.match(rb"HTTP/1.1 (200|308|400|401|403|404|405) ", response.head)
     if response.head.startswith(b"HTTP/1.1 200 "):
         assert b"/secret/" in head
         assert re.search(rb"(?i)host:[ \t]*(127\.0\.0\.1|localhost)", head)

@@ -197,7 +197,7 @@ class LiveIdentifier:
         Parameters
         ----------
         n : int, optional
-            Number of answers; default: on and on, until the source comes to its end.
+            Number of answers; default: on and on, until the source comes to its end, however long nobody pushes.
 
         Yields
         ------
@@ -213,7 +213,8 @@ class LiveIdentifier:
             push = self.push()
             if n is None and self._at_end(push):
                 return
-            if push.reason is not None and push.reason.is_lasting:
+            patient = n is None and push.reason is FailureReason.NO_TRIGGER
+            if push.reason is not None and push.reason.is_lasting and not patient:
                 raise CaptureError(push.reason, push.text)
             yield push
 

@@ -65,7 +65,7 @@ def answer(request: bytes, token: str) -> Response:
     -------
     Response
         400 for what is no request, 403 for another host than this machine, 405 for anything that is not reading,
-        401 without the token, 404 for what there is not.
+        401 without the token, 404 for what there is not, 308 where only the slash at the end is missing.
 
     Examples
     --------
@@ -83,11 +83,15 @@ def answer(request: bytes, token: str) -> Response:
     if words[0] not in (b"GET", b"HEAD"):
         return _refusal(HTTPStatus.METHOD_NOT_ALLOWED, "This page is for reading only.", Allow="GET, HEAD")
     given, slash, name = words[1][1:].partition(b"?")[0].partition(b"/")
-    if not slash or not secrets.compare_digest(given, token.encode()):
+    if not secrets.compare_digest(given, token.encode()):
         return _refusal(
             HTTPStatus.UNAUTHORIZED,
             "The address lacks its secret: open the one that was printed when the session began.",
             **{"WWW-Authenticate": "Bearer"},
+        )
+    if not slash:
+        return _refusal(
+            HTTPStatus.PERMANENT_REDIRECT, "The address ends with a slash.", Location=f"/{token}/"
         )
     return _found(name.decode("latin-1"), reads=words[0] == b"GET")
 
