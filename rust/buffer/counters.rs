@@ -11,8 +11,10 @@ macro_rules! counters {
         #[non_exhaustive]
         pub struct Stats { $($(#[$doc])* pub $name: u64,)* }
 
-        /// The counts as one thread keeps them and others read them.
+        /// The counts as one thread keeps them and others read them; on cache lines of their own, as what lies beside
+        /// them is read all the time.
         #[derive(Default)]
+        #[repr(align(128))]
         pub(super) struct Counters { $(pub(super) $name: Counter,)* }
 
         impl Counters {

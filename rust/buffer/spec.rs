@@ -60,9 +60,29 @@ impl BufferSpec {
     /// Instants without a row between two rows of one epoch.
     #[inline]
     pub(super) fn missing_between(&self, earlier: u64, later: u64) -> u32 {
-        let periods = ((later - earlier) as f64 * self.rate_hz / self.tick_hz).round();
-        // The cast saturates, as BufferedRow::missing_before says.
+        let periods = (later - earlier) as f64 * self.rate_hz / self.tick_hz;
+        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, as
+        // BufferedRow::missing_before says.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        ((periods - 1.0) as u32)
+        let rounded = (periods + 0.5) as u64;
+        u32::try_from(rounded.saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn instants_are_rounded_to_the_nearest_period(
+            ticks in prop_oneof![0..10_000_u64, any::<u64>()],
+            (rate_hz, tick_hz) in prop_oneof![Just((500.0, 1e9)), Just((500.0, 7000.0)), Just((7000.0, 7000.0)), Just((300.0, 1000.0))],
+        ) {
+            let spec = BufferSpec { rate_hz, tick_hz, ..BufferSpec::default() };
+            let wanted = (ticks as f64 * rate_hz / tick_hz).round() - 1.0;
+            prop_assert_eq!(f64::from(spec.missing_between(5, ticks.saturating_add(5))), wanted.clamp(0.0, f64::from(u32::MAX)));
+        }
     }
 }

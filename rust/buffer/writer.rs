@@ -141,11 +141,12 @@ impl Writer {
             Some(written) if row.ticks <= written.newest => self.take_late(row, packet, restarts),
             Some(written) => {
                 self.late_in_a_row = 0;
-                let next = self.shared.spec.missing_between(written.newest, row.ticks) == 0;
-                if next || self.holding.depth() == 0 {
-                    self.take_next(row, packet)
-                } else {
+                let waits = self.holding.depth() > 0
+                    && self.shared.spec.missing_between(written.newest, row.ticks) > 0;
+                if waits {
                     self.hold(row, packet)
+                } else {
+                    self.take_next(row, packet)
                 }
             }
             None => {
