@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use allocation_counter::measure;
-use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row, Widener};
+use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row};
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 use granular_id::{Extractor, FeatureSpec};
 
@@ -65,16 +65,6 @@ fn buffer() {
         assert!(stats.late > 100 && stats.stale > 100, "{stats:?}");
         assert_eq!(stats.reordered > 100, reorder_depth > 0, "{stats:?}");
     }
-}
-
-#[test]
-fn widener() {
-    let mut widener = Widener::new(100);
-    allocates_nothing("widen", || {
-        for n in 0..1000_u32 {
-            std::hint::black_box(widener.widen(n.wrapping_mul(0x1234_5678)));
-        }
-    });
 }
 
 fn noisy_rows(n_rows: usize) -> Vec<f64> {

@@ -30,7 +30,6 @@ mod ring;
 mod row;
 mod shared;
 mod spec;
-mod widener;
 mod window;
 mod writer;
 
@@ -41,7 +40,6 @@ pub use counters::Stats;
 pub use reader::{Reader, Taken};
 pub use row::{BufferedRow, Row};
 pub use spec::{BufferSpec, MAX_REORDER_DEPTH, MAX_ROWS};
-pub use widener::{Widened, Widener};
 pub use window::{Fill, Window, WindowError, WindowSpec};
 pub use writer::{Pushed, Writer};
 
