@@ -31,11 +31,21 @@ impl Answer {
     /// By how much the second loss is larger than the first.
     #[must_use]
     pub fn margin(&self) -> f64 {
-        match self.ranking()[..] {
-            [first, second, ..] => self.losses[second] - self.losses[first],
-            _ => 0.0,
+        best_and_margin(&self.losses).1
+    }
+}
+
+/// The first of the smallest losses, and by how much the next one is larger.
+pub(crate) fn best_and_margin(losses: &[f64]) -> (usize, f64) {
+    let (mut best, mut first, mut second) = (0, f64::INFINITY, f64::INFINITY);
+    for (class, loss) in losses.iter().enumerate() {
+        if *loss < first {
+            (best, first, second) = (class, *loss, first);
+        } else {
+            second = second.min(*loss);
         }
     }
+    (best, second - first)
 }
 
 /// Classes by their loss, the smallest first; of equal ones the first.
@@ -147,10 +157,7 @@ impl Model {
         let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;
-            let best = losses
-                .iter()
-                .enumerate()
-                .fold(0, |best, (class, loss)| if *loss < losses[best] { class } else { best });
+            let (best, _) = best_and_margin(&losses);
             Ok(Answer { best, scores: scores.to_vec(), losses })
         });
         answers.collect()

@@ -7,7 +7,7 @@ use super::outlook::{Outlook, SoFar};
 use super::settled::Race;
 use crate::error::Result;
 use crate::lanes::Path;
-use crate::model::{AddRows, Model};
+use crate::model::{best_and_margin, AddRows, Model};
 
 /// Names the material while its samples arrive.
 ///
@@ -231,17 +231,4 @@ impl StreamingIdentifier {
         self.is_fresh = true;
         Ok(())
     }
-}
-
-/// The first of the smallest losses, and by how much the next one is larger.
-fn best_and_margin(losses: &[f64]) -> (usize, f64) {
-    let (mut best, mut first, mut second) = (0, f64::INFINITY, f64::INFINITY);
-    for (class, loss) in losses.iter().enumerate() {
-        if *loss < first {
-            (best, first, second) = (class, *loss, first);
-        } else {
-            second = second.min(*loss);
-        }
-    }
-    (best, second - first)
 }
