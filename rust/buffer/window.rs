@@ -149,7 +149,7 @@ fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
 
 /// Puts rows, newest first, and what stands for the missing ones into arrays, oldest first.
 fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Window {
-    let mut window = Window::default();
+    let mut window = Window::with_room(spec.n);
     let spans: u64 = newest_first.iter().map(|row| 1 + u64::from(row.missing_before)).sum();
     let Some(oldest) = newest_first.last() else { return window };
     // What is missing before the oldest row lies before the window; the last gap may begin before it as well.
@@ -173,6 +173,17 @@ fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Window {
 }
 
 impl Window {
+    /// An empty window with memory for `n` instants.
+    fn with_room(n: usize) -> Self {
+        Self {
+            mask: Vec::with_capacity(n),
+            ticks: Vec::with_capacity(n),
+            host_ns: Vec::with_capacity(n),
+            wrench: Vec::with_capacity(n),
+            flags: Vec::with_capacity(n),
+        }
+    }
+
     fn push(&mut self, row: &Row) {
         self.mask.push(true);
         self.push_values(row);
