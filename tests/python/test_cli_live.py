@@ -172,7 +172,7 @@ def test_more_answers_than_a_replay_has_is_an_error(model, folder):
 
 
 def test_nobody_pushes(model):
-    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--robot", "none", "--timeout-s", 1)
+    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--robot", "none", "--timeout-s", 1, "--n", 1)
     line = refused("live", *words, "--model", model, "--quiet")
     assert "nothing triggered within 1 s" in line
 

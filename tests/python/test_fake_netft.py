@@ -91,9 +91,9 @@ def test_counts_are_rounded_and_held():
 def test_recordings_are_played(tmp_path):
     data = synthesize("rice", 2, rate_hz=250, duration_s=1.0)
     gid.save(data, tmp_path / "rice.npz")
-    wrench, rate_hz = played(tmp_path / "rice.npz", None)
+    wrench, rate_hz, synthetic = played(tmp_path / "rice.npz", None)
     np.testing.assert_array_equal(wrench, np.concatenate([data[0].wrench, data[1].wrench]))
-    assert rate_hz == 250
+    assert (rate_hz, synthetic) == (250, True)
     with FakeNetft(wrench, rate_hz=rate_hz, tick_hz=7000, n_records=500) as box:
         source = source_of(box)
         buffer = buffer_of(source)
@@ -102,6 +102,12 @@ def test_recordings_are_played(tmp_path):
         assert box.wait(30)
         source.stop()
     np.testing.assert_allclose(reader.read().wrench, wrench, rtol=0, atol=0.51e-6)
+
+
+def test_what_comes_from_a_model_says_so():
+    for synthetic in (True, False):
+        with FakeNetft(synthetic=synthetic) as box:
+            assert source_of(box).info.synthetic is synthetic
 
 
 def test_recordings_without_one_rate_are_refused(tmp_path):

@@ -38,7 +38,7 @@ def test_what_the_page_tells_is_kept():
     with FakeNetft(page_changes=changes) as box:
         info = source_of(box).info
     assert info.name == "Net F/T 127.0.0.1"
-    assert (info.rate_hz, info.tick_hz, info.device_clock, info.synthetic) == (500, 7000, True, False)
+    assert (info.rate_hz, info.tick_hz, info.device_clock, info.synthetic) == (500, 7000, True, True)
     assert (info.serial, info.filter_hz) == ("FT12345", 73)
     assert info.full_scale == (290, 290, 580, 10, 10, 10)
     assert info.meta["variant"] == "netft"

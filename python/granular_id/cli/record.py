@@ -16,6 +16,8 @@ from granular_id.cli.sentences import counted
 from granular_id.cli.settings import at_least, names_in, positive
 
 if TYPE_CHECKING:
+    from granular_id.live.capture import Capture
+    from granular_id.live.drive import Step
     from granular_id.live.recorder import Recorder
     from granular_id.live.source import WrenchSource
 
@@ -74,8 +76,6 @@ def record(
         raise ValueError(
             f"--label must name each material once, got {label!r}: --n says how often it is recorded"
         )
-    if len(set(labels)) < len(labels):
-        raise ValueError(f"--label must name each material once, got {label!r}; --n says how many of each")
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")
 
@@ -97,14 +97,18 @@ def record(
                 trigger=setup.trigger,
                 n_samples=round(duration_s * source.info.rate_hz),
                 pre_s=pre_s,
+                on_step=None
+                if quiet or source.info.synthetic
+                else _Prompt(console, by_hand=setup.robot is None),
                 **moving.motion,
                 **moving.limits,
             )
             session = recorder.session  # one session, whatever the number of sources
             for name in names:
-                if name != labels[0] and not source.info.synthetic:
-                    _wait_for(name)
                 for k in range(n):
+                    real_robot = setup.robot is not None and not source.info.synthetic
+                    if not source.info.synthetic and (real_robot or k == 0) and (name, k) != (labels[0], 0):
+                        _wait_for(f"{name} {k + 1}/{n}")
                     refused, said = _recorded(recorder, name, f"{name} {k + 1}/{n}", retries, console)
                     _check_truth(console, name, source, told=k > 0)
                     n_refused += refused
@@ -162,7 +166,22 @@ def _check_truth(console: Console, label: str, source: WrenchSource, *, told: bo
         console.print(said, style="yellow", soft_wrap=True, markup=False)
 
 
-def _wait_for(label: str) -> None:
-    """Give a person time to change the material."""
+class _Prompt:
+    """Says when a push may begin; otherwise nothing is seen of a recorder that waits."""
+
+    def __init__(self, console: Console, *, by_hand: bool) -> None:
+        self._console, self._by_hand = console, by_hand
+        self._said: Capture | None = None
+
+    def __call__(self, _: Step, capture: Capture) -> None:
+        if capture.state.value == "armed" and self._said is not capture:
+            self._said = capture
+            self._console.print("ready: push now" if self._by_hand else "ready", style="bold")
+
+
+def _wait_for(title: str) -> None:
+    """Give a person time to change the material, and to bring an arm back to where its push begins."""
     if sys.stdin.isatty():
-        typer.prompt(f"{label}: press Enter when it lies under the tool", default="", show_default=False)
+        typer.prompt(
+            f"{title}: press Enter when material and tool are in place", default="", show_default=False
+        )

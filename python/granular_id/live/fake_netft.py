@@ -22,7 +22,7 @@ from granular_id.live.fake_netft_faults import Faults, Injected
 from granular_id.live.fake_netft_page import PageServer, page_text
 from granular_id.live.fake_netft_plan import Datagram, FaultPlan
 from granular_id.live.fake_netft_signal import counts_of
-from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
+from granular_id.live.netft_page import FORCE_UNITS, SYNTHETIC_FIELD, TORQUE_UNITS
 from granular_id.recording._values import as_floats, checked_rate
 
 __all__ = ["FakeNetft"]
@@ -60,6 +60,8 @@ class FakeNetft:
         Records per datagram, when a client asks for buffered mode.
     product : str, default "Net F/T"
         Name on the page; one with "Axia" makes clients read status words as that sensor writes them.
+    synthetic : bool, default True
+        Whether the page says that no sensor measures here; False for recordings of a sensor that are played again.
     page_changes : mapping of str to str or None, optional
         Fields of the page to be changed, or left out (None).
     seed : int, default 0
@@ -98,6 +100,7 @@ class FakeNetft:
         n_records: int | None = None,
         per_datagram: int = 40,
         product: str = "Net F/T",
+        synthetic: bool = True,
         page_changes: Mapping[str, str | None] | None = None,
         seed: int = 0,
         port: int = 0,
@@ -134,6 +137,7 @@ class FakeNetft:
         text = page_text(
             {
                 "prodname": product,
+                **({SYNTHETIC_FIELD: "1"} if synthetic else {}),
                 "scfgfu": force_unit,
                 "scfgtu": torque_unit,
                 "cfgcpf": f"{counts_per_force:.17g}",

@@ -47,9 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _box(options: argparse.Namespace) -> FakeNetft:
     rate_hz = 500.0 if options.rate_hz is None else options.rate_hz
-    signal = None
+    signal, synthetic = None, True
     if options.play is not None:
-        signal, rate_hz = played(options.play, options.rate_hz)
+        signal, rate_hz, synthetic = played(options.play, options.rate_hz)
     elif options.material is not None:
         signal = pushes(options.material, rate_hz, seed=options.seed)
     return FakeNetft(
@@ -61,6 +61,7 @@ def _box(options: argparse.Namespace) -> FakeNetft:
         faults=Faults.parse(options.fault),
         n_records=options.records,
         product=options.product,
+        synthetic=synthetic,
         seed=options.seed,
         port=options.port,
         http_port=options.http_port,

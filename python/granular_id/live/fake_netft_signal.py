@@ -64,8 +64,8 @@ def pushes(material: str, rate_hz: float, *, seed: int = 0, n_pushes: int = 4) -
     return np.concatenate([recording.wrench for recording in data])
 
 
-def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64], float]:
-    """Read recordings to be sent one after the other, and their rate.
+def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64], float, bool]:
+    """Read recordings to be sent one after the other, their rate, and whether any of them is synthetic.
 
     Parameters
     ----------
@@ -87,4 +87,9 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
         own = common_rate(data)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    return np.concatenate([r.wrench for r in data]), checked_rate(own if rate_hz is None else rate_hz)
+    synthetic = any(bool(recording.meta.get("synthetic")) for recording in data)
+    return (
+        np.concatenate([r.wrench for r in data]),
+        checked_rate(own if rate_hz is None else rate_hz),
+        synthetic,
+    )

@@ -17,7 +17,15 @@ from socket import SHUT_RDWR
 
 from granular_id._core import RDT_SCALE_LIMITS
 
-__all__ = ["FORCE_UNITS", "TORQUE_UNITS", "NetftPage", "NetftPageError", "parse_page", "read_page"]
+__all__ = [
+    "FORCE_UNITS",
+    "SYNTHETIC_FIELD",
+    "TORQUE_UNITS",
+    "NetftPage",
+    "NetftPageError",
+    "parse_page",
+    "read_page",
+]
 
 PATH = "/netftapi2.xml"
 MAX_PAGE_BYTES = 64 * 1024
@@ -83,6 +91,8 @@ class NetftPage:
         Name of the product, and serial number of the calibration (``cfgcalsn``); empty where not told.
     is_axia : bool
         Whether it is an Ethernet Axia, whose status word has other bits.
+    synthetic : bool
+        Whether the page is that of a fake box whose wrenches come from a model (``simulated``).
     fields : mapping of str to str
         Settings that a recording should keep, as they stand there.
     """
@@ -97,8 +107,12 @@ class NetftPage:
     product: str
     serial: str
     is_axia: bool
+    synthetic: bool
     fields: Mapping[str, str]
 
+
+SYNTHETIC_FIELD = "simulated"
+"""Field of the page of a fake box; no real box has it."""
 
 KEPT = (
     "cfgnam", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "cfgtfx", "cfgcalsn", "setbias", "setuserfilter", "runrate",
@@ -218,6 +232,7 @@ wanted a number above 0 (counts per unit of force)
         product=product,
         serial=fields.text("cfgcalsn"),
         is_axia="axia" in product.lower() or ("setrate" in fields.values and "runrate" not in fields.values),
+        synthetic=bool(fields.text(SYNTHETIC_FIELD)),
         fields={name: fields.values[name] for name in KEPT if fields.values.get(name)},
     )
 

@@ -263,6 +263,7 @@ def _of_page(
         filter_hz=None if cut_off is None or variant != "netft" else float(cut_off),
         full_scale=page.full_scale,
         serial=page.serial or None,
+        synthetic=page.synthetic,
         meta={"variant": variant, "page": dict(page.fields)},
     )
 

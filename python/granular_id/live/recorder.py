@@ -112,7 +112,7 @@ class Recorder:
         self._stream, self._robot, self._trigger = stream, robot, trigger
         self._direction, self._speed_m_s = direction, speed_m_s
         self._on_step, self._limits = on_step, limits
-        self._n_recorded = 0
+        self._n_recorded = self._n_tried = 0
         checked_move(direction, speed_m_s, motion_duration_s(self._new_capture()))
         with made_folder(self.folder):
             check_target(self.folder / "recording.npz")
@@ -142,8 +142,16 @@ class Recorder:
         label = checked_text(label, "label", spaced=False)
         capture = self._new_capture()
         motion: Motion | None = None
+        # The first one may begin with the first row there is: a replay does not wait.
+        reader = self._stream.buffer.reader(from_oldest=not self._n_tried)
+        self._n_tried += 1
         steps = drive(
-            self._stream, capture, robot=self._robot, direction=self._direction, speed_m_s=self._speed_m_s
+            self._stream,
+            capture,
+            robot=self._robot,
+            direction=self._direction,
+            speed_m_s=self._speed_m_s,
+            reader=reader,
         )
         with closing(steps):
             for step in steps:

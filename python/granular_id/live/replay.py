@@ -93,6 +93,8 @@ class ReplaySource(ThreadedSource):
         start_ns = host_ns()
         rate_hz = self.info.rate_hz
         for start, recording in zip(self._starts, self._recordings, strict=True):
+            if start:
+                buffer.new_epoch()  # silence, not a loss
             sent = 0
             while sent < recording.n_samples:
                 due = math.floor(1e-9 * (host_ns() - start_ns) * self.info.speed * rate_hz) + 1 - start
