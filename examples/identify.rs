@@ -31,6 +31,9 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
+    if is_synthetic(&model) {
+        println!("SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials");
+    }
     let mut code = ExitCode::SUCCESS;
     for path in recordings {
         match identified(&model, path) {
@@ -42,6 +45,13 @@ fn main() -> ExitCode {
         }
     }
     code
+}
+
+/// Whether the model says of itself that simulated recordings trained it.
+#[must_use]
+pub fn is_synthetic(model: &Model) -> bool {
+    serde_json::from_str(&model.notes().trained)
+        .is_ok_and(|trained: serde_json::Value| trained["synthetic"] == serde_json::Value::Bool(true))
 }
 
 /// The ranking of the materials for one recording, a line each.

@@ -6,11 +6,14 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+import typer
 
 from cli_cases import SMALL, make, saved
+from granular_id.cli.errors import guarded
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
 
@@ -204,3 +207,23 @@ def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
         r"Interrupted: \d+ finished partitions are kept; the same command goes on from there", last
     )
     assert list(Path(tmp_path).iterdir()) == []
+
+
+class ClosesItself:
+    """As archives do: a Ctrl-C that arrives meanwhile is dropped by Python."""
+
+    def __del__(self):
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_during_a_deletion_is_not_lost(capsys):
+    @guarded
+    def command():
+        ClosesItself()
+        for _ in range(1000):
+            time.sleep(0.01)
+
+    with pytest.raises(typer.Exit) as end:
+        command()
+    assert end.value.exit_code == 130
+    assert capsys.readouterr().err == "Interrupted: no file was left half-written.\n"

@@ -12,6 +12,8 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from granular_id.cli.interrupts import heeding_interrupts
+
 __all__ = ["DEBUG", "guarded", "in_options"]
 
 DEBUG = "GRANULAR_ID_DEBUG"
@@ -57,6 +59,7 @@ OPTIONS = {
     "coding": "--coding",
     "posterior": "--posterior",
     "direction": "--direction",
+    "label": "--label",
     "pre_s": "--pre-s",
     "robot": "--robot",
     "trigger": "--trigger",
@@ -79,7 +82,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            command(*args, **kwargs)
+            with heeding_interrupts():
+                command(*args, **kwargs)
         except KeyboardInterrupt as stop:
             _say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
             raise typer.Exit(INTERRUPTED) from None

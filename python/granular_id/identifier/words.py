@@ -45,7 +45,7 @@ def description(model: Answers) -> list[str]:
         each = sorted(set(counts.values()))
         span = f"{each[0]}" if len(each) == 1 else f"{each[0]} to {each[-1]}"
         sessions = trained.get("n_sessions", 0)
-        within = f", {sessions} sessions" if sessions else ""
+        within = f", {sessions} session{'s' * (sessions > 1)}" if sessions else ""
         lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
     lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
     if model.synthetic:
@@ -72,7 +72,7 @@ def promises(model: Answers) -> list[str]:
         lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
     lines.append(f"early answers: {_early(model, trained.get('early'))}")
     notes = trained.get("notes", [])
-    lines += [f"note: {note}" for note in notes[:_MOST_NOTES]]
+    lines += [note if note.startswith("warning: ") else f"note: {note}" for note in notes[:_MOST_NOTES]]
     if len(notes) > _MOST_NOTES:
         lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
     return lines

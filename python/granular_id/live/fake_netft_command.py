@@ -16,6 +16,7 @@ import numpy as np
 from granular_id.live.fake_netft import FakeNetft
 from granular_id.live.fake_netft_faults import Faults
 from granular_id.live.fake_netft_signal import played, pushes
+from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
 
 __all__ = ["main"]
 
@@ -34,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = _parser().parse_args(arguments)
     try:
         box = _box(options)
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, OverflowError) as error:
         sys.exit(f"fake_netft: {error}")
     with box, suppress(KeyboardInterrupt):
         print(box.url, flush=True)
@@ -87,10 +88,12 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME=NUMBER",
-        help="loss=0.01, wrap=100, ...; may be repeated",
+        help="may be repeated: shares of datagrams (loss=0.01 duplicate reorder stale garbage forged absurd) or of "
+        "records (bad_status saturation warning); after so many records (wrap=100 restart stall second_client); "
+        "jitter_s, stall_s, drift, deaf",
     )
-    parser.add_argument("--force-unit", default="N")
-    parser.add_argument("--torque-unit", default="Nm")
+    parser.add_argument("--force-unit", default="N", choices=sorted(FORCE_UNITS))
+    parser.add_argument("--torque-unit", default="Nm", choices=sorted(TORQUE_UNITS))
     parser.add_argument("--product", default="Net F/T", help="name on the page; with Axia it is one")
     parser.add_argument("--records", type=int, help="end after so many")
     parser.add_argument("--seconds", type=float, help="end after so long")

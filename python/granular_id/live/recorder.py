@@ -25,6 +25,8 @@ from granular_id.recording._values import checked_text, freeze, thaw
 
 __all__ = ["Recorded", "Recorder"]
 
+_MOST_LABEL_BYTES = 256
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -140,6 +142,10 @@ class Recorder:
             On Ctrl-C; the robot was stopped.
         """
         label = checked_text(label, "label", spaced=False)
+        if len(label.encode()) > _MOST_LABEL_BYTES:
+            raise ValueError(
+                f"label must have at most {_MOST_LABEL_BYTES} bytes, as in models, got {len(label.encode())}"
+            )
         capture = self._new_capture()
         motion: Motion | None = None
         # The first one may begin with the first row there is: a replay does not wait.

@@ -121,7 +121,8 @@ def _named_by_label(code: str, name: str, values: Sequence[Any]) -> list[Attribu
 def scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
     """Return the entries of ``meta`` that are a text, number or bool, nested keys joined by dots.
 
-    Left out are entries that describe the material (`DESCRIBES_MATERIAL`) or repeat the label or the name.
+    Left out are entries that describe the material (`DESCRIBES_MATERIAL`, at any depth), or in which every recording
+    repeats its name or mentions its label.
     """
     flat = [_flat(r.meta) for r in recordings]
     keys = dict.fromkeys(key for entries in flat for key in entries)
@@ -129,9 +130,14 @@ def scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
     return {
         key: values
         for key, values in columns.items()
-        if key.split(".")[0] != DESCRIBES_MATERIAL
-        and not all(v in (r.label, r.name) for v, r in zip(values, recordings, strict=True))
+        if DESCRIBES_MATERIAL not in key.split(".")
+        and not all(_names(value, r) for value, r in zip(values, recordings, strict=True))
     }
+
+
+def _names(value: Any, recording: Recording) -> bool:
+    label = recording.label
+    return value == recording.name or (label is not None and isinstance(value, str) and label in value)
 
 
 def _flat(meta: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
