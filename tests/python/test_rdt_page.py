@@ -14,14 +14,8 @@ from hypothesis import strategies as st
 
 from granular_id.live.fake_netft import FakeNetft
 from granular_id.live.fake_netft_page import page_text
-from granular_id.live.netft_page import (
-    FORCE_UNITS,
-    MAX_PAGE_BYTES,
-    TORQUE_UNITS,
-    NetftPageError,
-    parse_page,
-    read_page,
-)
+from granular_id.live.netft_http import MAX_PAGE_BYTES, read_page
+from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError, parse_page
 
 URL = "http://192.168.1.1/netftapi2.xml"
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from xml.sax.saxutils import escape
 
-__all__ = ["PageServer", "page_text"]
+from granular_id.live.netft_http import PATH
 
-PATH = "/netftapi2.xml"
+__all__ = ["PageServer", "page_text"]
 
 _FIELDS = {
     "prodname": "Net F/T",
