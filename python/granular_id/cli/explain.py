@@ -80,11 +80,10 @@ def explain(
     console.print()
     console.print(Text(str(explanation)))
     if figure is not None:
-        from granular_id.evaluation.describe import is_synthetic  # noqa: PLC0415
         from granular_id.plotting import plot_explanation  # noqa: PLC0415 (matplotlib is an extra)
 
         plot_explanation(
-            explanation, title="SYNTHETIC recordings" if is_synthetic(data) else None, path=figure
+            explanation, title="SYNTHETIC recordings" if data.is_synthetic else None, path=figure
         )
     if json is not None:
         from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)

@@ -147,12 +147,11 @@ train.__doc__ = TEXT
 def _extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> list[Path]:
     """Write the figure and the JSON file that were asked for."""
     from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
-    from granular_id.evaluation.describe import is_synthetic  # noqa: PLC0415
     from granular_id.identifier.over_time import over_time  # noqa: PLC0415
 
     course = None
     if training.held is not None:
-        course = over_time(training.held, data.rate_hz, training.early, synthetic=is_synthetic(data))
+        course = over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)
     if figure is not None and course is not None:
         from granular_id.plotting.over_time import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
 

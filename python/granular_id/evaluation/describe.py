@@ -13,9 +13,9 @@ import sklearn
 from sklearn.base import BaseEstimator
 
 from granular_id import _core
-from granular_id.recording import Dataset, Recording
+from granular_id.recording import Dataset
 
-__all__ = ["describe_data", "describe_estimator", "is_simulated", "is_synthetic", "versions", "warnings_in"]
+__all__ = ["describe_data", "describe_estimator", "versions", "warnings_in"]
 
 
 def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
@@ -46,16 +46,6 @@ def describe_data(data: Dataset) -> dict[str, Any]:
         "summary": data.summary().to_dict(),
         "history": [step.to_dict() for step in data.history],
     }
-
-
-def is_synthetic(data: Dataset) -> bool:
-    """Whether any recording was simulated rather than measured."""
-    return any(map(is_simulated, data))
-
-
-def is_simulated(recording: Recording) -> bool:
-    """Whether this recording was."""
-    return bool(recording.meta.get("synthetic", False))
 
 
 def warnings_in(data: Dataset) -> list[str]:

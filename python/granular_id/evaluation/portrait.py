@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
 from granular_id._core import AXES
-from granular_id.evaluation.describe import describe_estimator, is_simulated
+from granular_id.evaluation.describe import describe_estimator
 from granular_id.evaluation.gaze import WeightBlock, weight_blocks
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
@@ -184,7 +184,7 @@ def portrait(
     return Portrait(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
-        n_synthetic=sum(map(is_simulated, data)),
+        n_synthetic=sum(recording.is_synthetic for recording in data),
         axes=AXES,
         rate_hz=float(rate_hz),
         n_samples=X.shape[1],

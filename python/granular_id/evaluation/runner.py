@@ -20,7 +20,6 @@ from granular_id.evaluation.controls import Control, PlannedControl, judge, plan
 from granular_id.evaluation.describe import (
     describe_data,
     describe_estimator,
-    is_synthetic,
     versions,
     warnings_in,
 )
@@ -208,7 +207,7 @@ def evaluate(
             *(line for run in runs.values() for line in run.complaints),
             *(kept.notes() if kept is not None else ()),
         ),
-        synthetic=is_synthetic(data),
+        synthetic=data.is_synthetic,
         command=_call(settings, None if classifier is None else chosen),
         controls=verdicts,
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular_id import _core
 from granular_id.evaluation.comparison import MIN_PARTITIONS
-from granular_id.evaluation.describe import describe_data, is_synthetic, versions
+from granular_id.evaluation.describe import describe_data, versions
 from granular_id.evaluation.metrics import confusion_counts, recall_per_class
 from granular_id.evaluation.statistics import corrected_interval
 from granular_id.identifier.held_out import HeldOut
@@ -39,7 +39,7 @@ def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:
     sessions = {session for session in data.sessions.tolist() if session is not None}
     return {
         "settings": recipe.to_dict(data.rate_hz),
-        "synthetic": is_synthetic(data),
+        "synthetic": data.is_synthetic,
         "recordings": dict(zip(labels.tolist(), counts.tolist(), strict=True)),
         "n_sessions": len(sessions),
         # Rows name files: a model is handed on, and says what was done, not to which file.

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import whole_file
-from granular_id.evaluation.describe import is_synthetic
 from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint
@@ -185,7 +184,7 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
         )
     simulated = [
         *(["a model of SYNTHETIC recordings"] if model.synthetic else []),
-        *(["SYNTHETIC recordings"] if is_synthetic(data) else []),
+        *(["SYNTHETIC recordings"] if data.is_synthetic else []),
     ]
     return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data))
 

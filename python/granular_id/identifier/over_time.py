@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._progress import ProgressCallback
-from granular_id.evaluation.describe import is_synthetic
 from granular_id.identifier.early import EarlyRule, outcome_text
 from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
@@ -203,4 +202,4 @@ def accuracy_over_time(
     )
     if training.held is None:
         raise ValueError(f"data: nothing can be held out: {training.why_none}")
-    return over_time(training.held, data.rate_hz, training.early, synthetic=is_synthetic(data))
+    return over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)

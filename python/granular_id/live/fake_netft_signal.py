@@ -87,9 +87,8 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
         own = common_rate(data)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    synthetic = any(bool(recording.meta.get("synthetic")) for recording in data)
     return (
         np.concatenate([r.wrench for r in data]),
         checked_rate(own if rate_hz is None else rate_hz),
-        synthetic,
+        data.is_synthetic,
     )

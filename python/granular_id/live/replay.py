@@ -67,7 +67,7 @@ class ReplaySource(ThreadedSource):
                 device_clock=True,
                 frame=_text(measured.get("frame")),
                 sign=_text(measured.get("sign")),
-                synthetic=any(bool(recording.meta.get("synthetic")) for recording in self._recordings),
+                synthetic=recordings.is_synthetic,
                 speed=speed,
                 meta={"labels": sorted({str(r.label) for r in self._recordings if r.label})},
             )

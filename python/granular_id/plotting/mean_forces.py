@@ -159,7 +159,7 @@ def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
 
 def _title(dataset: Dataset | Portrait, quantity: str) -> str:
     if isinstance(dataset, Dataset):
-        synthetic = sum(bool(recording.meta.get("synthetic")) for recording in dataset)
+        synthetic = sum(recording.is_synthetic for recording in dataset)
         total = len(dataset)
     else:
         synthetic, total = dataset.n_synthetic, sum(dataset.counts)

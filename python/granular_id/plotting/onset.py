@@ -202,8 +202,8 @@ def _key(shown: list[Recording], kinds: set[str]) -> list[Any]:
 
 
 def _title(shown: list[Recording], total: int, settings: Mapping[str, float]) -> str:
-    kind = "synthetic recordings" if all(r.meta.get("synthetic") for r in shown) else "recordings"
-    if kind == "recordings" and any(r.meta.get("synthetic") for r in shown):
+    kind = "synthetic recordings" if all(r.is_synthetic for r in shown) else "recordings"
+    if kind == "recordings" and any(r.is_synthetic for r in shown):
         kind = "recordings (some synthetic)"
     return (
         f"Onsets of {len(shown)} of {total} {kind}: rest {settings['rest_s']:g} s, false-alarm rate "

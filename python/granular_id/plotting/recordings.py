@@ -87,7 +87,7 @@ def plot_recordings(
         handles = _draw(panel, shown, wanted)
         title = f"{short(label)} ({len(shown)} of {len(group)})"
         panel.set_title(title, fontsize=10, color=INK, parse_math=False)
-    synthetic = any(recording.meta.get("synthetic") for recording in dataset)
+    synthetic = dataset.is_synthetic
     figure.supxlabel("time from the first sample, s", fontsize=10, color=INK)
     figure.supylabel(unit, fontsize=10, color=INK)
     title = "Synthetic recordings as they are stored" if synthetic else "Recordings as they are stored"

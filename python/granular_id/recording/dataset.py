@@ -112,6 +112,11 @@ class Dataset(DatasetSteps):
         return np.array([r.session for r in self.recordings], dtype=object)
 
     @property
+    def is_synthetic(self) -> bool:
+        """Whether any recording was simulated rather than measured."""
+        return any(r.is_synthetic for r in self.recordings)
+
+    @property
     def start_times(self) -> FloatArray:
         """Times of the first samples, seconds since 1970, shape (n,); NaN where unknown."""
         return np.array([np.nan if r.start_time is None else r.start_time for r in self.recordings])

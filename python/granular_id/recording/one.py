@@ -136,6 +136,11 @@ class Recording:
         return len(self.wrench)
 
     @property
+    def is_synthetic(self) -> bool:
+        """Whether it was simulated rather than measured: ``meta["synthetic"]`` says so."""
+        return bool(self.meta.get("synthetic", False))
+
+    @property
     def is_uniform(self) -> bool:
         """Whether the samples are equally spaced at `rate_hz`."""
         return self.rate_hz is not None

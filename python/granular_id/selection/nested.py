@@ -12,7 +12,6 @@ from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.evaluation.describe import (
     describe_data,
     describe_estimator,
-    is_synthetic,
     versions,
     warnings_in,
 )
@@ -185,7 +184,7 @@ def select(
         versions=versions(),
         held_out=planned.held_out,
         notes=(*planned.notes, *warnings_in(data), *complaints),
-        synthetic=is_synthetic(data),
+        synthetic=data.is_synthetic,
     )
 
 

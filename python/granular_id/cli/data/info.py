@@ -43,7 +43,7 @@ def info(
     summary = data.summary()
     axes = sorted({" ".join(recording.axes) for recording in data})
     keys = sorted({key for recording in data for key in recording.meta})
-    synthetic = sum(bool(recording.meta.get("synthetic")) for recording in data)
+    synthetic = sum(recording.is_synthetic for recording in data)
     steps = [*(str(step).partition("\n")[0] for step in data.history)]
     lines = [
         f"format: {data.history[-1].parameters['format']}",
