@@ -26,7 +26,7 @@ mod weights;
 pub use fault::{Fault, FileFault};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use loss::{Decoding, Loss};
-pub use notes::Notes;
+pub use notes::{Notes, MAX_NAME_BYTES};
 pub use parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_WINDOW};
 pub(crate) use scores::best_and_margin;
 #[cfg(feature = "python")]
