@@ -34,7 +34,7 @@ Examples:
 
 `granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
 
-`granular-id record --source sim: --label "rice,fine sugar,gravel" --n 10 --speed 20 -o simulated`
+`granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`
 """
 
 WHAT = "What to record"
