@@ -22,8 +22,6 @@ from granular_id.recording._values import checked_rate
 
 __all__ = ["Capture"]
 
-_NO_ROWS = np.zeros((0, 6))
-
 
 class Capture:
     """Takes the rows of one push out of a stream: `pre_s` of rest, the trigger, and what follows.
@@ -137,15 +135,15 @@ class Capture:
             Rows that belong to the recording, in order: those before the trigger come with the first ones after it.
         """
         if self.state.is_over:
-            return _NO_ROWS
+            return Rows.none().wrench
         if self.state is CaptureState.IDLE:
             self.state = CaptureState.ARMING
         if block.missed and self._epoch is not None:  # before the first row it is nobody's loss
             self.fail(FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read")
-            return _NO_ROWS
+            return Rows.none().wrench
         if not len(block):
             self._judge_lag(0, lag_s)
-            return _NO_ROWS
+            return Rows.none().wrench
         if self._epoch not in (None, block.epoch):
             self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
             self._last = Rows.none()
@@ -162,7 +160,7 @@ class Capture:
             if self.state.is_over:
                 break
         self._judge_lag(len(block), lag_s)
-        return Rows.joined(taken).wrench if taken else _NO_ROWS
+        return Rows.joined(taken).wrench
 
     def fail(self, reason: FailureReason, text: str) -> None:
         """End the capture for a reason from outside, unless it is over already."""
