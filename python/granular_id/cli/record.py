@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular_id.live.capture import Capture
     from granular_id.live.drive import Step
     from granular_id.live.recorder import Recorder
-    from granular_id.live.source import WrenchSource
+    from granular_id.live.stream import Stream
 
 __all__ = ["record"]
 
@@ -110,7 +110,8 @@ def record(
                     if not source.info.synthetic and (real_robot or k == 0) and (name, k) != (labels[0], 0):
                         _wait_for(f"{name} {k + 1}/{n}")
                     refused, said = _recorded(recorder, name, f"{name} {k + 1}/{n}", retries, console)
-                    _check_truth(console, name, source, told=k > 0)
+                    if k == 0:
+                        _check_truth(console, name, stream)
                     n_refused += refused
                     if not quiet:
                         console.print(said, soft_wrap=True, markup=False)
@@ -158,11 +159,11 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int, console:
     return refused, f"{title}: {one.n_samples} samples, mean fx {rise_n:+.2f} N over rest, {recorded.path}"
 
 
-def _check_truth(console: Console, label: str, source: WrenchSource, *, told: bool) -> None:
+def _check_truth(console: Console, label: str, stream: Stream) -> None:
     """Warn where a source that knows what it measures knows better."""
-    truth = getattr(source, "truth", None)
-    if truth not in (None, label) and not told:
-        said = f"warning: recorded as {label!r}, but {source.info.name} says that it was {truth!r}"
+    truth = stream.truth
+    if truth not in (None, label):
+        said = f"warning: recorded as {label!r}, but {stream.info.name} says that it was {truth!r}"
         console.print(said, style="yellow", soft_wrap=True, markup=False)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,11 @@ from granular_id._core import WrenchReader
 from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
-from granular_id.live.rows import BlockLike
+from granular_id.live.rows import BlockLike, Rows
 from granular_id.live.stream import Stream
-from granular_id.live.trigger import MotionTrigger
+from granular_id.live.trigger import MotionTrigger, Trigger
 
-__all__ = ["Step", "drive", "motion_duration_s"]
+__all__ = ["Step", "capture_from", "drive", "motion_duration_s"]
 
 _WAIT_S = 0.02
 """How long to wait for a row at a time: so soon are errors, Ctrl-C and the end noticed."""
@@ -27,8 +28,6 @@ _MARGIN_S = 0.05
 
 _BEHIND_S, _AHEAD_S = 0.02, 30.0
 """So far from the newest row may the start of a motion be: further, and its clock is not the sensor's."""
-
-_NO_ROWS = np.zeros((0, 6))
 
 
 @dataclass(frozen=True)
@@ -48,6 +47,12 @@ class Step:
     block: BlockLike
     rows: NDArray[np.float64]
     motion: Motion | None
+
+
+def capture_from(stream: Stream, trigger: Trigger, **limits: Any) -> Capture:
+    """Return a new capture of what a stream delivers; `limits` are further parameters of `Capture`."""
+    info = stream.info
+    return Capture(info.rate_hz, trigger=trigger, info=info, utc_at_zero_s=stream.utc_at_zero_s, **limits)
 
 
 def motion_duration_s(capture: Capture) -> float:
@@ -124,7 +129,7 @@ def drive(
             while motion is not None and not stands and time.monotonic() < deadline_s:
                 stands = motion.finished()
                 reader.wait(_WAIT_S)
-                yield Step(reader.read(), _NO_ROWS, motion)
+                yield Step(reader.read(), Rows.none().wrench, motion)
     finally:
         if not stands:
             capture.fail(FailureReason.INTERRUPTED, "ended from outside")

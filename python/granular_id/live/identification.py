@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 from granular_id._core import AXES
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.held_out import N_CHECKPOINTS
-from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-from granular_id.live.drive import Step, drive, motion_duration_s
+from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
 from granular_id.live.robot import checked_move
 from granular_id.live.setup import Setup, setup_of
 from granular_id.live.snapshot_builder import SnapshotBuilder
@@ -22,6 +21,7 @@ from granular_id.recording import SampleFlag
 
 if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
+    from granular_id.live.capture import Capture
 
 __all__ = ["LiveIdentifier", "Push"]
 
@@ -150,14 +150,11 @@ class LiveIdentifier:
 
     def new_capture(self) -> Capture:
         """Return the capture of the next push; nothing is read yet."""
-        info = self.stream.info
-        return Capture(
-            info.rate_hz,
+        return capture_from(
+            self.stream,
+            self._setup.trigger(),
             n_samples=self.model.n_samples,
             pre_s=self._rest_s,
-            trigger=self._setup.trigger(),
-            info=info,
-            utc_at_zero_s=self.stream.utc_at_zero_s,
             **self._limits,
         )
 
@@ -242,7 +239,7 @@ class LiveIdentifier:
         return self._answer.decision()
 
     def _finished(self, capture: Capture, decision: Decision | None) -> Push:
-        truth = getattr(self.stream.source, "truth", None)
+        truth = self.stream.truth
         answered_early = self._early and decision is not None and capture.reason is FailureReason.INTERRUPTED
         failed = capture.state is CaptureState.FAILED and not answered_early
         push = Push(

@@ -9,23 +9,24 @@ from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
 from granular_id.io.npz.npz import save_npz
-from granular_id.live.capture import Capture
-from granular_id.live.drive import Step, drive, motion_duration_s
+from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
 from granular_id.live.robot import Motion, Robot, checked_move
-from granular_id.live.robots import ManualRobot
+from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
 from granular_id.recording._values import checked_text, freeze, thaw
 
-__all__ = ["Recorded", "Recorder"]
+if TYPE_CHECKING:
+    from granular_id.live.capture import Capture
 
-_MOST_LABEL_BYTES = 256
+__all__ = ["Recorded", "Recorder"]
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class Recorder:
                 f"ForceTrigger(1.0); got a {type(trigger).__name__}"
             )
         if trigger is None:
-            trigger = ForceTrigger if robot is None or isinstance(robot, ManualRobot) else MotionTrigger
+            trigger = MotionTrigger if starts_exactly(robot) else ForceTrigger
         self.session = checked_text(
             _stamp(time.time()) if session is None else session, "session", spaced=False
         )
@@ -142,9 +143,9 @@ class Recorder:
             On Ctrl-C; the robot was stopped.
         """
         label = checked_text(label, "label", spaced=False)
-        if len(label.encode()) > _MOST_LABEL_BYTES:
+        if len(label.encode()) > MAX_NAME_BYTES:
             raise ValueError(
-                f"label must have at most {_MOST_LABEL_BYTES} bytes, as in models, got {len(label.encode())}"
+                f"label must have at most {MAX_NAME_BYTES} bytes, as in models, got {len(label.encode())}"
             )
         capture = self._new_capture()
         motion: Motion | None = None
@@ -171,19 +172,12 @@ class Recorder:
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
     def _new_capture(self) -> Capture:
-        info = self._stream.info
-        return Capture(
-            info.rate_hz,
-            trigger=self._trigger(),
-            info=info,
-            utc_at_zero_s=self._stream.utc_at_zero_s,
-            **self._limits,
-        )
+        return capture_from(self._stream, self._trigger(), **self._limits)
 
     def _facts(self, motion: Motion | None) -> dict[str, Any]:
         """Gather what is worth keeping beside the samples; an odd report must not cost the recording."""
         facts: dict[str, Any] = {}
-        truth = getattr(self._stream.source, "truth", None)
+        truth = self._stream.truth  # read once: a source may move on meanwhile
         if truth is not None:
             facts["truth"] = truth
         if motion is not None:

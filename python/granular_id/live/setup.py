@@ -10,7 +10,7 @@ from granular_id.live.robots import ManualRobot
 from granular_id.live.source import WrenchSource
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, Trigger
 
-__all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of"]
+__all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of", "starts_exactly"]
 
 ROBOTS = ("auto", "none", "manual", "source")
 """Robots by name; a real one moves only where "source" asks for it."""
@@ -81,7 +81,7 @@ def setup_of(
         return Setup(mover, trigger)
     if trigger not in TRIGGERS:
         raise ValueError(f"trigger must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
-    exact = mover is not None and not isinstance(mover, ManualRobot)
+    exact = starts_exactly(mover)
     if trigger == "motion" and not exact:
         who = "there is no robot" if mover is None else "a person's motion has no exact start"
         raise ValueError(f"trigger='motion' needs a robot: {who}; use trigger='force'")
@@ -94,6 +94,11 @@ def setup_of(
         return Setup(mover, MotionTrigger)
     ForceTrigger(threshold_n)  # refused now, not when the first capture begins
     return Setup(mover, lambda: ForceTrigger(threshold_n))
+
+
+def starts_exactly(robot: Robot | None) -> bool:
+    """Whether the start of a motion is known well enough to be the trigger: a person's is not."""
+    return robot is not None and not isinstance(robot, ManualRobot)
 
 
 def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:

@@ -34,6 +34,12 @@ class Stream:
         """What the source measures."""
         return self.source.info
 
+    @property
+    def truth(self) -> str | None:
+        """Material of the latest push, where the source knows it: simulations, and recordings played again."""
+        truth: str | None = getattr(self.source, "truth", None)
+        return truth
+
     def health(self) -> Health:
         """How the source is, with the counts of the buffer beside its own."""
         health = self.source.health()
