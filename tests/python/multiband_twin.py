@@ -5,6 +5,8 @@ The definition that the core is tested against; see `granular_id.spaces.MultiBan
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
@@ -116,7 +118,7 @@ def stretch_edges(n, stretches):
 def envelope(y, scale):
     """Axis by axis: log energy of each stretch."""
     at = stretch_edges(len(y), STRETCHES)
-    energies = [np.mean(y[a:b] ** 2, axis=0) / scale**2 for a, b in zip(at[:-1], at[1:], strict=True)]
+    energies = [np.mean(y[a:b] ** 2, axis=0) / scale**2 for a, b in itertools.pairwise(at)]
     return np.log(np.array(energies).T + ENERGY_FLOOR).ravel()
 
 
@@ -135,14 +137,14 @@ def spectrum(x, scale, n_samples=None):
     y = (x - x.mean(axis=0)) * window[:, None]
     power = np.abs(np.fft.rfft(y, n_samples, axis=0)) ** 2 / np.sum(window**2) / scale**2
     at = spectrum_edges(n_samples)
-    pooled = [power[a:b].mean(axis=0) for a, b in zip(at[:-1], at[1:], strict=True)]
+    pooled = [power[a:b].mean(axis=0) for a, b in itertools.pairwise(at)]
     return np.log(np.array(pooled).T + ENERGY_FLOOR).ravel()
 
 
 def level(x, level_scale):
     """Axis by axis: arcsinh of the mean of each stretch."""
     at = stretch_edges(len(x), min(LEVEL_STRETCHES, len(x)))
-    means = [x[a:b].mean(axis=0) for a, b in zip(at[:-1], at[1:], strict=True)]
+    means = [x[a:b].mean(axis=0) for a, b in itertools.pairwise(at)]
     return np.arcsinh(np.array(means) / level_scale).T.ravel()
 
 
@@ -176,7 +178,7 @@ def learned_scales(recordings):
     scales = np.maximum(typical, 1e-9 * raw)
     stretches = min(LEVEL_STRETCHES, recordings.shape[1])
     at = stretch_edges(recordings.shape[1], stretches)
-    means = np.stack([recordings[:, a:b].mean(axis=1) for a, b in zip(at[:-1], at[1:], strict=True)], axis=1)
+    means = np.stack([recordings[:, a:b].mean(axis=1) for a, b in itertools.pairwise(at)], axis=1)
     levels = np.median(np.abs(means), axis=(0, 1))
     levels = np.maximum(levels, 1e-9 * raw)
     return np.where(scales > 0, scales, 1.0), np.where(levels > 0, levels, 1.0)
