@@ -6,14 +6,15 @@ BIN    := $(VENV)/bin
 OLDEST := .venv-oldest
 PACKAGE := $(VENV)/.package
 TOOLS   := $(VENV)/.tools
-BENCH_TOOLS := $(VENV)/.bench
+BENCHES := .venv-bench
+BENCH_TOOLS := $(BENCHES)/.tools
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py \
 	tests/python/test_buffer_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test bench bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
@@ -21,6 +22,7 @@ help:
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
+	@echo "make bench-accuracy   our methods beside aeon's and others on FOLDERS=\"one two\", sessions held out (minutes; 3 GB to install)"
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
@@ -51,8 +53,10 @@ $(TOOLS): requirements-dev.txt $(PACKAGE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
 	@touch $@
 
-$(BENCH_TOOLS): requirements-bench.txt $(PACKAGE)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-bench.txt
+# An environment of its own: the peers want other versions than the tools do.
+$(BENCH_TOOLS): requirements-bench.txt $(SOURCES) | toolchain
+	@$(PYTHON) -m venv $(BENCHES)
+	@$(BENCHES)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-bench.txt --editable .
 	@touch $@
 
 demo: $(PACKAGE)
@@ -86,7 +90,14 @@ bench-rust: | toolchain
 	cargo bench
 
 bench-peers: $(BENCH_TOOLS)
-	$(BIN)/python benches/peers.py
+	$(BENCHES)/bin/python benches/peers.py
+
+# Folders of recordings for bench-accuracy, and further options of it.
+FOLDERS ?= ../shared/data/sliding_wrench ../shared/data/robot_failures
+ACCURACY ?= --out target/accuracy.json
+
+bench-accuracy: $(BENCH_TOOLS)
+	$(BENCHES)/bin/python benches/accuracy.py $(FOLDERS) $(ACCURACY)
 
 bench-ecoc: $(PACKAGE)
 	$(BIN)/python benches/ecoc.py
@@ -153,4 +164,4 @@ wheel: | toolchain $(BIN)/python
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 clean:
-	rm -rf $(VENV) $(OLDEST) target dist demo
+	rm -rf $(VENV) $(OLDEST) $(BENCHES) target dist demo
