@@ -14,6 +14,7 @@ pub mod features;
 pub mod histogram;
 mod lanes;
 pub mod model;
+pub mod multiband;
 mod names;
 pub mod number_table;
 mod pairing;

@@ -1,0 +1,1 @@
+//! How axes move together in a band.

@@ -1,0 +1,1 @@
+//! Energy of a band over time.

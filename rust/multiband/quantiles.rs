@@ -1,0 +1,1 @@
+//! Distribution of the values of a band.
