@@ -13,6 +13,7 @@ from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
     from granular_id import signal
+    from granular_id.best import BestClassifier
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
     from granular_id.explanation import Explanation, explain
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from granular_id.spaces import (
         DFT,
         HFMH,
+        BlockScaler,
         BlockUnion,
         PrincipalComponents,
         RangeNormalizer,
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
         RawSignal,
         Tare,
         TimePermutation,
+        WithinClassWhitening,
         feature_spaces,
     )
     from granular_id.synthetic import synthesize
@@ -53,6 +56,8 @@ __all__ = [
     "HFMH",
     "RICA",
     "UNITS",
+    "BestClassifier",
+    "BlockScaler",
     "BlockUnion",
     "CheckReport",
     "Dataset",
@@ -79,6 +84,7 @@ __all__ = [
     "Summary",
     "Tare",
     "TimePermutation",
+    "WithinClassWhitening",
     "WrenchBuffer",
     "__version__",
     "accuracy_over_time",
@@ -97,6 +103,8 @@ __all__ = [
 ]
 
 _LAZY = {
+    "BestClassifier": "best",
+    "BlockScaler": "spaces",
     "BlockUnion": "spaces",
     "CheckReport": "recording",
     "DFT": "spaces",
@@ -124,6 +132,7 @@ _LAZY = {
     "Summary": "recording",
     "Tare": "spaces",
     "TimePermutation": "spaces",
+    "WithinClassWhitening": "spaces",
     "WrenchBuffer": "live",
     "accuracy_over_time": "identifier",
     "evaluate": "evaluation",

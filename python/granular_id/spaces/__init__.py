@@ -10,15 +10,18 @@ from granular_id.spaces.histogram import RawHistogram
 from granular_id.spaces.links import feature_blocks
 from granular_id.spaces.permutation import TimePermutation
 from granular_id.spaces.raw import RangeNormalizer, RawSignal
+from granular_id.spaces.scaling import BlockScaler
 from granular_id.spaces.table import FeatureSpace, feature_spaces
 from granular_id.spaces.tare import Tare
 from granular_id.spaces.union import BlockUnion
 from granular_id.spaces.weights import unit_weight
+from granular_id.spaces.whitening import WithinClassWhitening
 
 __all__ = [
     "DFT",
     "HFMH",
     "BinRange",
+    "BlockScaler",
     "BlockUnion",
     "FeatureBlock",
     "FeatureSpace",
@@ -32,6 +35,7 @@ __all__ = [
     "RecordingTransformer",
     "Tare",
     "TimePermutation",
+    "WithinClassWhitening",
     "block_key",
     "feature_blocks",
     "feature_spaces",

@@ -1,0 +1,227 @@
+"""The classifier that chooses its preparation: against the same done by hand, and where nothing can be chosen."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from granular_id.best import BestClassifier
+from granular_id.best.candidates import plan_machines
+from granular_id.best.folds import choice_folds
+from granular_id.best.machines import fitted_line, held_out_scores
+from granular_id.ecoc import ECOCClassifier
+from granular_id.spaces import BlockScaler, WithinClassWhitening
+
+
+@parametrize_with_checks([BestClassifier(), BestClassifier(loss="hinge", shrinkages=[1e-3], n_folds=3)])
+def test_sklearn_contract(estimator, check):
+    check(estimator)
+
+
+def drifting(n=60, n_classes=3, seed=0):
+    """Two blocks that tell classes apart beside a drift of each session, and one whose level is the session's."""
+    rng = np.random.default_rng(seed)
+    y = np.arange(n) % n_classes
+    sessions = np.arange(n) * 4 // n
+    left = rng.normal(size=(n, 10)) + y[:, None] * np.linspace(0, 0.8, 10)
+    right = rng.normal(size=(n, 40)) + np.outer(y, rng.normal(size=40)) * 0.4
+    right += rng.normal(size=(4, 40))[sessions] * 2
+    level = 5.0 * rng.normal(size=(4, n_classes))[sessions, y][:, None] + rng.normal(size=(n, 4)) * 0.1
+    names = np.array(["oat", "rice", "salt", "tea"])[y]
+    return np.hstack([left, right, level]), names, [f"day {s}" for s in sessions]
+
+
+BLOCKS = {"left": 10, "right": 40, "level": 4}
+
+
+def by_hand(X, y, blocks, shrinkage, relative_cost):
+    own = np.concatenate([np.arange(*bounds) for name, bounds in SPANS.items() if name in blocks])
+    scaler = BlockScaler({name: BLOCKS[name] for name in blocks}).fit(X[:, own])
+    rows = scaler.transform(X[:, own])
+    steps = [] if shrinkage is None else [WithinClassWhitening(shrinkage)]
+    seen = steps[0].fit_transform(rows, y) if steps else rows
+    spread = ((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()
+    pipeline = make_pipeline(scaler, *steps, ECOCClassifier(C=relative_cost / spread, loss="hamming"))
+    return pipeline.fit(X[:, own], y), own
+
+
+SPANS = {"left": (0, 10), "right": (10, 50), "level": (50, 54)}
+
+
+def test_each_machine_equals_its_pipeline():
+    X, y, _ = drifting()
+    _, codes = np.unique(y, return_inverse=True)
+    train, test = np.arange(0, 40), np.arange(40, 60)
+    machines = plan_machines(list(BLOCKS), ["level"], [None, 1e-2], [1.0, 10.0])
+    assert len(machines) == 8
+    scores = held_out_scores(X, codes, BLOCKS, machines, train, test)
+    for machine, own_scores in zip(machines, scores, strict=True):
+        what = machine.blocks, machine.shrinkage, machine.relative_cost
+        pipeline, own = by_hand(X[train], y[train], *what)
+        expected = pipeline[-1].binary_scores(pipeline[:-1].transform(X[test][:, own]))
+        np.testing.assert_allclose(own_scores, expected, rtol=1e-5, atol=1e-6, err_msg=machine.name)
+        coef, intercept = fitted_line(X[train], codes[train], BLOCKS, machine)
+        np.testing.assert_allclose(X[test] @ coef.T + intercept, expected, rtol=1e-5, atol=1e-6)
+
+
+def test_the_model_is_the_mean_of_what_is_within_one_recording_of_the_best():
+    X, y, sessions = drifting()
+    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
+    means = clf.choice_.accuracies.mean(axis=0)
+    assert clf.choice_.chosen == tuple(np.flatnonzero(means > means.max() - 1 / 60 - 1e-9))
+    _, codes = np.unique(y, return_inverse=True)
+    lines = [fitted_line(X, codes, BLOCKS, clf.choice_.machines[k]) for k in clf.choice_.chosen]
+    np.testing.assert_allclose(clf.coef_, np.mean([coef for coef, _ in lines], axis=0))
+    scores = X @ clf.coef_.T + clf.intercept_
+    np.testing.assert_allclose(clf.binary_scores(X), scores)
+    twin = ECOCClassifier(loss="hamming").fit(X, y)
+    twin.coef_, twin.intercept_ = clf.coef_, clf.intercept_
+    np.testing.assert_array_equal(clf.predict(X), twin.predict(X))
+    np.testing.assert_allclose(clf.decision_function(X), twin.decision_function(X))
+    np.testing.assert_array_equal(clf.coding_matrix_, twin.coding_matrix_)
+
+
+def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():
+    X, y, sessions = drifting()
+    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"])
+    strict = clf.fit(X, y, sessions=sessions)
+    assert strict.choice_.held_out == "sessions"
+    assert not strict.coef_[:, 50:].any()
+    lenient = clone(clf).fit(X, y)
+    assert lenient.choice_.held_out == "random recordings"
+    assert lenient.coef_[:, 50:].any()
+    assert lenient.choice_.accuracy > strict.choice_.accuracy
+
+
+def test_same_numbers_for_any_number_of_threads_and_after_a_pickle():
+    X, y, _ = drifting()
+    one = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y)
+    two = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], n_jobs=2).fit(X, y)
+    for name in ("coef_", "intercept_", "held_out_scores_"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    assert one.choice_.to_dict() == two.choice_.to_dict()
+    other = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], random_state=1).fit(X, y)
+    assert not np.array_equal(other.choice_.accuracies, one.choice_.accuracies)
+    copy = pickle.loads(pickle.dumps(one))
+    np.testing.assert_array_equal(copy.predict(X), one.predict(X))
+
+
+def test_held_out_scores_have_not_seen_their_row():
+    X, y, sessions = drifting()
+    clf = BestClassifier(blocks=BLOCKS).fit(X, y, sessions=sessions)
+    train, test = next(
+        fold
+        for fold in choice_folds(
+            np.unique(y, return_inverse=True)[1], sessions, None, n_folds=5, seed=0
+        ).folds
+    )
+    scores = held_out_scores(
+        X, np.unique(y, return_inverse=True)[1], BLOCKS, clf.choice_.machines, train, test
+    )
+    np.testing.assert_array_equal(clf.held_out_scores_[test], scores[list(clf.choice_.chosen)].mean(axis=0))
+
+
+def test_what_was_chosen_is_shown():
+    X, y, sessions = drifting()
+    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
+    text = str(clf.choice_)
+    assert "chosen on 4 folds of whole sessions" in text
+    assert text.count("\n> ") == len(clf.choice_.chosen) + 1  # and the line that explains the mark
+    assert "without level, whitened 0.001, C 10" in text
+    plain = json.loads(json.dumps(clf.choice_.to_dict(), allow_nan=False))
+    assert plain["held_out"] == "sessions"
+    assert len(plain["machines"]) == 8
+    assert plain["machines"][0]["blocks"] == ["left", "right"]
+
+
+def test_folds_are_the_strictest_that_there_are():
+    codes = np.arange(40) % 2
+    sessions = np.arange(40) // 10
+    folds = choice_folds(codes, sessions, None, n_folds=3, seed=0)
+    assert (folds.held_out, len(folds.folds)) == ("sessions", 3)
+    for train, test in folds.folds:
+        assert not set(sessions[train]) & set(sessions[test])
+    in_time = choice_folds(codes, None, np.arange(40)[::-1], n_folds=4, seed=0)
+    assert in_time.held_out == "blocks in time"
+    assert in_time.folds[0][1].tolist() == list(range(30, 40))
+    one_session = choice_folds(codes, ["a"] * 40, np.arange(40), n_folds=4, seed=0)
+    assert "a class has one session only" in one_session.note
+    some = choice_folds(codes, ["a", None] * 20, None, n_folds=4, seed=0)
+    assert "20 recordings have no session" in some.note
+    drawn = choice_folds(codes, None, None, n_folds=4, seed=0)
+    assert "drawn 10 times" in drawn.note
+    assert len(drawn.folds) == 40
+    assert len(choice_folds(np.arange(600) % 2, None, None, n_folds=4, seed=0).folds) == 4
+
+
+def test_classes_with_one_recording_always_train():
+    X, y, _ = drifting()
+    y = y.astype(object)
+    y[7] = "lonely"
+    clf = BestClassifier(blocks=BLOCKS).fit(X, y)
+    assert "1 recordings that are alone" in clf.choice_.note
+    assert np.isnan(clf.held_out_scores_[7]).all()
+    assert not np.isnan(np.delete(clf.held_out_scores_, 7, axis=0)).any()
+    assert "lonely" in clf.classes_
+
+
+def test_where_nothing_can_be_held_out_every_machine_has_a_say():
+    X, _, _ = drifting()
+    clf = BestClassifier(blocks=BLOCKS).fit(X[:3], ["a", "b", "c"])
+    assert clf.choice_.held_out == "nothing"
+    assert clf.choice_.chosen == (0, 1, 2, 3)
+    assert np.isnan(clf.choice_.accuracy)
+    assert "no folds: fewer than two classes" in str(clf.choice_)
+    json.dumps(clf.choice_.to_dict(), allow_nan=False)
+    assert clf.predict(X[:3]).tolist() == ["a", "b", "c"]
+    two = BestClassifier().fit([[0.0], [1.0]], [0, 1])
+    assert two.predict([[0.1], [0.9]]).tolist() == [0, 1]
+    assert two.decision_function([[0.1], [0.9]]).shape == (2,)
+
+
+def test_features_that_do_not_vary():
+    clf = BestClassifier().fit(np.ones((8, 3)), np.arange(8) % 2)
+    assert np.isfinite(clf.decision_function(np.ones((1, 3)))).all()
+    assert not clf.coef_.any()
+
+
+BAD = [
+    ({"blocks": [3]}, ValueError, "blocks must add up to the 54 columns"),
+    ({"blocks": BLOCKS, "optional_blocks": ["levels"]}, ValueError, "got 'levels'"),
+    ({"blocks": BLOCKS, "optional_blocks": list(BLOCKS)}, ValueError, "leave a block that always stays"),
+    ({"blocks": BLOCKS, "optional_blocks": "level"}, TypeError, "optional_blocks must be a sequence"),
+    ({"shrinkages": []}, ValueError, "shrinkages must hold at least one"),
+    ({"shrinkages": [0.1, 0.1]}, ValueError, "shrinkages must hold each once"),
+    ({"shrinkages": [0.0]}, ValueError, "shrinkages must be positive"),
+    ({"relative_costs": 1.0}, TypeError, "relative_costs must be a sequence"),
+    ({"relative_costs": [-1.0]}, ValueError, "relative_costs must be positive"),
+    ({"loss": "quadratic"}, ValueError, "loss"),
+    ({"n_folds": 1}, ValueError, "n_folds must be at least 2"),
+    ({"n_jobs": 0}, ValueError, "n_jobs"),
+]
+
+
+@pytest.mark.parametrize(("parameters", "kind", "message"), BAD)
+def test_parameters_out_of_range(parameters, kind, message):
+    X, y, _ = drifting()
+    with pytest.raises(kind, match=message):
+        BestClassifier(**parameters).fit(X, y)
+
+
+@pytest.mark.parametrize(
+    ("rows", "kind", "message"),
+    [
+        ({"sessions": ["a"]}, ValueError, "sessions must name one session per row of X, 60, got 1"),
+        ({"sessions": "a"}, TypeError, "sessions must be a sequence"),
+        ({"order": [0] * 60}, ValueError, "order must hold the row numbers 0 to 59"),
+        ({"order": [0.5] * 60}, ValueError, "order must hold the row numbers"),
+    ],
+)
+def test_sessions_and_order_that_do_not_fit(rows, kind, message):
+    X, y, _ = drifting()
+    with pytest.raises(kind, match=message):
+        BestClassifier().fit(X, y, **rows)
