@@ -81,8 +81,8 @@ def evaluate(
         option("--controls/--no-controls", SPLIT, "What the rest, the means, the clock alone would give."),
     ] = True,
     spaces: Annotated[
-        str, option("--spaces", METHOD, "Feature spaces separated by commas; paper: all.")
-    ] = "paper",
+        str, option("--spaces", METHOD, "Feature spaces separated by commas; paper: the paper's.")
+    ] = "all",
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
     report: Annotated[Path | None, option("--report", OUTPUT, "Write one HTML file with everything.")] = None,

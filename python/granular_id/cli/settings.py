@@ -121,17 +121,26 @@ def known_spaces(*names: str) -> None:
             raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
 
 
+def of_paper() -> list[str]:
+    """Names of the feature spaces of the paper's table, the best there first."""
+    from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415 (slow to import)
+    from granular_id.spaces import feature_spaces  # noqa: PLC0415
+
+    known = feature_spaces()
+    return [name for name in in_paper_order(known) if known[name].paper_accuracy is not None]
+
+
 def chosen_spaces(spaces: str, confusion: str | None) -> list[str] | None:
     """Read ``--spaces`` and ``--confusion``.
 
     Returns
     -------
     list of str or None
-        Names in the order given; None: all of the paper.
+        Names in the order given; None: all.
     """
-    if spaces == "paper" and confusion is None:
+    if spaces == "all" and confusion is None:
         return None
-    chosen = None if spaces == "paper" else names_in(spaces)
+    chosen = None if spaces == "all" else of_paper() if spaces == "paper" else names_in(spaces)
     known_spaces(*(chosen or ()), *([] if confusion is None else [confusion]))
     if chosen is None:
         return None

@@ -21,7 +21,7 @@ from granular_id.evaluation.gram_engine import features_of, plan_for
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.task import STAGES, Answer, Answers, SpaceRun, Task
 from granular_id.gram import linear_gram
-from granular_id.spaces import GramPlan
+from granular_id.spaces import GramPlan, block_sizes
 
 __all__ = ["run_space"]
 
@@ -161,7 +161,7 @@ class _Work:
             predicted = self._named_by_gram(fitted, train, test, targets, clock)
         else:
             with clock("features"):
-                train, test = self._rows(partition, targets)
+                train, test, sizes = self._rows(partition, targets)
             n_features = train.shape[1]
             if self._by_gram:
                 with clock("gram"):
@@ -170,11 +170,22 @@ class _Work:
                 predicted = self._named_by_gram(fitted, train, test, targets, clock)
             else:
                 with clock("training"):
-                    fitted.fit(train, targets)
+                    self._fit(fitted, train, targets, sizes, partition)
                 with clock("prediction"):
                     predicted = fitted.predict(test)
         codes = np.searchsorted(self._labels, predicted) if self._named else predicted
         return Answer(np.asarray(codes, dtype=np.intp), n_features, clock.seconds, self._shared_seconds)
+
+    def _fit(
+        self, classifier: Any, train: Floats, targets: Any, sizes: dict[str, int] | None, partition: Partition
+    ) -> None:
+        """Train; a classifier that asks is told which columns are a block, and where the rows come from."""
+        if sizes is not None and classifier.get_params().get("blocks", ...) is None:
+            classifier.set_params(blocks=sizes)
+        known: dict[str, Any] = {}
+        if self._task.origins is not None and not self._task.shuffled:  # shuffled labels come from nowhere
+            known = self._task.origins.fit_arguments(classifier, partition.train)
+        classifier.fit(train, targets, **known)
 
     def _named_by_gram(self, fitted: Any, train: Floats, test: Floats, targets: Any, clock: _Clock) -> Any:
         with clock("training"):
@@ -182,21 +193,23 @@ class _Work:
         with clock("prediction"):
             return fitted.predict_gram(test)
 
-    def _rows(self, partition: Partition, targets: Any) -> tuple[Floats, Floats]:
-        """Features of the training and of the tested rows."""
+    def _rows(self, partition: Partition, targets: Any) -> tuple[Floats, Floats, dict[str, int] | None]:
+        """Features of the training and of the tested rows, and how many columns each block of them has."""
         if self._features is not None:
-            return self._features[partition.train], self._features[partition.test]
+            sizes = block_sizes(self._transformer)
+            return self._features[partition.train], self._features[partition.test], sizes
         seeded = _seeded(self._task.space.transformer, self._seed, partition)
         X = self._task.bank.X
         if self._plan is None:
             seeded.fit(X[partition.train], targets)
-            return self._transformed(seeded, X[partition.train]), self._transformed(seeded, X[partition.test])
+            train, test = (self._transformed(seeded, X[rows]) for rows in (partition.train, partition.test))
+            return train, test, block_sizes(seeded)
         train, test = self._task.bank.components(self._plan, partition.train, partition.test)
         plan: GramPlan | None = plan_for(seeded)
         for step in () if plan is None else plan.after[1:]:
             step.fit(train, targets)
             train, test = step.transform(train), step.transform(test)
-        return train, test
+        return train, test, None
 
     def _transformed(self, fitted: Any, X: Floats) -> Floats:
         return features_of(self._task.space.name, fitted, X)

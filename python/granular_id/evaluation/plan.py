@@ -17,12 +17,16 @@ __all__ = ["Space", "in_paper_order", "plan_seed", "plan_spaces"]
 
 @dataclass(frozen=True)
 class Space:
-    """A feature space to evaluate: a name and a transformer of (n, T, C) recordings to (n, D) features."""
+    """A feature space to evaluate: a name and a transformer of (n, T, C) recordings to (n, D) features.
+
+    `classifier` is its own, where it does not take that of the evaluation.
+    """
 
     name: str
     transformer: BaseEstimator
     paper_accuracy: float | None
     learns: bool
+    classifier: BaseEstimator | None = None
 
 
 def plan_seed(random_state: int | None) -> int:
@@ -46,8 +50,9 @@ def plan_spaces(
     Parameters
     ----------
     spaces : str, sequence of str or mapping
-        ``"paper"``: every space of the paper that exists here, in the paper's order (best accuracy first).
-        Names: those, in the order given. A mapping of name to transformer or `FeatureSpace`: those.
+        ``"all"``: every space but the controls, those of the paper in its order (best accuracy first), then ours.
+        ``"paper"``: the paper's alone. Names: those, in the order given. A mapping of name to transformer or
+        `FeatureSpace`: those.
     rate_hz : float
         Sampling rate of the recordings, which the named spaces need for their filter and given ones must have.
 
@@ -76,18 +81,20 @@ def plan_spaces(
 
 
 def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
-    """Names of feature spaces without the controls, the one with the best accuracy in the paper first."""
+    """Names of feature spaces without the controls: the paper's, best accuracy first, then those it does not have."""
     names = [name for name, space in known.items() if not space.control]
     return sorted(names, key=lambda name: -(known[name].paper_accuracy or 0.0))
 
 
 def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> list[str]:
-    if spaces == "paper":
+    if spaces == "all":
         return in_paper_order(known)
+    if spaces == "paper":
+        return [name for name in in_paper_order(known) if known[name].paper_accuracy is not None]
     names = [spaces] if isinstance(spaces, str) else list(spaces)
     for name in names:
         if name not in known:
-            choices = ", ".join(map(repr, ("paper", *known)))
+            choices = ", ".join(map(repr, ("all", "paper", *known)))
             raise ValueError(f"spaces must be among {choices}, got {name!r}")
     if len(set(names)) < len(names):
         raise ValueError(f"spaces must name each feature space once, got {names!r}")
@@ -95,7 +102,7 @@ def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> li
 
 
 def _known(space: FeatureSpace) -> Space:
-    return Space(space.name, space.transformer, space.paper_accuracy, space.learns)
+    return Space(space.name, space.transformer, space.paper_accuracy, space.learns, space.classifier)
 
 
 def _own(name: Any, transformer: Any) -> Space:

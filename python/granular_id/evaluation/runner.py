@@ -25,6 +25,7 @@ from granular_id.evaluation.describe import (
 )
 from granular_id.evaluation.gram_engine import GramBank, plan_for
 from granular_id.evaluation.one_space import run_space
+from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space, plan_seed, plan_spaces
 from granular_id.evaluation.portrait import Portrait, portrait
@@ -42,7 +43,7 @@ Codes = NDArray[np.intp]
 
 def evaluate(
     data: Dataset,
-    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = "paper",
+    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = "all",
     protocol: str | Sequence[str] = "auto",
     *,
     n_partitions: int = 20,
@@ -63,9 +64,10 @@ def evaluate(
     data : Dataset
         Recordings of equal length and rate with a label each.
     spaces : str, sequence of str or mapping
-        ``"paper"``: all spaces of the paper that exist here; names such as ``["raw", "raw+hfmh"]``; or
-        ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. A transformer that
-        learns from data is fitted on the training rows of each partition.
+        ``"all"``: the spaces of the paper, then ``"multiband"`` and ``"best"`` of this package; ``"paper"``: the
+        paper's alone; names such as ``["raw", "raw+hfmh"]``; or ``{name: transformer}`` for other settings (see
+        `feature_spaces`) or one's own. A transformer that learns from data is fitted on the training rows of
+        each partition.
     protocol : str or sequence of str
         ``"auto"``: the paper's and, beside it, the strictest that the data allow (`strictest`), so that the gap
         between them is seen without asking. Or one or more of ``"paper"`` (random partitions), ``"session"``
@@ -77,7 +79,7 @@ def evaluate(
     n_folds : int
         Of ``"kfold"``, and of ``"session"`` where blocks in time stand in for sessions. Default 5.
     classifier : estimator, optional
-        Any scikit-learn classifier; default `ECOCClassifier`, the paper's.
+        Any scikit-learn classifier; default `ECOCClassifier`, the paper's. ``"best"`` has its own.
     controls : bool
         Whether to measure what could be answered without the method: from the rest before the motion, from
         means, from the clock, with shuffled labels, with samples in random order. Default True, as they are
@@ -168,7 +170,7 @@ def evaluate(
         "controls": controls,
         "seed": seed,
     }
-    transformers = {space.name: describe_estimator(space.transformer) for space in planned}
+    transformers = {space.name: _described(space) for space in planned}
     every = [partition for drawn in partitions.values() for partition in drawn]
     kept = None
     if checkpoint is not None:
@@ -178,7 +180,8 @@ def evaluate(
     labels, truth = np.unique(data.y, return_inverse=True)
     bank = GramBank(X)
     checks = plan_controls(data, planned, chosen, bank) if controls else []
-    tasks = [Task(space, chosen, bank) for space in planned]
+    origins = origins_of(data)
+    tasks = [Task(space, space.classifier or chosen, bank, origins) for space in planned]
     with showing(progress) as callback:
         ticker = Ticker((len(tasks) + sum(c.task is not None for c in checks)) * (len(every) + 1), callback)
         ask = partial(
@@ -237,6 +240,13 @@ def _by_protocol(
     """Deal the predictions of all partitions out to their protocols."""
     said = iter(run.predicted)
     return {name: tuple(next(said) for _ in drawn) for name, drawn in partitions.items()}
+
+
+def _described(space: Space) -> dict[str, Any]:
+    settings = describe_estimator(space.transformer)
+    if space.classifier is not None:
+        settings["own_classifier"] = describe_estimator(space.classifier)
+    return settings
 
 
 def _summary(space: Space, run: SpaceRun, settings: Mapping[str, Any]) -> SpaceSummary:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from granular_id.evaluation.gram_engine import GramBank
+from granular_id.evaluation.origins import Origins
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.plan import Space
 
@@ -31,6 +32,8 @@ class Task:
         Not changed; each partition fits a clone.
     bank : GramBank
         Of the recordings; shared by the tasks on the same recordings.
+    origins : Origins, optional
+        Told to a classifier that asks for sessions or an order; None: it learns nothing about them.
     shuffled : bool
         Whether the labels of the training rows are shuffled first, see `granular_id.evaluation.controls`.
     kind : {"space", "control"}
@@ -40,6 +43,7 @@ class Task:
     space: Space
     classifier: BaseEstimator
     bank: GramBank
+    origins: Origins | None = None
     shuffled: bool = False
     kind: str = "space"
 

@@ -7,7 +7,7 @@ from granular_id.spaces.fourier import DFT
 from granular_id.spaces.gram_plan import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import HFMH, BinRange, RawHFMH
 from granular_id.spaces.histogram import RawHistogram
-from granular_id.spaces.links import feature_blocks
+from granular_id.spaces.links import block_sizes, feature_blocks
 from granular_id.spaces.permutation import TimePermutation
 from granular_id.spaces.raw import RangeNormalizer, RawSignal
 from granular_id.spaces.scaling import BlockScaler
@@ -37,6 +37,7 @@ __all__ = [
     "TimePermutation",
     "WithinClassWhitening",
     "block_key",
+    "block_sizes",
     "feature_blocks",
     "feature_spaces",
     "gram_plan",

@@ -9,7 +9,20 @@ from sklearn.pipeline import Pipeline
 from granular_id.spaces.base import RecordingFilter, real_steps
 from granular_id.spaces.blocks import FeatureBlock
 
-__all__ = ["feature_blocks"]
+__all__ = ["block_sizes", "feature_blocks"]
+
+
+def block_sizes(transformer: Any) -> dict[str, int] | None:
+    """Columns of each block of a fitted feature space that has blocks of statistics, as `MultiBand`; else None.
+
+    Parameters
+    ----------
+    transformer : transformer or Pipeline
+        A fitted feature space; of a pipeline the last step counts.
+    """
+    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
+    sizes: dict[str, int] | None = getattr(steps[-1], "block_sizes_", None)
+    return None if sizes is None else dict(sizes)
 
 
 def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:

@@ -6,7 +6,7 @@ Measurements" (arXiv 2403.17606), table of accuracies.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sklearn.pipeline import Pipeline
@@ -42,6 +42,8 @@ class FeatureSpace:
         Not a feature space to choose, but a check on what the others show.
     note : str, default ""
         For the reader of a table.
+    classifier : estimator, optional
+        The one that belongs to the space, where it is not the evaluation's.
     """
 
     name: str
@@ -49,6 +51,7 @@ class FeatureSpace:
     paper_accuracy: float | None
     control: bool = False
     note: str = ""
+    classifier: Any = None
 
     @property
     def learns(self) -> bool:
@@ -163,4 +166,4 @@ def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
         else [("features", space.transformer)]
     )
     pipeline = Pipeline([("tare", Tare(tare_s, rate_hz=rate_hz)), *inner])
-    return FeatureSpace(space.name, pipeline, space.paper_accuracy, space.control, space.note)
+    return replace(space, transformer=pipeline)
