@@ -120,8 +120,8 @@ class Report:
                 table(title if about is None else f"{title}: {about['words']}", rows, self._reference), "\n"
             )
         print(
-            f"*: ours. Processor time on {THREADS} thread, median over partitions; fit per training recording, features\n"
-            "and predict per tested one. p: corrected resampled t-test, then Holm over the methods compared."
+            f"*: ours. Processor time on {THREADS} thread, median over partitions; fit per training recording,\n"
+            "features and predict per tested one. p: corrected resampled t-test, then Holm over the methods compared."
         )
 
     def write(self, *, finished: bool) -> None:

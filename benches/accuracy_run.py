@@ -50,8 +50,9 @@ class Row:
     accuracies : list of float
         Of each partition, as shares of 1.
     seconds : dict of str to list of float
-        Processor seconds per recording, for each partition: ``"features"`` and ``"predict"`` of a tested recording, ``"fit"`` (all that
-        is done with the training recordings) per training recording. NaN where a method has no such stage.
+        Processor seconds per recording, for each partition: ``"features"`` and ``"predict"`` of a tested recording,
+        ``"fit"`` (all that is done with the training recordings) per training recording. NaN where a method has no
+        such stage.
     n_features : int or None
         Numbers that the classifier gets.
     warnings : list of str
