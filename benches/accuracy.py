@@ -15,6 +15,7 @@ import platform
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,7 @@ class Report:
         if self._out is None:
             return
         comparisons = {title: as_json(compare(rows, self._reference)) for title, rows in self.tables()}
-        rows = [row.as_json() for row in self.rows]
+        rows = [asdict(row) for row in self.rows]
         write_json(self._out, {**self._about, "finished": finished, "comparisons": comparisons, "rows": rows})
 
 

@@ -23,22 +23,20 @@ from sklearn.svm import SVC
 
 import granular_id as gid
 from granular_id import spaces
-from granular_id.recording import Dataset
 
 # -- ours -------------------------------------------------------------------------------------------------------------
 # Add a candidate by name. One that the package does not have (yet) is reported as not available.
 
-OUR_PRESETS = {"best": "best"}
-"""Row to `space=` of `Identifier.fit`, which chooses features and classifier itself, on the training rows."""
-
-OUR_SPACES: dict[str, tuple[str, ...]] = {
+OURS: dict[str, tuple[str, ...]] = {
+    "best": ("best",),
     "multiband+whitening": ("multiband", "BlockScaler", "WithinClassWhitening"),
     "multiband": ("multiband", "BlockScaler"),
     "raw+hfmh": ("raw+hfmh",),
     "hfmh": ("hfmh",),
     "raw": ("raw",),
 }
-"""Row to a key of `feature_spaces` and classes of `granular_id.spaces` that follow it, before `ECOCClassifier`."""
+"""Row to a key of `feature_spaces`, and classes of `granular_id.spaces` that follow it; then comes the classifier that
+belongs to the space, or else `ECOCClassifier`."""
 
 RIDGE_ALPHAS = np.logspace(-3, 3, 10)
 """Of all ridge classifiers, as aeon's own."""
@@ -153,30 +151,35 @@ class SparseScaler(TransformerMixin, BaseEstimator):
         return (roots - self.mean_) * (roots != 0) / self.scale_
 
 
-class Preset(BaseEstimator):
-    """A preset of `Identifier`: it wants a data set, since it holds sessions out to choose.
+class OurFeatures(TransformerMixin, BaseEstimator):
+    """A feature space and steps behind it, which are told how many columns each block of the space has."""
 
-    Features are part of it: as a stage of its own they are the recordings themselves, and take no time.
-    """
-
-    def __init__(self, space):
+    def __init__(self, space, steps=()):
         self.space = space
+        self.steps = steps
 
-    def fit(self, data: Dataset):
-        try:
-            self.identifier_ = gid.Identifier.fit(data, space=self.space, estimate=False, threads=1)
-        except ValueError as error:
-            if str(error).startswith("space "):
-                raise NotAvailableError(f"Identifier.fit knows no space {self.space!r}") from error
-            raise
+    def fit_transform(self, X, y=None):
+        rows = self.space.fit(X, y).transform(X)
+        for step in self.steps:
+            self.tell_blocks(step)
+            rows = step.fit(rows, y).transform(rows)
+        return rows
+
+    def fit(self, X, y=None):
+        self.fit_transform(X, y)
         return self
 
-    def predict(self, X):
-        return self.identifier_.predict(X)
+    def transform(self, X):
+        rows = self.space.transform(X)
+        for step in self.steps:
+            rows = step.transform(rows)
+        return rows
 
-
-def _preset(space: str) -> Callable[[Setting], Stages]:
-    return lambda _setting: (None, Preset(space))
+    def tell_blocks(self, estimator):
+        """Name the blocks of columns to an estimator that asks for them."""
+        sizes = spaces.block_sizes(self.space)
+        if sizes is not None and estimator.get_params().get("blocks", ...) is None:
+            estimator.set_params(blocks=sizes)
 
 
 def _our_space(names: tuple[str, ...]) -> Callable[[Setting], Stages]:
@@ -188,12 +191,12 @@ def _our_space(names: tuple[str, ...]) -> Callable[[Setting], Stages]:
         least_hz = 2 * spaces.HFMH().cutoff_hz
         if "hfmh" in names[0] and setting.rate_hz <= least_hz:
             raise NotAvailableError(f"needs more than {least_hz:g} Hz, recordings have {setting.rate_hz:g}")
-        steps = [known[names[0]].transformer]
+        space, steps = known[names[0]], []
         for name in names[1:]:
             if not hasattr(spaces, name):
                 raise NotAvailableError(f"granular_id.spaces has no {name}")
             steps.append(getattr(spaces, name)())
-        return make_pipeline(*steps), gid.ECOCClassifier()
+        return OurFeatures(space.transformer, steps), space.classifier or gid.ECOCClassifier()
 
     return make
 
@@ -246,14 +249,7 @@ def _nearest(_setting: Setting) -> Stages:
 
 
 METHODS: tuple[Method, ...] = (
-    *(
-        Method(name, f"Identifier.fit(space={space!r})", _preset(space), ours=True)
-        for name, space in OUR_PRESETS.items()
-    ),
-    *(
-        Method(name, f"{', '.join(steps)}; ECOCClassifier", _our_space(steps), ours=True)
-        for name, steps in OUR_SPACES.items()
-    ),
+    *(Method(name, ", ".join(steps), _our_space(steps), ours=True) for name, steps in OURS.items()),
     Method("minirocket", "MiniRocket, ridge", _rocket("MiniRocket"), needs=("aeon",), least=SHORTEST),
     Method("multirocket", "MultiRocket, ridge", _rocket("MultiRocket"), needs=("aeon",), least=SHORTEST + 1),
     Method("hydra", "Hydra, ridge", _hydra, needs=("aeon", "torch"), least=SHORTEST),

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import gc
-import math
 import statistics
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accuracy_data import BenchSet
-from accuracy_methods import Method, NotAvailableError, Preset, Setting
+from accuracy_methods import Method, NotAvailableError, OurFeatures, Setting
+from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.partitions import Partition
 from granular_id.recording import Dataset
 
@@ -51,8 +51,7 @@ class Row:
         Of each partition, as shares of 1.
     seconds : dict of str to list of float
         Processor seconds per recording, for each partition: ``"features"`` and ``"predict"`` of a tested recording,
-        ``"fit"`` (all that is done with the training recordings) per training recording. NaN where a method has no
-        such stage.
+        ``"fit"`` (all that is done with the training recordings) per training recording.
     n_features : int or None
         Numbers that the classifier gets.
     warnings : list of str
@@ -81,15 +80,6 @@ class Row:
     def median_s(self, stage: str) -> float:
         """Median seconds per recording of a stage."""
         return statistics.median(self.seconds[stage])
-
-    def as_json(self) -> dict[str, Any]:
-        """Everything, with None for what is not known."""
-        content = asdict(self)
-        content["seconds"] = {
-            stage: [None if math.isnan(value) else value for value in values]
-            for stage, values in self.seconds.items()
-        }
-        return content
 
 
 def run_method(
@@ -126,8 +116,6 @@ def run_method(
 def _warm_up(method: Method, setting: Setting, data: Dataset, partition: Partition) -> None:
     """Compile and load what a method needs, on two training recordings of each class: that is no time of its own."""
     features, _ = method.stages(setting)
-    if features is None:
-        return
     y = data.y[partition.train]
     few = np.concatenate([np.flatnonzero(y == label)[:2] for label in np.unique(y)])
     rows = partition.train[few]
@@ -138,20 +126,19 @@ def _warm_up(method: Method, setting: Setting, data: Dataset, partition: Partiti
 def _add(row: Row, features: Any, classifier: Any, data: Dataset, partition: Partition) -> None:
     train, test = partition.train, partition.test
     X_train, X_test, y_train = data.X[train], data.X[test], data.y[train]
-    n_features, features_s = None, math.nan
     start = clock()
-    if isinstance(classifier, Preset):
-        classifier.fit(data[train.tolist()])
-        fit_s = clock() - start
-        tested = X_test
-    else:
-        rows = features.fit_transform(X_train, y_train)
-        classifier.fit(rows, y_train)
-        fit_s = clock() - start
-        n_features = rows.shape[1]
-        features_s, tested = _timed(lambda: features.transform(X_test))
+    rows = features.fit_transform(X_train, y_train)
+    known = {}
+    if isinstance(
+        features, OurFeatures
+    ):  # a classifier of ours may ask for blocks, sessions, and order in time
+        features.tell_blocks(classifier)
+        known = origins_of(data).fit_arguments(classifier, train)
+    classifier.fit(rows, y_train, **known)
+    fit_s = clock() - start
+    features_s, tested = _timed(lambda: features.transform(X_test))
     predict_s, predicted = _timed(lambda: classifier.predict(tested))
-    row.n_features = n_features
+    row.n_features = rows.shape[1]
     row.n_train.append(len(train))
     row.n_test.append(len(test))
     row.accuracies.append(float(np.mean(predicted == data.y[test])))

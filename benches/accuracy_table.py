@@ -126,4 +126,4 @@ def _p(value: float) -> str:
 
 
 def _ms(seconds: float) -> str:
-    return f"{'-':>9}" if math.isnan(seconds) else f"{1e3 * seconds:>9.3f}"
+    return f"{1e3 * seconds:>9.3f}"
