@@ -1,1 +1,113 @@
-//! How axes move together in a band.
+//! How axes move together in a band: the logarithm of the matrix of their second moments, now and two samples earlier.
+//!
+//! Logarithms of covariances make differences of ratios, and their Euclidean distances sensible: Arsigny et al.,
+//! "Log-Euclidean metrics for fast and simple calculus on diffusion tensors" (2006); Barachant et al., "Multiclass
+//! brain-computer interface classification by Riemannian geometry" (2012).
+
+use super::bank::BandSignals;
+use super::moments;
+use super::symmetric::Logarithms;
+use crate::lanes::{Isa, Job, Path};
+
+/// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
+pub(super) const RIDGE: f64 = 1e-3;
+
+/// Matrices whose logarithms are taken at a time: ten bands are a recording of 1600 samples.
+const MATRICES: usize = 12;
+
+/// The statistic for some number of axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Coupling {
+    n_axes: usize,
+    n_bands: usize,
+}
+
+/// What one thread needs to compute it.
+#[derive(Clone, Debug)]
+pub(super) struct CouplingWork {
+    scaled: Vec<f64>,
+    logarithms: Logarithms<MATRICES>,
+}
+
+impl Coupling {
+    pub(super) fn new(n_bands: usize, n_axes: usize) -> Self {
+        Self { n_axes, n_bands }
+    }
+
+    /// Numbers per band: the upper triangle of a matrix of twice the axes.
+    pub(super) fn per_band(&self) -> usize {
+        self.n_axes * (2 * self.n_axes + 1)
+    }
+
+    pub(super) fn n_features(&self) -> usize {
+        self.n_bands * self.per_band()
+    }
+
+    /// Room for bands of at most `longest` samples.
+    pub(super) fn work(&self, longest: usize) -> CouplingWork {
+        CouplingWork {
+            scaled: vec![0.0; longest * self.n_axes],
+            logarithms: Logarithms::new(2 * self.n_axes),
+        }
+    }
+
+    /// Band by band the upper triangle, row by row, off the diagonal times the square root of two, so that the norm of the
+    /// features is that of the matrix. Allocates nothing.
+    pub(super) fn compute(
+        &self,
+        path: Path,
+        signals: BandSignals<'_>,
+        scales: &[f64],
+        work: &mut CouplingWork,
+        out: &mut [f64],
+    ) {
+        path.run(Compute { design: *self, signals, scales, work, out });
+    }
+}
+
+struct Compute<'a> {
+    design: Coupling,
+    signals: BandSignals<'a>,
+    scales: &'a [f64],
+    work: &'a mut CouplingWork,
+    out: &'a mut [f64],
+}
+
+impl Job for Compute<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { design, signals, scales, work, out } = self;
+        let n_axes = design.n_axes;
+        let rows = 2 * n_axes;
+        let CouplingWork { scaled, logarithms } = work;
+        for (group, out) in out.chunks_mut(MATRICES * design.per_band()).enumerate() {
+            for lane in 0..out.len() / design.per_band() {
+                let band = group * MATRICES + lane;
+                let n = signals.len(band);
+                for axis in 0..n_axes {
+                    let factor = 1.0 / scales[band * n_axes + axis];
+                    let target = scaled[axis * n..][..n].iter_mut();
+                    target.zip(signals.axis(band, axis)).for_each(|(z, y)| *z = y * factor);
+                }
+                moments::lagged(
+                    |axis| &scaled[axis * n..][..n],
+                    n_axes,
+                    |i, j, moment| {
+                        let ridge = if i == j { RIDGE } else { 0.0 };
+                        logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
+                    },
+                );
+            }
+            logarithms.take(RIDGE);
+            for (lane, out) in out.chunks_exact_mut(design.per_band()).enumerate() {
+                let upper = (0..rows).flat_map(|i| (i..rows).map(move |j| (i, j)));
+                for (feature, (i, j)) in out.iter_mut().zip(upper) {
+                    let factor = if i == j { 1.0 } else { std::f64::consts::SQRT_2 };
+                    *feature = factor * logarithms.matrices[j * rows + i].0[lane];
+                }
+            }
+        }
+    }
+}

@@ -7,6 +7,11 @@
 mod bank;
 mod coupling;
 mod envelope;
+mod fft;
+mod log_bins;
+mod logarithm;
+mod moments;
+mod pack;
 mod quantiles;
 mod spectrum;
 mod symmetric;

@@ -1,1 +1,209 @@
-//! Distribution of the values of a band.
+//! Distribution of the values of a band: quantiles of a histogram, and the size of the signal.
+
+use super::bank::BandSignals;
+use super::log_bins::{bin, edges, near_edge, N_BINS};
+use super::logarithm;
+use super::pack::Pack;
+use crate::lanes::{Isa, Job, Path};
+
+/// Which quantiles.
+pub(super) const PROBABILITIES: [f64; 7] = [0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98];
+
+/// Added to the RMS of scaled signals before its logarithm.
+const FLOOR: f64 = 1e-3;
+
+/// Numbers per axis.
+pub(super) const PER_AXIS: usize = PROBABILITIES.len() + 1;
+
+/// Values whose bins are found before any of them is counted.
+const BLOCK: usize = 32;
+
+/// Histograms that take turns, so that a value need not wait until the one before it is counted.
+const TURNS: usize = 4;
+
+/// Numbers calculated with as one.
+const LANES: usize = 4;
+
+/// Bins of one histogram, rounded up to whole vectors.
+const ROOM: usize = N_BINS.next_multiple_of(64);
+
+/// The statistic.
+#[derive(Clone, Debug)]
+pub(super) struct Quantiles {
+    n_axes: usize,
+    n_bands: usize,
+    edges: Vec<f64>,
+}
+
+/// What one thread needs to compute it. Between recordings all counts are zero.
+#[derive(Clone, Debug)]
+pub(super) struct QuantilesWork {
+    counts: Box<[[u32; ROOM]; TURNS]>,
+    /// Values in a bin and in all bins before it.
+    until: Box<[u32; ROOM]>,
+}
+
+impl Quantiles {
+    pub(super) fn new(n_bands: usize, n_axes: usize) -> Self {
+        Self { n_axes, n_bands, edges: edges() }
+    }
+
+    pub(super) fn n_features(&self) -> usize {
+        self.n_bands * self.n_axes * PER_AXIS
+    }
+
+    pub(super) fn work(&self) -> QuantilesWork {
+        QuantilesWork { counts: Box::new([[0; ROOM]; TURNS]), until: Box::new([0; ROOM]) }
+    }
+
+    /// Band by band, axis by axis: inverse hyperbolic sines of quantiles, then the logarithm of the RMS. Allocates nothing.
+    pub(super) fn compute(
+        &self,
+        path: Path,
+        signals: BandSignals<'_>,
+        scales: &[f64],
+        work: &mut QuantilesWork,
+        out: &mut [f64],
+    ) {
+        path.run(Compute { design: self, signals, scales, work, out });
+    }
+}
+
+struct Compute<'a> {
+    design: &'a Quantiles,
+    signals: BandSignals<'a>,
+    scales: &'a [f64],
+    work: &'a mut QuantilesWork,
+    out: &'a mut [f64],
+}
+
+impl Job for Compute<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { design, signals, scales, work, out } = self;
+        let n_axes = design.n_axes;
+        for (index, out) in out.chunks_exact_mut(PER_AXIS).enumerate() {
+            let signal = signals.axis(index / n_axes, index % n_axes);
+            let (mean_square, range) = count(signal, scales[index], &mut work.counts);
+            let Some((rms, quantiles)) = out.split_last_mut() else { return };
+            work.quantiles(signal.len(), range, &design.edges, quantiles);
+            *rms = mean_square.sqrt() + FLOOR;
+        }
+        // One vector is quantiles of which the inverse sine, but for the last number, is a logarithm.
+        for out in out.chunks_exact_mut(PER_AXIS) {
+            let rms = out[PER_AXIS - 1];
+            logarithm::each::<LANES>(out, logarithm::asinh);
+            out[PER_AXIS - 1] = rms;
+        }
+        let mut sizes = out.iter_mut().skip(PER_AXIS - 1).step_by(PER_AXIS);
+        while let Some(first) = sizes.next() {
+            let mut targets = [Some(first), sizes.next(), sizes.next(), sizes.next()];
+            let mut values = Pack::<LANES>::ONE;
+            for (value, target) in values.0.iter_mut().zip(&targets) {
+                *value = target.as_deref().copied().unwrap_or(1.0);
+            }
+            let logs = logarithm::log(values);
+            for (target, log) in targets.iter_mut().zip(logs.0) {
+                if let Some(target) = target {
+                    **target = log;
+                }
+            }
+        }
+    }
+}
+
+/// Counts the values of a signal divided by `scale`; returns their mean square, and the first and last bin that may hold
+/// any.
+#[inline(always)]
+fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64, (usize, usize)) {
+    let inverse = 1.0 / scale;
+    let mut squares = Pack::<LANES>::ZERO;
+    let (mut least, mut most) =
+        (Pack::<LANES>::splat(f64::INFINITY), Pack::<LANES>::splat(f64::NEG_INFINITY));
+    let mut bins = [0_usize; BLOCK];
+    let mut blocks = signal.chunks_exact(BLOCK);
+    for block in &mut blocks {
+        for (y, bins) in block.chunks_exact(LANES).zip(bins.chunks_exact_mut(LANES)) {
+            let y = Pack::<LANES>::load(y);
+            let mut z = y * Pack::splat(inverse);
+            let mut near = false;
+            for l in 0..LANES {
+                near |= near_edge(z.0[l]);
+            }
+            if near {
+                z = y / Pack::splat(scale);
+            }
+            squares = squares + z * z;
+            least = least.above(z).select(z, least);
+            most = z.above(most).select(z, most);
+            for l in 0..LANES {
+                bins[l] = bin(z.0[l]);
+            }
+        }
+        for bins in bins.chunks_exact(TURNS) {
+            for (bin, counts) in bins.iter().zip(counts.iter_mut()) {
+                counts[*bin % ROOM.next_power_of_two()] += 1;
+            }
+        }
+    }
+    for (t, y) in blocks.remainder().iter().enumerate() {
+        let z = y / scale;
+        squares.0[t % LANES] += z * z;
+        least.0[0] = least.0[0].min(z);
+        most.0[0] = most.0[0].max(z);
+        counts[t % TURNS][bin(z)] += 1;
+    }
+    let sum = squares.sum();
+    let least = least.0.into_iter().fold(f64::INFINITY, f64::min);
+    let most = most.0.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    // NaN has no place among the others.
+    let range = if sum.is_finite() { (bin(least), bin(most)) } else { (0, N_BINS - 1) };
+    (sum / signal.len() as f64, range)
+}
+
+impl QuantilesWork {
+    /// Quantiles of `n` counted values, linear within the bin in which the rank `p (n - 1) + 1/2` lies; the counts are zero
+    /// afterwards.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // ranks are at most n, which is 32 bits wide
+    #[inline(always)]
+    fn quantiles(&mut self, n: usize, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {
+        let ranks = PROBABILITIES.map(|p| p * (n as f64 - 1.0) + 0.5);
+        let mut enough = [0_u32; 8];
+        enough.iter_mut().zip(ranks).for_each(|(enough, rank)| *enough = rank.ceil() as u32);
+        let start = first - first % 8;
+        let end = (last + 1).next_multiple_of(8);
+        let [a, b, c, d] = &mut *self.counts;
+        let (a, b, c, d) = (&mut a[start..end], &mut b[start..end], &mut c[start..end], &mut d[start..end]);
+        let until = &mut self.until[start..end];
+        let all = a
+            .chunks_exact_mut(8)
+            .zip(b.chunks_exact_mut(8))
+            .zip(c.chunks_exact_mut(8))
+            .zip(d.chunks_exact_mut(8));
+        for ((((a, b), c), d), until) in all.zip(until.chunks_exact_mut(8)) {
+            for i in 0..8 {
+                until[i] = (a[i] + b[i]) + (c[i] + d[i]);
+            }
+            [a, b, c, d].into_iter().for_each(|counts| counts.fill(0));
+        }
+        // All quantiles at once: each lies behind the bins that do not reach its rank.
+        let mut behind = [0_u32; 8];
+        let mut sum = 0;
+        for count in &mut *until {
+            sum += *count;
+            *count = sum;
+            for k in 0..8 {
+                behind[k] += u32::from(sum < enough[k]);
+            }
+        }
+        for ((out, rank), behind) in out.iter_mut().zip(ranks).zip(behind) {
+            let behind = behind as usize;
+            let before = if behind == 0 { 0 } else { until[behind - 1] };
+            let within = (rank - f64::from(before)) / f64::from(until[behind] - before);
+            let bin = start + behind;
+            *out = edges[bin] + within * (edges[bin + 1] - edges[bin]);
+        }
+    }
+}

@@ -1,1 +1,164 @@
-//! Power over frequency.
+//! Power over frequency: the Hann periodogram of the mean-free signal, pooled into bins of nearly equal ratio.
+
+use std::f64::consts::PI;
+
+use super::bank::BandSignals;
+use super::fft::{Complex, Fft};
+use super::logarithm;
+use super::pack::Pack;
+use crate::lanes::{Isa, Job, Path};
+
+/// Pooled bins at most.
+const BINS: usize = 40;
+
+/// Added to scaled powers before the logarithm.
+const FLOOR: f64 = 1e-6;
+
+/// Complex signals at once, each of two axes.
+const LANES: usize = 4;
+
+/// The statistic for signals of some length.
+#[derive(Clone, Debug)]
+pub(super) struct Spectrum {
+    n_axes: usize,
+    n_samples: usize,
+    edges: Vec<usize>,
+    fft: Fft,
+}
+
+/// What one thread needs to compute it.
+#[derive(Clone, Debug)]
+pub(super) struct SpectrumWork {
+    values: Vec<Complex<LANES>>,
+    other: Vec<Complex<LANES>>,
+    /// The window of the length that came last.
+    window: Vec<f64>,
+}
+
+/// First FFT bin of each pooled bin, then the end: ascending.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most n_samples
+fn edges(n_samples: usize) -> Vec<usize> {
+    let last = (n_samples / 2 + 1) as f64;
+    let edge = |i: usize| libm::rint(libm::pow(last, i as f64 / BINS as f64)) as usize;
+    let mut edges: Vec<_> = (0..=BINS).map(edge).collect();
+    edges.dedup();
+    edges
+}
+
+impl Spectrum {
+    pub(super) fn new(n_samples: usize, n_axes: usize) -> Self {
+        Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
+    }
+
+    /// Pooled bins.
+    pub(super) fn per_axis(&self) -> usize {
+        self.edges.len() - 1
+    }
+
+    pub(super) fn n_features(&self) -> usize {
+        self.n_axes * self.per_axis()
+    }
+
+    /// Room, and the window of whole recordings.
+    pub(super) fn work(&self) -> SpectrumWork {
+        let room = vec![Complex::ZERO; self.fft.room()];
+        let mut window = Vec::with_capacity(self.n_samples);
+        fill(&mut window, self.n_samples);
+        SpectrumWork { values: room.clone(), other: room, window }
+    }
+
+    /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
+    /// is followed by zeros. `scales` are those of band 0. Allocates nothing.
+    pub(super) fn compute(
+        &self,
+        path: Path,
+        signals: BandSignals<'_>,
+        scales: &[f64],
+        work: &mut SpectrumWork,
+        out: &mut [f64],
+    ) {
+        if work.window.len() != signals.len(0) {
+            fill(&mut work.window, signals.len(0));
+        }
+        path.run(Compute { design: self, signals, scales, work, out });
+    }
+}
+
+/// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
+fn fill(window: &mut Vec<f64>, n: usize) {
+    window.clear();
+    window.extend((0..n).map(|t| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64)));
+}
+
+struct Compute<'a> {
+    design: &'a Spectrum,
+    signals: BandSignals<'a>,
+    scales: &'a [f64],
+    work: &'a mut SpectrumWork,
+    out: &'a mut [f64],
+}
+
+impl Job for Compute<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { design, signals, scales, work, out } = self;
+        let (n, per_axis) = (design.n_samples, design.per_axis());
+        let SpectrumWork { values, other, window } = work;
+        let weight = window.iter().fold(0.0, |sum, w| sum + w * w);
+        for first in (0..design.n_axes).step_by(2 * LANES) {
+            let axes = first..design.n_axes.min(first + 2 * LANES);
+            pack(signals, scales, window, axes.clone(), values);
+            values[window.len()..n].fill(Complex::ZERO);
+            design.fft.process(values, other);
+            for (bin, range) in design.edges.windows(2).enumerate() {
+                let share = 4.0 * weight * (range[1] - range[0]) as f64;
+                let powers = pooled(&values[..n], range[0]..range[1]);
+                for axis in axes.clone() {
+                    let power = powers[axis % 2].0[(axis - first) / 2];
+                    out[axis * per_axis + bin] = power / share + FLOOR;
+                }
+            }
+        }
+        logarithm::each::<LANES>(out, logarithm::log);
+    }
+}
+
+/// Windowed and scaled, two axes as one complex signal. Scaled, because each takes on rounding errors of the other.
+#[inline(always)]
+fn pack(
+    signals: BandSignals<'_>,
+    scales: &[f64],
+    window: &[f64],
+    axes: std::ops::Range<usize>,
+    values: &mut [Complex<LANES>],
+) {
+    const SILENCE: &[f64] = &[];
+    let of = |axis: usize| if axes.contains(&axis) { signals.axis(0, axis) } else { SILENCE };
+    let factor = |axis: usize| if axes.contains(&axis) { 1.0 / scales[axis] } else { 0.0 };
+    for lane in 0..LANES {
+        let axis = axes.start + 2 * lane;
+        let (re, im) = (of(axis), of(axis + 1));
+        let (re_factor, im_factor) = (factor(axis), factor(axis + 1));
+        for (t, (value, w)) in values.iter_mut().zip(window).enumerate() {
+            value.re.0[lane] = re.get(t).map_or(0.0, |y| y * w * re_factor);
+            value.im.0[lane] = im.get(t).map_or(0.0, |y| y * w * im_factor);
+        }
+    }
+}
+
+/// Four times the sum of the powers of some frequencies, of the real parts of the signals and of their imaginary parts.
+#[inline(always)]
+fn pooled(values: &[Complex<LANES>], frequencies: std::ops::Range<usize>) -> [Pack<LANES>; 2] {
+    let n = values.len();
+    let mut sums = [Pack::ZERO; 2];
+    for k in frequencies {
+        let (a, b) = (values[k], values[(n - k) % n]);
+        let (p, q) = (a.re + b.re, a.im - b.im);
+        sums[0] = sums[0] + (p * p + q * q);
+        let (p, q) = (a.im + b.im, a.re - b.re);
+        sums[1] = sums[1] + (p * p + q * q);
+    }
+    sums
+}

@@ -1,1 +1,232 @@
-//! Small symmetric matrices.
+//! Logarithms of symmetric matrices, a few of them side by side.
+//!
+//! Each is made tridiagonal by Householder reflections, diagonal by QL iterations (Bowdler, Martin, Reinsch, Wilkinson,
+//! "The QR and QL algorithms for symmetric matrices", 1968), and put together again with the logarithms of its
+//! eigenvalues. All lanes take the same steps; one that has converged stands still, so that no matrix changes the bits
+//! of another.
+
+use super::pack::{Mask, Pack};
+
+/// QL iterations for one eigenvalue at most; two or three do.
+const MAX_ITERATIONS: usize = 60;
+
+/// Below this a sum of squares counts as zero, for matrices with a trace of about one: far below rounding, and far from
+/// where a reciprocal overflows.
+const NOTHING: f64 = 1e-290;
+
+/// Room for the logarithms of `L` matrices of `n` rows.
+#[derive(Clone, Debug)]
+pub(super) struct Logarithms<const L: usize> {
+    n: usize,
+    /// The matrices, row by row; of them only the lower triangles count.
+    pub(super) matrices: Vec<Pack<L>>,
+    vectors: Vec<Pack<L>>,
+    diagonal: Vec<Pack<L>>,
+    below: Vec<Pack<L>>,
+    factors: Vec<Pack<L>>,
+    turns: Vec<[Pack<L>; 2]>,
+    temporary: Vec<Pack<L>>,
+}
+
+impl<const L: usize> Logarithms<L> {
+    pub(super) fn new(n: usize) -> Self {
+        let zeros = |len| vec![Pack::ZERO; len];
+        Self {
+            n,
+            matrices: zeros(n * n),
+            vectors: zeros(n * n),
+            diagonal: zeros(n),
+            below: zeros(n),
+            factors: zeros(n),
+            turns: vec![[Pack::ZERO; 2]; n],
+            temporary: zeros(n),
+        }
+    }
+
+    /// Replaces the lower triangle of each matrix by that of its logarithm; eigenvalues below `floor` count as `floor`.
+    /// NaN throughout for a matrix of which the trace is not finite.
+    #[inline(always)]
+    pub(super) fn take(&mut self, floor: f64) {
+        let n = self.n;
+        let shrink = self.shrink();
+        self.tridiagonal();
+        self.reflections();
+        self.diagonalise();
+        for (value, log) in self.diagonal.iter().zip(&mut self.temporary) {
+            for l in 0..L {
+                log.0[l] = libm::log((value.0[l] / shrink.0[l]).max(floor));
+            }
+            // The larger of NaN and a number is the number.
+            *log = *log + (shrink - shrink);
+        }
+        for j in 0..n {
+            let row = &self.vectors[j * n..][..n];
+            for ((scaled, v), log) in self.factors.iter_mut().zip(row).zip(&self.temporary) {
+                *scaled = *v * *log;
+            }
+            for i in j..n {
+                let row = &self.vectors[i * n..][..n];
+                let products = row.iter().zip(&self.factors).map(|(a, b)| *a * *b);
+                self.matrices[i * n + j] = products.fold(Pack::ZERO, |sum, product| sum + product);
+            }
+        }
+    }
+
+    /// Multiplies each matrix by a power of two that brings its trace to between one and four, and returns these; NaN
+    /// where the trace is not finite.
+    #[inline(always)]
+    fn shrink(&mut self) -> Pack<L> {
+        let n = self.n;
+        let trace = (0..n).fold(Pack::ZERO, |sum, i| sum + self.matrices[i * n + i]);
+        let mut shrink = Pack::ZERO;
+        for l in 0..L {
+            let exponent = trace.0[l].to_bits() >> 52 & 0x7ff;
+            let power = f64::from_bits((2046_u64.saturating_sub(exponent)).max(1) << 52);
+            shrink.0[l] = if trace.0[l].is_finite() { power } else { f64::NAN };
+        }
+        for value in &mut self.matrices {
+            *value = *value * shrink;
+        }
+        shrink
+    }
+
+    /// `n - 2` reflections that leave `diagonal` and `below`. Each reflection `1 - factor v v'` stays in the column of
+    /// `matrices` that it has cleared.
+    #[inline(always)]
+    fn tridiagonal(&mut self) {
+        let Self { n, matrices: a, diagonal: d, below: e, factors, temporary: p, .. } = self;
+        let n = *n;
+        for k in 0..n {
+            d[k] = a[k * n + k];
+            if k + 2 >= n {
+                factors[k] = Pack::ZERO;
+                e[k] = if k + 1 < n { a[(k + 1) * n + k] } else { Pack::ZERO };
+                continue;
+            }
+            let rest = (k + 2..n).fold(Pack::ZERO, |sum, i| sum + a[i * n + k] * a[i * n + k]);
+            let head = a[(k + 1) * n + k];
+            let square = head * head + rest;
+            let length = square.sqrt();
+            let needed = rest.above(Pack::splat(NOTHING));
+            let factor = needed.select(Pack::ONE / (square + head.abs() * length), Pack::ZERO);
+            factors[k] = factor;
+            e[k] = needed.select(-length.with_sign_of(head), head);
+            a[(k + 1) * n + k] = head + length.with_sign_of(head);
+            // p = factor A v, then w = p - factor / 2 (p'v) v, then A -= v w' + w v'.
+            for i in k + 1..n {
+                let v_i = a[i * n + k];
+                let mut sum = a[i * n + i] * v_i;
+                for j in k + 1..i {
+                    let a_ij = a[i * n + j];
+                    sum = sum + a_ij * a[j * n + k];
+                    p[j] = p[j] + a_ij * v_i;
+                }
+                p[i] = sum;
+            }
+            let mut dot = Pack::ZERO;
+            for i in k + 1..n {
+                p[i] = p[i] * factor;
+                dot = dot + p[i] * a[i * n + k];
+            }
+            let half = Pack::splat(0.5) * factor * dot;
+            for i in k + 1..n {
+                p[i] = p[i] - half * a[i * n + k];
+            }
+            for i in k + 1..n {
+                let (v_i, w_i) = (a[i * n + k], p[i]);
+                for j in k + 1..=i {
+                    a[i * n + j] = a[i * n + j] - (v_i * p[j] + w_i * a[j * n + k]);
+                }
+            }
+        }
+    }
+
+    /// The product of all reflections, into `vectors`.
+    #[inline(always)]
+    fn reflections(&mut self) {
+        let Self { n, matrices: a, vectors: q, factors, temporary: t, .. } = self;
+        let n = *n;
+        q.fill(Pack::ZERO);
+        for i in 0..n {
+            q[i * n + i] = Pack::ONE;
+        }
+        for k in (0..n.saturating_sub(2)).rev() {
+            t[k + 1..].fill(Pack::ZERO);
+            for i in k + 1..n {
+                let v = a[i * n + k] * factors[k];
+                for j in k + 1..n {
+                    t[j] = t[j] + v * q[i * n + j];
+                }
+            }
+            for i in k + 1..n {
+                let v = a[i * n + k];
+                for j in k + 1..n {
+                    q[i * n + j] = q[i * n + j] - v * t[j];
+                }
+            }
+        }
+    }
+
+    /// QL iterations until nothing is left in `below`.
+    #[inline(always)]
+    fn diagonalise(&mut self) {
+        let n = self.n;
+        let size = (0..n).fold(Pack::ZERO, |sum, i| sum + self.diagonal[i].abs() + self.below[i].abs());
+        let limit = Pack::splat(f64::EPSILON) * size;
+        for first in 0..n.saturating_sub(1) {
+            for _ in 0..MAX_ITERATIONS {
+                let active = self.below[first].abs().above(limit);
+                if !active.any() {
+                    break;
+                }
+                self.iterate(first, active);
+                self.turn(first);
+            }
+        }
+    }
+
+    /// One QL iteration on rows `first..n` of the active lanes: its rotations go to `turns`, those of other lanes are none.
+    #[inline(always)]
+    fn iterate(&mut self, first: usize, active: Mask<L>) {
+        let Self { n, diagonal: d, below: e, turns, .. } = self;
+        let n = *n;
+        // The eigenvalue of the first two rows that is nearer to the first.
+        let half = Pack::splat(0.5) * (d[first + 1] - d[first]);
+        let root = (half * half + e[first] * e[first]).sqrt();
+        let shift = d[first] - e[first] * e[first] / (half + root.with_sign_of(half));
+        let (mut c, mut s) = (Pack::ONE, Pack::ZERO);
+        let mut p = d[n - 1] - shift;
+        for i in (first..n - 1).rev() {
+            let (g, h) = (c * e[i], c * p);
+            let r = (p * p + e[i] * e[i]).sqrt();
+            e[i + 1] = active.select(s * r, e[i + 1]);
+            let turned = r.above(Pack::ZERO);
+            let inverse = Pack::ONE / r;
+            s = turned.select(e[i] * inverse, Pack::ZERO);
+            c = turned.select(p * inverse, Pack::ONE);
+            turns[i] = [active.select(c, Pack::ONE), active.select(s, Pack::ZERO)];
+            let d_i = d[i] - shift;
+            p = c * d_i - s * g;
+            d[i + 1] = active.select(h + s * (c * g + s * d_i) + shift, d[i + 1]);
+        }
+        e[first] = active.select(s * p, e[first]);
+        d[first] = active.select(c * p + shift, d[first]);
+        e[n - 1] = Pack::ZERO;
+    }
+
+    /// Turns columns `first..n` of the vectors as `turns` says.
+    #[inline(always)]
+    fn turn(&mut self, first: usize) {
+        let n = self.n;
+        for row in self.vectors.chunks_exact_mut(n) {
+            let mut carried = row[n - 1];
+            for i in (first..n - 1).rev() {
+                let [c, s] = self.turns[i];
+                let value = row[i];
+                row[i + 1] = s * value + c * carried;
+                carried = c * value - s * carried;
+            }
+            row[first] = carried;
+        }
+    }
+}
