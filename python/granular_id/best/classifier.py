@@ -38,7 +38,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Every machine it tries standardises the columns, gives each block the same weight, may whiten within classes
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
-    later: whole sessions, else blocks in time, else random rows. The mean of the scores of those that come within
+    later: whole sessions, else halves in time, else random rows. The mean of the scores of those that come within
     one recording of the best is the model. All of it is linear, so the model is one matrix of weights for plain
     features.
 
@@ -60,7 +60,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         votes of the pairs: how far a score reaches beyond zero shifts with the session, its sign rarely does.
     n_folds : int, default 5
         Folds that choose; fewer where a class has fewer sessions or recordings. Random folds are drawn anew until
-        500 rows were held out, at most ten times.
+        500 rows were held out, at most ten times. Without sessions, but with an order, the earlier and the later
+        half of each class are held out, whatever this number.
     n_jobs : int, optional
         Threads over folds, as in joblib. The numbers do not depend on it.
     random_state : int or RandomState, default 0

@@ -23,6 +23,10 @@ Rows = npt.NDArray[np.intp]
 
 SESSIONS, BLOCKS, RANDOM, NONE = "sessions", "blocks in time", "random recordings", "nothing"
 
+# Halves, and not more blocks: a short block lies between neighbours in time that trained, and everything looks good
+# on it. What comes next lies as far away as it can here.
+_BLOCKS = 2
+
 # Random folds are drawn again until so many rows were held out in all: with 50 rows one in a hundred is less than a
 # row, and which rows share a fold decides. Not more often than 10 times: draws of the same rows are alike.
 _ENOUGH_ROWS = 500
@@ -58,7 +62,7 @@ def choice_folds(
 ) -> ChoiceFolds:
     """Split training rows.
 
-    Whole sessions are held out where every class has two or more; else contiguous blocks in time of each class,
+    Whole sessions are held out where every class has two or more; else the earlier and the later half of each class,
     where the order is known; else stratified random folds, drawn anew until 500 rows were held out, at most 10
     times. The single row of a class always trains. Where fewer than two classes have two rows there are no folds.
 
@@ -71,7 +75,7 @@ def choice_folds(
     order : array-like of int, shape (n,), or None
         Row numbers from the earliest to the latest.
     n_folds : int
-        At least 2, and fewer where the largest class has fewer rows, or sessions.
+        Of sessions and random folds: at least 2, and fewer where the largest class has fewer rows, or sessions.
     seed : int
         Of random folds.
 
@@ -98,8 +102,8 @@ def choice_folds(
         parts = session_partitions(y, known[several], max_folds=wanted)
         held_out, note = SESSIONS, f"{len(parts)} folds of whole sessions"
     elif rank is not None:
-        parts = block_partitions(y, np.argsort(rank[several], kind="stable"), n_folds=n_used)
-        held_out, note = BLOCKS, f"{n_used} contiguous blocks of each class in time ({why})"
+        parts = block_partitions(y, np.argsort(rank[several], kind="stable"), n_folds=_BLOCKS)
+        held_out, note = BLOCKS, f"the earlier and the later half of each class in time ({why})"
     else:
         repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(several)))
         seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
