@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from granular_id import _core
+from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
 from granular_id.cli.demo import demo
 from granular_id.cli.evaluate import evaluate
@@ -33,6 +34,7 @@ app = typer.Typer(
 app.command()(evaluate)
 app.command()(select)
 app.command()(explain)
+app.command()(confidence)
 app.command()(record)
 app.command()(live)
 app.command()(report)

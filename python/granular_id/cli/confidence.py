@@ -1,0 +1,136 @@
+"""``granular-id confidence``: how sure a model of a set of recordings may be."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+from rich.console import Console
+
+from granular_id.cli.errors import guarded
+from granular_id.cli.groups import option, taking
+from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.reading import Reading
+from granular_id.cli.recordings import Steps, equal_recordings
+from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.settings import at_least, known_spaces, positive
+
+__all__ = ["confidence"]
+
+TEXT = """
+Say how sure a model of these recordings may be.
+
+Three questions. Do probabilities mean what they say? Do sets of materials hold the right one as often as asked for, on
+random recordings, and in sessions or halves in time that did not train? Is a material refused that the model has never
+met: each one is left out in turn.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+Examples:
+
+`granular-id confidence recordings`
+
+`granular-id confidence recordings --space hfmh --levels 0.9,0.99 --figure sure.png --json sure.json`
+"""
+
+SURE, OUTPUT = "Confidence", "Output"
+
+
+class Sets(str, Enum):
+    """Choices of ``--sets``."""
+
+    margin = "margin"
+    probability = "probability"
+    cumulative = "cumulative"
+
+
+@guarded
+@taking(Reading, Steps, Method)
+def confidence(
+    reading: Reading,
+    steps: Steps,
+    method: Method,
+    *,
+    space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
+    block_weights: BlockWeights = Weights.plain,
+    c: Annotated[float, option("--C", "Method", "Box constraint of the support vector machines.")] = 1.0,
+    levels: Annotated[
+        str, option("--levels", SURE, "Coverages of the sets, separated by commas.")
+    ] = "0.8,0.9,0.95",
+    sets: Annotated[Sets, option("--sets", SURE, "What a material is judged by.")] = Sets.margin,
+    per_class: Annotated[
+        bool, option("--per-class", SURE, "Cover each material as often as asked for, not all together.")
+    ] = False,
+    known: Annotated[float, option("--known", SURE, "Share of known recordings to be accepted.")] = 0.95,
+    compare: Annotated[
+        bool, option("--compare", SURE, "Also compare other ways to see the unknown.")
+    ] = False,
+    seeds: Annotated[int, option("--seeds", SURE, "Random partitions.")] = 20,
+    seed: Annotated[int, option("--seed", SURE, "Same seed, same figures.")] = 0,
+    figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
+    json: Annotated[Path | None, option("--json", OUTPUT, "Write all figures, and both rules.")] = None,
+    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the tables only.")] = False,
+) -> None:
+    """Print how sure a model may be; see `TEXT`."""
+    positive("--C", c)
+    at_least("--seeds", seeds, 1)
+    at_least("--seed", seed, 0)
+    wanted = _shares("--levels", levels)
+    (share_known,) = _shares("--known", str(known))
+    method.fits(steps.preparation.rate_hz)
+    known_spaces(space)
+    check_targets(figure, json, source=reading.path)
+    if figure is not None:
+        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
+
+        file_format(figure)
+    data = equal_recordings(reading, steps, quiet=quiet)
+
+    from sklearn.pipeline import make_pipeline  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    from granular_id.cli.render import print_table  # noqa: PLC0415
+    from granular_id.confidence import assess  # noqa: PLC0415
+    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
+
+    transformer = method.spaces(data.rate_hz, block_weights)[space].transformer
+    found = assess(
+        data,
+        make_pipeline(transformer, ECOCClassifier(C=c)),
+        levels=wanted,
+        kind=sets.value,
+        per_class=per_class,
+        share_known=share_known,
+        compare=compare,
+        n_seeds=seeds,
+        seed=seed,
+        n_jobs=method.n_jobs,
+        progress=not quiet,
+    )
+    console = Console(highlight=False)
+    for table in found.tables():
+        print_table(console, table, strong=found.synthetic)
+    for note in found.notes:
+        console.print(note, markup=False)
+    if figure is not None:
+        from granular_id.plotting.confidence import plot_confidence  # noqa: PLC0415 (matplotlib is an extra)
+
+        plot_confidence(found, path=figure)
+    if json is not None:
+        found.save(json)
+    written = [path for path in (figure, json) if path is not None]
+    say_written(console, written, None if quiet else repeated_command())
+
+
+confidence.__doc__ = TEXT
+
+
+def _shares(name: str, text: str) -> list[float]:
+    """Numbers between 0 and 1, separated by commas."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
+        raise ValueError(f"{name} must be between 0 and 1, several separated by commas, got {text!r}")
+    return found

@@ -1,0 +1,284 @@
+"""Whether probabilities mean what they say.
+
+Sources: Naeini, Cooper, Hauskrecht, "Obtaining well calibrated probabilities using Bayesian binning" (AAAI 2015) for
+the expected calibration error; Brier, "Verification of forecasts expressed in terms of probability" (1950); Bröcker &
+Smith, "Increasing the reliability of reliability diagrams" (2007) for what a calibrated model would show.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id._files import write_json
+from granular_id._numbers import whole_number
+from granular_id.confidence.conformal import softmax
+from granular_id.confidence.conformal_fit import fit_temperature
+from granular_id.confidence.held_out import HeldOutScores
+from granular_id.evaluation.tables import Table, percent
+
+__all__ = ["Bin", "Reliability", "probabilities_of", "reliability"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+N_BINS = 15
+_LEAST = 1e-15  # a probability of 0 for what happened would make the log loss infinite
+_SUM_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Rows whose likeliest class has a probability in (low, high].
+
+    Attributes
+    ----------
+    low, high : float
+        Edges.
+    n : int
+        Rows.
+    confidence, accuracy : float
+        Mean probability of the likeliest class, and share of rows where it is the true one.
+    """
+
+    low: float
+    high: float
+    n: int
+    confidence: float
+    accuracy: float
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """How far probabilities are from what happens.
+
+    Attributes
+    ----------
+    n : int
+        Rows.
+    accuracy, confidence : float
+        Share of rows whose likeliest class is the true one; mean probability of the likeliest class.
+    ece, ece_interval : float and (float, float)
+        Expected calibration error of the likeliest class, with its 95 % bootstrap interval; whole sessions are drawn
+        where there are several.
+    ece_if_calibrated : (float, float)
+        Where 95 % of the errors lie that a perfectly calibrated model would show with so many rows: the error
+        is never 0. Above it the probabilities are off.
+    brier : float
+        Mean squared distance of the probabilities from 1 for the true class and 0 for others: 0 to 2.
+    log_loss : float
+        Mean of minus the natural logarithm of the probability of the true class.
+    bins : tuple of Bin
+        Those that hold rows.
+    source : str
+        Where the probabilities come from.
+    held_out : str
+        What the rows were to the models that scored them.
+    synthetic : bool
+    """
+
+    n: int
+    accuracy: float
+    confidence: float
+    ece: float
+    ece_interval: tuple[float, float]
+    ece_if_calibrated: tuple[float, float]
+    brier: float
+    log_loss: float
+    bins: tuple[Bin, ...]
+    source: str = ""
+    held_out: str = ""
+    synthetic: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """Say in a few words whether the probabilities can be taken as they are."""
+        if self.ece <= self.ece_if_calibrated[1]:
+            return "no sign of being off"
+        return "too sure" if self.confidence > self.accuracy else "not sure enough"
+
+    def table(self) -> Table:
+        """Return the figures as a table."""
+        low, high = self.ece_interval
+        rows = (
+            ("accuracy", percent(self.accuracy)),
+            ("mean probability of the answer", percent(self.confidence)),
+            ("expected calibration error", f"{percent(self.ece)} ({100 * low:.1f} to {100 * high:.1f})"),
+            ("the same of a calibrated model", " to ".join(percent(edge) for edge in self.ece_if_calibrated)),
+            ("Brier score", f"{self.brier:.3f}"),
+            ("log loss", f"{self.log_loss:.3f}"),
+        )
+        notes = [f"verdict: {self.verdict}"]
+        if self.source:
+            notes.append(f"probabilities: {self.source}")
+        if self.held_out:
+            notes.append(f"held out: {self.held_out}")
+        mark = " (SYNTHETIC recordings)" if self.synthetic else ""
+        return Table(f"Probabilities of {self.n} rows{mark}", ("", ""), rows, tuple(notes))
+
+    def __str__(self) -> str:
+        return str(self.table())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything in types that JSON knows."""
+        plain = {
+            name: getattr(self, name) for name in ("n", "accuracy", "confidence", "ece", "brier", "log_loss")
+        }
+        return {
+            **plain,
+            "ece_interval": list(self.ece_interval),
+            "ece_if_calibrated": list(self.ece_if_calibrated),
+            "bins": [vars(part).copy() for part in self.bins],
+            "source": self.source,
+            "held_out": self.held_out,
+            "synthetic": self.synthetic,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `to_dict` as one JSON file; whole or not at all."""
+        write_json(path, self.to_dict())
+
+
+def probabilities_of(scored: HeldOutScores) -> tuple[FloatArray, str]:
+    """Probabilities (n, K) of held-out rows, and where they come from.
+
+    Those of the model where it gives any (`ECOCClassifier` with ``posterior``); else its class values through a
+    softmax, whose one temperature for each fold is fitted on the other folds.
+    """
+    if scored.scores.probabilities is not None:
+        return scored.scores.probabilities, "predict_proba of the model"
+    values, truth = scored.scores.values, scored.truth
+    found = np.empty_like(values)
+    folds = np.unique(scored.folds)
+    for fold in folds:
+        held = scored.folds == fold
+        others = ~held if folds.size > 1 else held
+        found[held] = softmax(values[held] / fit_temperature(values[others], truth[others]))
+    return found, "softmax of the class values, its temperature fitted on the other folds"
+
+
+def reliability(
+    probabilities: npt.ArrayLike,
+    truth: npt.ArrayLike,
+    *,
+    groups: npt.ArrayLike | None = None,
+    n_bins: int = N_BINS,
+    n_bootstrap: int = 1000,
+    seed: int = 0,
+    source: str = "",
+    held_out: str = "",
+    synthetic: bool = False,
+) -> Reliability:
+    """Compare probabilities with what happened.
+
+    Parameters
+    ----------
+    probabilities : array-like, shape (n, K)
+        Of rows that did not train; rows sum to 1.
+    truth : array-like of int, shape (n,)
+        True class of each row, in ``range(K)``.
+    groups : array-like of int, shape (n,), optional
+        Rows of a session share a number: the bootstrap then draws sessions.
+    n_bins : int, default 15
+        Equal bins of the probability of the likeliest class, the number usual since Guo et al. (2017).
+    n_bootstrap, seed : int
+        Draws of each interval; same seed, same intervals.
+    source, held_out, synthetic : str, str, bool
+        For the reader of the result.
+
+    Returns
+    -------
+    Reliability
+
+    Raises
+    ------
+    TypeError, ValueError
+        Shapes that do not fit, probabilities that are none, a true class that is none.
+
+    Examples
+    --------
+    >>> from granular_id.confidence import reliability
+    >>> seen = reliability([[0.9, 0.1]] * 9 + [[0.1, 0.9]], [0] * 8 + [1, 1])
+    >>> round(seen.ece, 3), round(seen.brier, 3), seen.verdict
+    (0.0, 0.18, 'no sign of being off')
+    """
+    given, codes = _checked(probabilities, truth)
+    n_bins = whole_number("n_bins", n_bins)
+    n_bootstrap = whole_number("n_bootstrap", n_bootstrap)
+    rows = np.arange(len(codes))
+    sure, right = given.max(axis=1), given.argmax(axis=1) == codes
+    places = np.clip(np.ceil(sure * n_bins).astype(np.intp) - 1, 0, n_bins - 1)
+
+    def error(chosen: IntArray, hits: npt.NDArray[np.bool_]) -> float:
+        gaps = np.bincount(places[chosen], weights=hits[chosen] - sure[chosen], minlength=n_bins)
+        return float(np.abs(gaps).sum() / len(chosen))
+
+    rng = np.random.default_rng(seed)
+    members = _members(rows, groups)
+    drawn = (
+        np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
+        for _ in range(n_bootstrap)
+    )
+    bootstrap = [error(chosen, right) for chosen in drawn]
+    calibrated = [error(rows, rng.random(len(rows)) < sure) for _ in range(n_bootstrap)]
+    wanted = np.zeros_like(given)
+    wanted[rows, codes] = 1.0
+    return Reliability(
+        n=len(codes),
+        accuracy=float(right.mean()),
+        confidence=float(sure.mean()),
+        ece=error(rows, right),
+        ece_interval=_middle(bootstrap),
+        ece_if_calibrated=_middle(calibrated),
+        brier=float(((given - wanted) ** 2).sum(axis=1).mean()),
+        log_loss=-float(np.log(np.maximum(given[rows, codes], _LEAST)).mean()),
+        bins=tuple(
+            Bin(
+                k / n_bins,
+                (k + 1) / n_bins,
+                int(own.sum()),
+                float(sure[own].mean()),
+                float(right[own].mean()),
+            )
+            for k in range(n_bins)
+            if (own := places == k).any()
+        ),
+        source=source,
+        held_out=held_out,
+        synthetic=bool(synthetic),
+    )
+
+
+def _checked(probabilities: npt.ArrayLike, truth: npt.ArrayLike) -> tuple[FloatArray, IntArray]:
+    given = np.asarray(probabilities, dtype=np.float64)
+    codes = np.asarray(truth)
+    if given.ndim != 2 or given.shape[1] < 2 or codes.shape != (len(given),) or len(given) == 0:
+        raise ValueError(
+            f"probabilities (n, K) and truth (n,) must fit, n >= 1 and K >= 2, got {given.shape} and {codes.shape}"
+        )
+    if not np.issubdtype(codes.dtype, np.integer):
+        raise TypeError(f"truth must hold class numbers, got {codes.dtype}")
+    if not ((given >= 0).all() and (np.abs(given.sum(axis=1) - 1) <= _SUM_TOLERANCE).all()):
+        raise ValueError("probabilities must not be negative, and sum to 1 in each row")
+    if codes.min() < 0 or codes.max() >= given.shape[1]:
+        raise ValueError(f"truth must be in 0 to {given.shape[1] - 1}, got {codes.min()} to {codes.max()}")
+    return given, codes.astype(np.intp)
+
+
+def _members(rows: IntArray, groups: npt.ArrayLike | None) -> Sequence[IntArray]:
+    if groups is None:
+        return list(rows[:, None])
+    own = np.asarray(groups)
+    if own.shape != rows.shape:
+        raise ValueError(f"groups must have shape {rows.shape}, got {own.shape}")
+    return [np.flatnonzero(own == group) for group in np.unique(own)]
+
+
+def _middle(values: Sequence[float]) -> tuple[float, float]:
+    low, high = np.quantile(values, [0.025, 0.975]).tolist()
+    return low, high

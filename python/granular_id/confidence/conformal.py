@@ -1,0 +1,305 @@
+"""Sets of materials that hold the right one as often as was asked for.
+
+Source: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005); Romano, Sesia, Candes,
+"Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative score; Sadinle, Lei, Wasserman,
+"Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the probability score.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id.confidence._stored import Reader
+
+__all__ = ["KINDS", "ConformalRule", "nonconformity", "rank_of", "rows_needed", "softmax"]
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMAT = "granular-id conformal rule 1"
+
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "margin": "the best other value minus the own",
+        "probability": "minus the own probability",
+        "cumulative": "the probability of all classes down to the own, the likeliest first",
+    }
+)
+"""How badly a class fits a row, by name."""
+
+_NOT_FINITE = "values must be finite, got NaN or infinity"
+_NAMED = 3
+_ROUNDING = 1e-9  # (n + 1) * 0.9 may come out a hair above a whole number
+
+
+@dataclass(frozen=True)
+class ConformalRule:
+    """Thresholds that turn the class values of one row into a set of classes.
+
+    A class is in the set of a level when its score (see `KINDS`) is at most the threshold of that level. Where
+    calibration rows and the new row are exchangeable, the set holds the true class with at least the probability
+    that was asked for, whatever the model. No randomness is involved.
+
+    Attributes
+    ----------
+    classes : tuple of str
+        In the order of the class values.
+    kind : str
+        A key of `KINDS`.
+    levels : tuple of float
+        Wanted coverages in (0, 1), ascending.
+    thresholds : tuple of tuple of float
+        For each level one number, or one for each class; infinite where there were too few calibration rows for the
+        level: every class is then in the set.
+    n_calibration : tuple of int
+        Rows behind the threshold, or behind that of each class.
+    temperature : float
+        Class values are divided by it before they become probabilities; of no effect on ``"margin"``.
+    held_out : str
+        What the calibration rows were to the models that scored them, such as ``"5 folds of whole sessions"``.
+
+    Examples
+    --------
+    >>> from granular_id.confidence import ConformalRule
+    >>> rule = ConformalRule(("oat", "rice", "salt"), "margin", (0.8, 0.95), ((-0.1,), (0.3,)), (62,))
+    >>> rule.names([-0.5, -0.2, -0.9], 0.8), rule.names([-0.5, -0.2, -0.9], 0.95)
+    (('rice',), ('rice', 'oat'))
+    >>> ConformalRule.from_dict(rule.to_dict()) == rule
+    True
+    """
+
+    classes: tuple[str, ...]
+    kind: str
+    levels: tuple[float, ...]
+    thresholds: tuple[tuple[float, ...], ...]
+    n_calibration: tuple[int, ...]
+    temperature: float = 1.0
+    held_out: str = ""
+    _limits: dict[float, FloatArray] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        n_classes = len(self.classes)
+        if n_classes < 2 or len(set(self.classes)) < n_classes:
+            raise ValueError(f"classes must be at least 2 different names, got {self.classes!r:.200}")
+        if self.kind not in KINDS:
+            raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {self.kind!r}")
+        checked_levels(self.levels)
+        if list(self.levels) != sorted(self.levels):
+            raise ValueError(f"levels must ascend, got {self.levels}")
+        widths = {len(row) for row in self.thresholds}
+        if len(self.thresholds) != len(self.levels) or widths not in ({1}, {n_classes}):
+            raise ValueError(
+                f"thresholds must hold 1 or {n_classes} numbers for each of {len(self.levels)} levels, got "
+                f"{[len(row) for row in self.thresholds]}"
+            )
+        if any(math.isnan(limit) or limit == -math.inf for row in self.thresholds for limit in row):
+            raise ValueError("thresholds must be numbers or infinite, got NaN or minus infinity")
+        if {len(self.n_calibration)} != widths or min(self.n_calibration) < 0:
+            raise ValueError(f"n_calibration must hold {widths.pop()} counts, got {self.n_calibration}")
+        if not 0 < self.temperature < math.inf:
+            raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
+        limits = dict(zip(self.levels, map(np.array, self.thresholds), strict=True))
+        object.__setattr__(self, "_limits", limits)
+
+    @property
+    def per_class(self) -> bool:
+        """Whether each class has a threshold, and its own coverage, of its own (Mondrian)."""
+        return len(self.n_calibration) > 1
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say for which levels, and classes, there were too few calibration rows."""
+        lines = []
+        for level, limits in zip(self.levels, self.thresholds, strict=True):
+            short = [k for k, limit in enumerate(limits) if limit == math.inf]
+            if not short:
+                continue
+            more = f" and {len(short) - _NAMED} more" if len(short) > _NAMED else ""
+            names = ", ".join(self.classes[k] for k in short[:_NAMED])
+            who = f" for {names}{more}" if self.per_class else ""
+            have = min(self.n_calibration[k] for k in short)
+            what = "always in the set" if self.per_class else "every set is full"
+            lines.append(
+                f"{100 * level:g} % needs {rows_needed(level)} calibration rows, there are {have}{who}: {what}"
+            )
+        return tuple(lines)
+
+    def sets(self, values: npt.ArrayLike, level: float | None = None) -> npt.NDArray[np.bool_]:
+        """Tell which classes are in the set of a level.
+
+        Parameters
+        ----------
+        values : array-like, shape (K,) or (n, K)
+            Class values of the fitted model, larger for what is likelier: minus the mean losses of a decision.
+        level : float, optional
+            One of `levels`. Default: the largest.
+
+        Returns
+        -------
+        ndarray of bool, shape (K,) or (n, K)
+            A set may be empty: no class fits as well as the right one does in `level` of all cases.
+
+        Raises
+        ------
+        ValueError
+            A level that is not stored, values of another shape, NaN.
+        """
+        limits = self._limits_of(level)
+        given = np.asarray(values, dtype=np.float64)
+        if given.ndim not in (1, 2) or given.shape[-1] != len(self.classes):
+            raise ValueError(
+                f"values must have shape (K,) or (n, K) with K = {len(self.classes)}, got {given.shape}"
+            )
+        if not np.isfinite(given).all():
+            raise ValueError(_NOT_FINITE)
+        inside: npt.NDArray[np.bool_] = nonconformity(given, self.kind, self.temperature) <= limits
+        return inside
+
+    def names(
+        self, values: npt.ArrayLike, level: float | None = None, *, at_least_one: bool = False
+    ) -> tuple[str, ...]:
+        """Names in the set of one row (K,), the likeliest first.
+
+        Parameters
+        ----------
+        values, level
+            As in `sets`.
+        at_least_one : bool, default False
+            Name the best class where the set is empty. Coverage then exceeds the level where the model is right more
+            often than that.
+        """
+        given = np.asarray(values, dtype=np.float64)
+        if given.ndim != 1:
+            raise ValueError(f"values must have shape (K,), got {given.shape}")
+        listed = given.tolist()
+        if self.kind == "margin" and len(listed) == len(self.classes):
+            found = self._beside_the_best(listed, level)
+        else:
+            found = np.flatnonzero(self.sets(given, level)).tolist()
+        found.sort(key=listed.__getitem__, reverse=True)
+        if not found and at_least_one:
+            found = [listed.index(max(listed))]
+        return tuple(self.classes[k] for k in found)
+
+    def _limits_of(self, level: float | None) -> FloatArray:
+        limits = self._limits.get(self.levels[-1] if level is None else level)
+        if limits is None:
+            raise ValueError(f"level must be one of {', '.join(map(str, self.levels))}, got {level!r}")
+        return limits
+
+    def _beside_the_best(self, values: list[float], level: float | None) -> list[int]:
+        """Classes of the set of one row by the margin: the same comparisons as `sets`, ten times as fast."""
+        if not all(map(math.isfinite, values)):
+            raise ValueError(_NOT_FINITE)
+        limits = self._limits_of(level).tolist()
+        if len(limits) == 1:
+            limits *= len(values)
+        second, first = sorted(values)[-2:]
+        best = values.index(first)
+        return [
+            k
+            for k, (value, limit) in enumerate(zip(values, limits, strict=True))
+            if (second if k == best else first) - value <= limit
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the rule in types that JSON knows; an infinite threshold becomes None."""
+        return {
+            "format": FORMAT,
+            "classes": list(self.classes),
+            "kind": self.kind,
+            "levels": list(self.levels),
+            "thresholds": [
+                [None if limit == math.inf else limit for limit in row] for row in self.thresholds
+            ],
+            "n_calibration": list(self.n_calibration),
+            "temperature": self.temperature,
+            "held_out": self.held_out,
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> ConformalRule:
+        """Read what `to_dict` wrote.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
+        """
+        reader = Reader("conformal rule", FORMAT, stored)
+        rows = reader.take("thresholds", list)
+        rule = cls(
+            classes=reader.names("classes"),
+            kind=reader.take("kind", str),
+            levels=reader.numbers("levels"),
+            thresholds=tuple(reader.as_numbers("thresholds", row, none=math.inf) for row in rows),
+            n_calibration=reader.counts("n_calibration"),
+            temperature=reader.number("temperature"),
+            held_out=reader.take("held_out", str),
+        )
+        reader.finish()
+        return rule
+
+
+def checked_levels(levels: Sequence[float]) -> tuple[float, ...]:
+    """Return levels ascending, or say what is wrong with them."""
+    found = tuple(float(level) for level in levels)
+    if not found or not all(0 < level < 1 for level in found) or len(set(found)) < len(found):
+        raise ValueError(f"levels must be different numbers between 0 and 1, got {tuple(levels)}")
+    return tuple(sorted(found))
+
+
+def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArray:
+    """How badly each class fits, by a kind of `KINDS`, for class values (..., K).
+
+    Examples
+    --------
+    >>> nonconformity(np.array([3.0, 1.0, 2.0]), "margin", 1.0).tolist()
+    [-1.0, 2.0, 1.0]
+    """
+    if kind == "margin":
+        order = np.argpartition(values, -2, axis=-1)[..., -2:]
+        two = np.take_along_axis(values, order, axis=-1)
+        margins: FloatArray = two[..., 1:] - values
+        np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
+        return margins
+    shares = softmax(values / temperature)
+    if kind == "probability":
+        return -shares
+    order = np.argsort(-shares, axis=-1, kind="stable")
+    cumulative = np.empty_like(shares)
+    sums = np.take_along_axis(shares, order, axis=-1).cumsum(axis=-1)
+    np.put_along_axis(cumulative, order, sums, axis=-1)
+    return cumulative
+
+
+def softmax(values: FloatArray) -> FloatArray:
+    """Shares (..., K) proportional to the exponentials of values (..., K)."""
+    powers = np.exp(values - values.max(axis=-1, keepdims=True))
+    shares: FloatArray = powers / powers.sum(axis=-1, keepdims=True)
+    return shares
+
+
+def rank_of(n: int, level: float) -> int:
+    """Which of n calibration scores, in ascending order from 1, is the threshold; above n where n is too small."""
+    return math.ceil((n + 1) * level - _ROUNDING)
+
+
+def rows_needed(level: float) -> int:
+    """Fewest calibration rows with which a level can be kept without sets that hold everything.
+
+    Examples
+    --------
+    >>> rows_needed(0.8), rows_needed(0.9), rows_needed(0.95)
+    (4, 9, 19)
+    """
+    n = max(1, math.floor(level / (1 - level)) - 1)
+    while rank_of(n, level) > n:
+        n += 1
+    return n

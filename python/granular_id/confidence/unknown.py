@@ -1,0 +1,247 @@
+"""Refusing what is none of the known materials, by how strange the scores of a row are.
+
+Sources: Hendrycks & Gimpel, "A baseline for detecting misclassified and out-of-distribution examples" (ICLR 2017) for
+the largest value; Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples"
+(NeurIPS 2018) for the Mahalanobis distance to the nearest class; Scheirer et al., "Toward open set recognition" (IEEE
+TPAMI 2013) for the task.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id.confidence._stored import Reader
+
+__all__ = ["STRANGENESS", "UnknownRule", "uses_learners"]
+
+FloatArray = npt.NDArray[np.float64]
+
+FORMAT = "granular-id unknown rule 1"
+
+STRANGENESS: Mapping[str, str] = MappingProxyType(
+    {
+        "value_distance": "Mahalanobis distance of the class values to those of the nearest class",
+        "learner_distance": "Mahalanobis distance of the learners' scores to those of the nearest class",
+        "learners": "how clearly the least clear learner of the winning class speaks for it, negated",
+        "value": "minus the largest class value",
+        "margin": "the second largest class value minus the largest",
+    }
+)
+"""How strange a row is, by name; larger is stranger."""
+
+_OF_LEARNERS = ("learner_distance", "learners")
+_OF_DISTANCE = ("learner_distance", "value_distance")
+
+
+@dataclass(frozen=True)
+class UnknownRule:
+    """A limit of strangeness: a row beyond it is none of the known materials.
+
+    Attributes
+    ----------
+    classes : tuple of str
+        In the order of the class values.
+    kind : str
+        A key of `STRANGENESS`.
+    threshold : float
+        Rows stranger than this are refused; infinite where there were too few calibration rows: nothing is refused.
+    share_known : float
+        Share of rows of known materials that was to be accepted, in (0, 1).
+    n_calibration : int
+        Rows of known materials behind the threshold.
+    held_out : str
+        What these rows were to the models that scored them.
+    means : tuple of tuple of float
+        Of the distances: mean scores of each class (K, S), S = K class values or L learners; else empty.
+    whitener : tuple of tuple of float
+        Of the distances: matrix (S, S) whose product with a score has the unit matrix as covariance within a class.
+    coding : tuple of tuple of float
+        Of ``"learners"``: side -1, 0, +1 of each class in each learner (K, L); else empty.
+
+    Examples
+    --------
+    >>> from granular_id.confidence import UnknownRule
+    >>> rule = UnknownRule(("oat", "rice"), "margin", -0.1, 0.95, 60)
+    >>> rule.knows([-0.2, -0.9]), rule.knows([-0.50, -0.55])
+    (True, False)
+    >>> UnknownRule.from_dict(rule.to_dict()) == rule
+    True
+    """
+
+    classes: tuple[str, ...]
+    kind: str
+    threshold: float
+    share_known: float
+    n_calibration: int
+    held_out: str = ""
+    means: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
+    whitener: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
+    coding: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
+    _arrays: dict[str, FloatArray] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        n_classes = len(self.classes)
+        if n_classes < 2 or len(set(self.classes)) < n_classes:
+            raise ValueError(f"classes must be at least 2 different names, got {self.classes!r:.200}")
+        if self.kind not in STRANGENESS:
+            raise ValueError(f"kind must be one of {', '.join(map(repr, STRANGENESS))}, got {self.kind!r}")
+        if math.isnan(self.threshold) or self.threshold == -math.inf:
+            raise ValueError(f"threshold must be a number or infinite, got {self.threshold}")
+        if not 0 < self.share_known < 1:
+            raise ValueError(f"share_known must lie between 0 and 1, got {self.share_known}")
+        if self.n_calibration < 0:
+            raise ValueError(f"n_calibration must not be negative, got {self.n_calibration}")
+        arrays: dict[str, FloatArray] = {}
+        for name, wanted in (
+            ("means", self.kind in _OF_DISTANCE),
+            ("whitener", self.kind in _OF_DISTANCE),
+            ("coding", self.kind == "learners"),
+        ):
+            rows = getattr(self, name)
+            if bool(rows) != wanted:
+                raise ValueError(f"{name} must {'be given' if wanted else 'be empty'} for kind {self.kind!r}")
+            if wanted:
+                arrays[name] = _matrix(name, rows, None if name == "whitener" else n_classes)
+        if self.kind in _OF_DISTANCE:
+            size = arrays["means"].shape[1]
+            if arrays["whitener"].shape != (size, size):
+                raise ValueError(f"whitener must have shape ({size}, {size}), got {arrays['whitener'].shape}")
+            if self.kind == "value_distance" and size != n_classes:
+                raise ValueError(f"means must have {n_classes} values a class, got {size}")
+            # A distance to a mean is then one product, and differences from K rows.
+            arrays["white_means"] = arrays["means"] @ arrays["whitener"]
+        if self.kind == "learners" and not ((arrays["coding"] != 0).any(axis=1).all()):
+            raise ValueError("coding must show each class to at least one learner")
+        object.__setattr__(self, "_arrays", arrays)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Say where nothing is refused, because there were too few calibration rows."""
+        if self.threshold < math.inf:
+            return ()
+        return (
+            f"too few calibration rows ({self.n_calibration}) to accept {100 * self.share_known:g} % of the known: "
+            "nothing is refused",
+        )
+
+    def strangeness(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> FloatArray:
+        """How strange rows are; larger is stranger.
+
+        Parameters
+        ----------
+        values : array-like, shape (K,) or (n, K)
+            Class values of the fitted model, larger for what is likelier.
+        binary : array-like, shape (L,) or (n, L), optional
+            Scores of its learners, which the kinds ``"learners"`` and ``"learner_distance"`` need.
+
+        Returns
+        -------
+        ndarray, shape () or (n,)
+
+        Raises
+        ------
+        ValueError
+            Another shape than the rule knows, or scores of learners that are missing.
+        """
+        given = _scores("values", values, len(self.classes))
+        arrays = self._arrays
+        if self.kind == "value":
+            return np.asarray(-given.max(axis=-1))
+        if self.kind == "margin":
+            two = np.partition(given, -2, axis=-1)
+            return np.asarray(two[..., -2] - two[..., -1])
+        if self.kind == "value_distance":
+            return _distance(given @ arrays["whitener"], arrays["white_means"])
+        if binary is None:
+            raise ValueError(f"binary must hold the scores of the learners for kind {self.kind!r}, got None")
+        width = (arrays["coding"] if self.kind == "learners" else arrays["means"]).shape[1]
+        of_learners = _scores("binary", binary, width)
+        if of_learners.shape[:-1] != given.shape[:-1]:
+            raise ValueError(
+                f"values and binary must hold the same rows, got shapes {given.shape} and {of_learners.shape}"
+            )
+        if self.kind == "learner_distance":
+            return _distance(of_learners @ arrays["whitener"], arrays["white_means"])
+        sides = arrays["coding"][given.argmax(axis=-1)]
+        return np.asarray(-np.where(sides == 0, np.inf, sides * of_learners).min(axis=-1))
+
+    def knows(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> Any:
+        """Whether rows are of a known material: a bool, or an array (n,) of them; see `strangeness`."""
+        known = self.strangeness(values, binary) <= self.threshold
+        return bool(known) if known.ndim == 0 else known
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the rule in types that JSON knows; an infinite threshold becomes None."""
+        return {
+            "format": FORMAT,
+            "classes": list(self.classes),
+            "kind": self.kind,
+            "threshold": None if self.threshold == math.inf else self.threshold,
+            "share_known": self.share_known,
+            "n_calibration": self.n_calibration,
+            "held_out": self.held_out,
+            **{name: [list(row) for row in getattr(self, name)] for name in ("means", "whitener", "coding")},
+        }
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> UnknownRule:
+        """Read what `to_dict` wrote.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
+        """
+        reader = Reader("unknown rule", FORMAT, stored)
+        rule = cls(
+            classes=reader.names("classes"),
+            kind=reader.take("kind", str),
+            threshold=reader.as_numbers("threshold", [reader.take("threshold", object)], none=math.inf)[0],
+            share_known=reader.number("share_known"),
+            n_calibration=reader.count("n_calibration"),
+            held_out=reader.take("held_out", str),
+            means=reader.matrix("means"),
+            whitener=reader.matrix("whitener"),
+            coding=reader.matrix("coding"),
+        )
+        reader.finish()
+        return rule
+
+
+def uses_learners(kind: str) -> bool:
+    """Whether a kind of `STRANGENESS` needs the scores of the learners."""
+    return kind in _OF_LEARNERS
+
+
+def _distance(white: FloatArray, white_means: FloatArray) -> FloatArray:
+    """Distance (...) of whitened scores (..., S) to the nearest of K whitened means."""
+    differences = white[..., None, :] - white_means
+    squares = np.einsum("...s,...s->...", differences, differences)
+    return np.asarray(np.sqrt(squares.min(axis=-1)))
+
+
+def _scores(name: str, values: npt.ArrayLike, width: int) -> FloatArray:
+    given = np.asarray(values, dtype=np.float64)
+    if given.ndim not in (1, 2) or given.shape[-1] != width:
+        raise ValueError(f"{name} must have shape ({width},) or (n, {width}), got {given.shape}")
+    if not np.isfinite(given).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return given
+
+
+def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None) -> FloatArray:
+    if len({len(row) for row in rows}) != 1 or not rows[0] or (height is not None and len(rows) != height):
+        raise ValueError(
+            f"{name} must be rows of one length{'' if height is None else f', {height} of them'}"
+        )
+    found = np.array(rows, dtype=np.float64)
+    if not np.isfinite(found).all():
+        raise ValueError(f"{name} must be finite")
+    return found

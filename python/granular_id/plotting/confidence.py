@@ -1,0 +1,162 @@
+"""How sure a model may be: calibration, coverage of sets, strangeness of the unknown."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, quiet, save, share_axis
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from granular_id.confidence import Confidence
+
+__all__ = ["plot_confidence"]
+
+_FIRST, _SECOND = AXIS_COLOURS[0], AXIS_COLOURS[2]  # blue and vermilion, of different lightness too
+_N_BINS = 48
+_SHARES = ([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+
+
+def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot whether probabilities mean what they say, sets hold what they promise, and the unknown stands out.
+
+    Parameters
+    ----------
+    confidence : granular_id.confidence.Confidence
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Left: accuracy against probability of the answer; the area of a circle is its share of the rows. Middle:
+        coverage against the level asked for, on random partitions with the interval in which 95 % of them lie, and
+        on the strictest ones. Right, with three materials or more: strangeness of known and of left-out materials,
+        1 at the limit of each model; rows beyond the ends are counted in the last bar.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+
+    Examples
+    --------
+    >>> from sklearn.datasets import load_iris
+    >>> from granular_id.confidence import assess
+    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id.plotting.confidence import plot_confidence
+    >>> X, y = load_iris(return_X_y=True)
+    >>> figure = plot_confidence(assess(X, ECOCClassifier(), y, n_seeds=3))
+    >>> [panel.get_title() for panel in figure.axes]
+    ['probabilities', 'sets of materials', 'unknown materials']
+    """
+    with_unknown = confidence.open_set is not None
+    n_panels = 3 if with_unknown else 2
+    figure = new_figure(0.6 + 3.1 * n_panels, 3.5)
+    panels = figure.subplots(1, n_panels)
+    _draw_reliability(panels[0], confidence)
+    _draw_coverage(panels[1], confidence)
+    if with_unknown:
+        _draw_unknown(panels[2], confidence)
+    for panel in panels:
+        quiet(panel)
+        panel.title.set_fontsize(10)
+        panel.title.set_color(INK)
+        panel.xaxis.label.set_fontsize(8)
+        panel.yaxis.label.set_fontsize(8)
+        panel.legend(loc="upper left", edgecolor="none", framealpha=1.0, fontsize=7.5, labelcolor=INK)
+    if confidence.synthetic:
+        figure.suptitle("SYNTHETIC recordings", fontsize=10, color=INK)
+    save(figure, path)
+    return figure
+
+
+def _draw_reliability(panel: Any, confidence: Confidence) -> None:
+    seen = confidence.reliability
+    sizes = np.array([part.n for part in seen.bins]) / seen.n
+    _square(panel)
+    panel.scatter(
+        [part.confidence for part in seen.bins],
+        [part.accuracy for part in seen.bins],
+        s=20 + 300 * sizes,
+        color=_FIRST,
+        alpha=0.75,
+        linewidths=0,
+        clip_on=False,
+        zorder=3,
+    )
+    low, high = seen.ece_interval
+    panel.set_title("probabilities")
+    panel.set_xlabel(
+        f"probability of the answer, {seen.n} rows\n"
+        f"error {100 * seen.ece:.1f} % ({100 * low:.1f} to {100 * high:.1f}), {seen.verdict}",
+        color=INK,
+    )
+    panel.set_ylabel("share of right answers", color=INK)
+
+
+def _draw_coverage(panel: Any, confidence: Confidence) -> None:
+    rows = confidence.coverage.rows
+    names = list(dict.fromkeys(row.held_out for row in rows))
+    for name, colour, marker in zip(names, (_FIRST, _SECOND), ("o", "s"), strict=False):
+        own = [row for row in rows if row.held_out == name]
+        levels = [row.level for row in own]
+        if own[0].random and len(own[0].coverage) > 2:
+            spread = np.quantile([row.coverage for row in own], [0.025, 0.975], axis=1)
+            panel.vlines(levels, *spread, color=colour, linewidth=4, alpha=0.3)
+        panel.plot(levels, [row.mean for row in own], color=colour, marker=marker, linewidth=1.2, label=name)
+    low = min(0.1 * np.floor(10 * min(min(row.coverage) for row in rows)), 0.7)
+    panel.set_xlim(low, 1.0)
+    panel.set_ylim(low, 1.06)
+    panel.plot(
+        [low, 1.0], [low, 1.0], color=INK, linewidth=0.8, linestyle="--", label="as asked for", zorder=1
+    )
+    ticks = np.arange(round(10 * low), 11) / 10
+    ticks = ticks[:: 1 + len(ticks) // 7]
+    panel.set_xticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
+    panel.set_yticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
+    panel.grid(color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+    panel.set_title("sets of materials")
+    drawn = max(len(row.coverage) for row in rows if row.random)
+    panel.set_xlabel(f"coverage asked for\n{drawn} random partitions", color=INK)
+    panel.set_ylabel("sets that hold the truth", color=INK)
+
+
+def _draw_unknown(panel: Any, confidence: Confidence) -> None:
+    found = confidence.open_set
+    assert found is not None  # the caller has looked
+    known, unknown = found.strangeness
+    low = float(min(known.min(), unknown.min()))
+    high = float(max(2.0, np.quantile(unknown, 0.9), np.quantile(known, 0.99)))
+    edges = np.linspace(low, high, _N_BINS + 1)
+    for values, colour, name, style in (
+        (known, _FIRST, "known", {"alpha": 0.45, "histtype": "stepfilled"}),
+        (unknown, _SECOND, "left out", {"histtype": "step", "linewidth": 1.6}),
+    ):
+        weights = np.full(len(values), 1 / len(values))
+        panel.hist(np.minimum(values, high), bins=edges, weights=weights, color=colour, label=name, **style)
+    panel.axvline(1.0, color=INK, linewidth=0.9, linestyle="--", label="limit")
+    panel.set_xlim(low, high)
+    panel.set_ylim(0.0, 1.3 * panel.get_ylim()[1])
+    panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
+    panel.set_title("unknown materials")
+    panel.set_xlabel(
+        f"strangeness, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, accepted {100 * found.mean('accepted'):.0f} %, "
+        f"refused {100 * found.mean('refused'):.0f} %",
+        color=INK,
+    )
+    panel.set_ylabel("share of rows", color=INK)
+
+
+def _square(panel: Any) -> None:
+    share_axis(panel)
+    panel.set_ylim(0.0, 1.06)
+    panel.set_yticks(*_SHARES)
+    panel.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--", label="calibrated", zorder=1)
+    panel.grid(color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)

@@ -1,0 +1,234 @@
+"""Probabilities against what happens, and the scores of held-out rows behind them."""
+
+import json
+
+import numpy as np
+import pytest
+from sklearn.datasets import load_iris
+from sklearn.metrics import log_loss
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import LinearSVC
+from sklearn.tree import DecisionTreeClassifier
+
+from granular_id.confidence import held_out_scores, reliability
+from granular_id.confidence.calibration import probabilities_of
+from granular_id.confidence.rows import rows_of
+from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.folds import kfold_partitions
+from granular_id.recording import Dataset, Recording
+from granular_id.spaces import HFMH
+
+X, Y = load_iris(return_X_y=True)
+
+
+def outcomes(n, seed, power=1.0):
+    """Labels drawn from probabilities, and probabilities that overstate them when power is above 1."""
+    rng = np.random.default_rng(seed)
+    true = rng.dirichlet([0.6] * 4, size=n)
+    truth = (true.cumsum(axis=1) < rng.random((n, 1))).sum(axis=1).clip(0, 3)
+    stated = true**power
+    return stated / stated.sum(axis=1, keepdims=True), truth
+
+
+def test_figures_by_loops():
+    given, truth = outcomes(300, 0, 1.5)
+    seen = reliability(given, truth, n_bins=10)
+    gaps = [[] for _ in range(10)]
+    for row, k in zip(given, truth, strict=True):
+        best = int(row.argmax())
+        gaps[int(np.ceil(10 * row[best])) - 1].append((best == k) - row[best])
+    assert seen.ece == pytest.approx(sum(abs(sum(gap)) for gap in gaps) / 300)
+    wanted = np.mean(
+        [sum((p - (j == k)) ** 2 for j, p in enumerate(row)) for row, k in zip(given, truth, strict=True)]
+    )
+    assert seen.brier == pytest.approx(wanted)
+    assert seen.log_loss == pytest.approx(log_loss(truth, given, labels=range(4)))
+    assert sum(part.n for part in seen.bins) == 300
+
+
+def test_a_calibrated_model_stays_within_what_calibrated_models_show():
+    inside = 0
+    for seed in range(60):
+        seen = reliability(*outcomes(250, seed), n_bootstrap=100, seed=seed)
+        low, high = seen.ece_if_calibrated
+        inside += low <= seen.ece <= high
+    assert inside >= 50  # 95 % of 60 are 57
+
+
+@pytest.mark.parametrize(("power", "verdict"), [(3.0, "too sure"), (0.4, "not sure enough")])
+def test_which_way_probabilities_are_off(power, verdict):
+    seen = reliability(*outcomes(1000, 0, power))
+    assert seen.verdict == verdict
+    low, high = seen.ece_interval
+    assert seen.ece_if_calibrated[1] < low <= seen.ece <= high
+
+
+def test_whole_sessions_are_drawn():
+    """Rows of a session that are all the same are one piece of evidence, not fifty."""
+    given = np.tile([0.75, 0.25], (400, 1))
+    sessions = np.repeat(np.arange(8), 50)
+    truth = (np.isin(sessions, [1, 5])).astype(int)
+    alone = reliability(given, truth).ece_interval
+    together = reliability(given, truth, groups=sessions).ece_interval
+    assert together[1] - together[0] > 3 * (alone[1] - alone[0])
+
+
+def test_same_seed_same_intervals_and_plain_values(tmp_path):
+    first, again = (reliability(*outcomes(100, 0), seed=4) for _ in range(2))
+    assert first == again
+    first.save(tmp_path / "r.json")
+    assert json.loads((tmp_path / "r.json").read_text())["ece"] == first.ece
+    assert "expected calibration error" in str(first)
+
+
+def test_certainty_and_impossibility():
+    seen = reliability([[1.0, 0.0], [0.0, 1.0]], [0, 0])
+    assert seen.log_loss == pytest.approx(-np.log(1e-15) / 2)
+    assert seen.brier == 1.0
+    assert [(part.low, part.n) for part in seen.bins] == [(14 / 15, 2)]
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "truth", "message"),
+    [
+        ([[0.5, 0.6]], [0], "sum to 1"),
+        ([[1.5, -0.5]], [0], "not be negative"),
+        ([[np.nan, 1.0]], [0], "not be negative"),
+        ([[0.5, 0.5]], [2], "truth must be in 0 to 1"),
+        ([[0.5, 0.5]], [-1], "truth must be in 0 to 1"),
+        ([[0.5, 0.5]], [0, 1], "must fit"),
+        ([[1.0]], [0], "must fit"),
+        (np.empty((0, 2)), [], "must fit"),
+    ],
+)
+def test_no_probabilities(probabilities, truth, message):
+    with pytest.raises(ValueError, match=message):
+        reliability(probabilities, truth)
+
+
+def test_other_bad_arguments():
+    with pytest.raises(TypeError, match="class numbers"):
+        reliability([[0.5, 0.5]], ["a"])
+    with pytest.raises(ValueError, match="groups must have shape"):
+        reliability([[0.5, 0.5]], [0], groups=[0, 1])
+    with pytest.raises(ValueError, match="n_bins must be at least 1"):
+        reliability([[0.5, 0.5]], [0], n_bins=0)
+
+
+def test_each_row_is_scored_by_a_model_that_has_not_seen_it():
+    rows = rows_of(X, Y)
+    folds = kfold_partitions(rows.codes, n_folds=4, seed=1)
+    model = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
+    scored = held_out_scores(model, rows, folds, n_jobs=2)
+    assert sorted(scored.rows) == list(range(150))
+    for k, fold in enumerate(folds):
+        alone = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
+        alone.fit(X[fold.train], rows.labels[fold.train])
+        own = scored.folds == k
+        assert (scored.rows[own] == fold.test).all()
+        assert (scored.scores.values[own] == alone.decision_function(X[fold.test])).all()
+        assert (
+            scored.scores.binary[own] == alone[-1].binary_scores(alone[:-1].transform(X[fold.test]))
+        ).all()
+        assert (scored.scores.probabilities[own] == alone.predict_proba(X[fold.test])).all()
+    assert probabilities_of(scored)[1] == "predict_proba of the model"
+
+
+def test_temperature_of_a_fold_does_not_know_it():
+    scored = held_out_scores(LinearSVC(), rows_of(X, Y))
+    before, source = probabilities_of(scored)
+    assert "other folds" in source
+    own = scored.folds == 0
+    scored.truth[own] = (scored.truth[own] + 1) % 3
+    after, _ = probabilities_of(scored)
+    assert (before[own] == after[own]).all()
+    assert (before[~own] != after[~own]).any()
+
+
+def test_steps_that_learn_nothing_run_once(monkeypatch):
+    calls = []
+    plain = HFMH.transform
+    monkeypatch.setattr(HFMH, "transform", lambda self, rows: calls.append(len(rows)) or plain(self, rows))
+    wrench = np.random.default_rng(0).normal(size=(20, 200, 6))
+    held_out_scores(make_pipeline(HFMH(), ECOCClassifier()), rows_of(wrench, list("ab") * 10))
+    assert calls == [20]
+
+
+def test_codings_that_differ_between_folds_are_not_mixed():
+    same = held_out_scores(ECOCClassifier(coding="denserandom", random_state=0), rows_of(X, Y))
+    assert same.scores.binary is not None
+    model = ECOCClassifier(coding="sparserandom", random_state=np.random.RandomState(0))
+    wide = rows_of(np.tile(X, (1, 1)), Y % 3)
+    assert held_out_scores(model, wide).scores.values.shape == (150, 3)
+
+
+def test_two_classes_have_two_values():
+    rows = rows_of(X[:100], Y[:100])
+    scored = held_out_scores(LinearSVC(), rows)
+    assert scored.scores.values.shape == (100, 2)
+    assert scored.accuracy == 1.0
+
+
+def test_models_that_do_not_serve():
+    with pytest.raises(TypeError, match="must have decision_function"):
+        held_out_scores(DecisionTreeClassifier(), rows_of(X, Y))
+    folds = kfold_partitions(Y, n_folds=4)
+    with pytest.raises(ValueError, match="at most once"):
+        held_out_scores(LinearSVC(), rows_of(X, Y), [*folds, folds[0]])
+
+
+def recordings(sessions=None, times=True, n=6):
+    rng = np.random.default_rng(0)
+    return Dataset(
+        [
+            Recording(
+                rng.normal(size=(20, 6)),
+                rate_hz=100,
+                label=label,
+                name=f"{label}{k}",
+                session=sessions[k % len(sessions)] if sessions else None,
+                start_time=1e9 + 100 * k + ord(label) if times else None,
+            )
+            for label in "ab"
+            for k in range(n)
+        ]
+    )
+
+
+def test_the_strictest_folds_that_there_are():
+    assert rows_of(recordings(["mon", "tue"])).folds()[1] == "2 folds of whole sessions"
+    assert rows_of(recordings(["mon", "tue"])).folds(strict=False)[1] == "6 random folds"
+    assert rows_of(recordings()).folds()[1] == "5 blocks of each class in time order"
+    assert rows_of(recordings()).honest()[1] == "halves in time order"
+    assert rows_of(recordings(["mon"])).folds()[1] == "5 blocks of each class in time order"
+    by_file = rows_of(recordings(times=False))
+    assert by_file.order is not None  # the order of the files
+    random = rows_of(X, Y).folds()[1]
+    assert random == "10 random folds (sessions are not known; no order in time is known)"
+    assert len(rows_of(X[::25], Y[::25]).folds()[0]) == 2
+
+
+def test_some_rows_keep_their_order_and_classes():
+    rows = rows_of(X, Y, in_time_order=True, sessions=["s"] * 150)
+    taken = rows.take(np.array([149, 3, 120]))
+    assert taken.classes == ("0", "2")
+    assert taken.order.tolist() == [1, 2, 0]
+    assert (X[[149, 3, 120]] == taken.X).all()
+    assert taken.labels.tolist() == ["2", "0", "2"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"data": X}, "y must hold a label"),
+        ({"data": X, "y": Y[:-1]}, "a row and a label each"),
+        ({"data": Y, "y": Y}, "a row and a label each"),
+        ({"data": X, "y": Y, "sessions": ["a"]}, "sessions must hold one for each of the 150 rows"),
+        ({"data": X[:50], "y": Y[:50]}, "at least 2 classes"),
+        ({"data": recordings(), "y": Y}, "come from the data set"),
+    ],
+)
+def test_rows_that_do_not_fit(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        rows_of(**arguments)

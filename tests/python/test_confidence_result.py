@@ -1,0 +1,155 @@
+"""Coverage over partitions, everything in one call, the figure, the command."""
+
+import json
+
+import numpy as np
+import pytest
+from sklearn.datasets import load_iris
+
+from cli_cases import ended_well, make, refused, saved
+from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study
+from granular_id.confidence.coverage import random_partition
+from granular_id.ecoc import ECOCClassifier
+from granular_id.plotting.confidence import plot_confidence
+from granular_id.synthetic import synthesize
+
+X, Y = load_iris(return_X_y=True)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return assess(X, ECOCClassifier(), Y, n_seeds=4, in_time_order=True, compare=True)
+
+
+def test_coverage_over_100_random_partitions_is_within_two_points():
+    """Tested 45 rows at a time: half a point of noise, and steps of 1 / 106."""
+    rng = np.random.default_rng(0)
+    noisy = X + rng.normal(scale=0.5, size=X.shape)
+    study = coverage_study(noisy, ECOCClassifier(), Y, n_seeds=100)
+    for row in study.rows:
+        assert row.mean == pytest.approx(row.attainable, abs=0.02)
+        assert len(row.coverage) == 100
+    assert [row.size for row in study.rows] == sorted(row.size for row in study.rows)
+
+
+def test_drift_shows():
+    """Rows that wander in time are exchangeable at random, and not by halves."""
+    rng = np.random.default_rng(0)
+    y = np.tile([0, 1, 2], 60)
+    wandering = 3 * np.eye(3)[y] + rng.normal(size=(180, 3)) + np.linspace(0, 5, 180)[:, None] * [1, -1, 0]
+    study = coverage_study(wandering, ECOCClassifier(), y, in_time_order=True, levels=[0.9], n_seeds=20)
+    random, halves = study.rows
+    assert (random.random, halves.random) == (True, False)
+    assert random.mean == pytest.approx(0.9, abs=0.04)
+    assert halves.mean < random.mean - 0.1
+    assert len(halves.coverage) == 2
+
+
+@pytest.mark.parametrize("kind", ["margin", "probability", "cumulative"])
+def test_every_kind_and_threads(kind):
+    one, two = (
+        coverage_study(X, ECOCClassifier(), Y, kind=kind, n_seeds=3, per_class=True, n_jobs=jobs)
+        for jobs in (1, 2)
+    )
+    assert one == two
+    assert one.rows[0].attainable == pytest.approx(29 / 36)  # of 35 rows of each class
+
+
+def test_random_partitions_keep_rows_of_every_class():
+    codes = np.array([0] * 2 + [1] * 3 + [2] * 40)
+    part = random_partition(codes, 3)
+    assert np.bincount(codes[part.train]).tolist() == [1, 2, 28]
+    assert np.intersect1d(part.train, part.test).size == 0
+
+
+def test_everything_in_one_call(found, tmp_path):
+    text = str(found)
+    for part in (
+        "Probabilities of 150 rows",
+        "Coverage of prediction sets",
+        "Each material left out",
+        "Ways to see",
+    ):
+        assert part in text
+    found.save(tmp_path / "c.json")
+    stored = json.loads((tmp_path / "c.json").read_text())
+    assert ConformalRule.from_dict(stored["conformal"]) == found.conformal
+    assert UnknownRule.from_dict(stored["unknown"]) == found.unknown
+    for part in (found.coverage, found.open_set):
+        part.save(tmp_path / "p.json")
+        assert json.loads((tmp_path / "p.json").read_text()) == part.to_dict()
+    assert not found.notes
+
+
+def test_two_classes_only():
+    seen = assess(X[:100], ECOCClassifier(), Y[:100], n_seeds=2)
+    assert seen.open_set is None
+    assert "none can be left out" in seen.notes[-1]
+    assert seen.to_dict()["open_set"] is None
+    pytest.importorskip("matplotlib")
+    assert len(plot_confidence(seen).axes) == 2
+
+
+def test_synthetic_recordings_are_marked():
+    data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.3)
+    seen = assess(data, ECOCClassifier().set_params(), n_seeds=2) if data.X.ndim == 2 else None
+    assert seen is None
+    from sklearn.pipeline import make_pipeline
+
+    from granular_id.spaces import RawHFMH
+
+    seen = assess(data, make_pipeline(RawHFMH(), ECOCClassifier()), n_seeds=2)
+    assert seen.synthetic
+    assert all("SYNTHETIC" in table.title for table in seen.tables())
+    pytest.importorskip("matplotlib")
+    assert plot_confidence(seen).get_suptitle() == "SYNTHETIC recordings"
+
+
+def test_figure_shows_the_figures(found, tmp_path):
+    pytest.importorskip("matplotlib")
+    target = tmp_path / "f.png"
+    figure = plot_confidence(found, path=target)
+    assert target.read_bytes().startswith(b"\x89PNG")
+    reliable, coverage, unknown = figure.axes
+    dots = reliable.collections[0].get_offsets()
+    assert dots[:, 1].tolist() == [part.accuracy for part in found.reliability.bins]
+    lines = {line.get_label(): line for line in coverage.lines}
+    for name in ("random 30 %", "halves in time order"):
+        own = [row.mean for row in found.coverage.rows if row.held_out == name]
+        assert lines[name].get_ydata().tolist() == own
+    assert f"AUROC {found.open_set.mean('auroc'):.3f}" in unknown.get_xlabel()
+
+
+def test_command(tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = saved(make(6), tmp_path / "set")
+    figure, json_file = tmp_path / "f.svg", tmp_path / "c.json"
+    words = ["--space", "hfmh", "--n-bins", "10", "--seeds", "2", "--levels", "0.6,0.8", "--quiet"]
+    output = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
+    assert "Coverage of prediction sets" in output
+    assert "held out: " in output
+    stored = json.loads(json_file.read_text())
+    assert stored["conformal"]["levels"] == [0.6, 0.8]
+    assert stored["data"]["n_recordings"] == 18
+    assert figure.read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--levels", "0.9,1.5"],
+            "--levels must be between 0 and 1, several separated by commas, got '0.9,1.5'",
+        ),
+        (["--levels", "high"], "--levels must be between 0 and 1"),
+        (["--known", "1"], "--known must be between 0 and 1"),
+        (["--seeds", "0"], "--seeds"),
+        (["--space", "paper"], "there is no feature space 'paper'"),
+        (["--figure", "f.xyz"], "path must end in one of"),
+        (["--figure", "one.svg", "--json", "one.svg"], "would be written twice"),
+    ],
+)
+def test_command_is_refused_before_anything_is_read(tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused("confidence", tmp_path / "nowhere", *words)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,237 @@
+"""Refusal of unknown materials: against twins, and the share of known ones that is asked for."""
+
+import json
+import math
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.metrics import roc_auc_score
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import LinearSVC
+
+from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
+from granular_id.confidence.open_set import area_under_roc, false_positives
+from granular_id.confidence.rows import rows_of
+from granular_id.confidence.unknown import STRANGENESS
+from granular_id.ecoc import ECOCClassifier
+
+
+def clouds(n_classes=4, n_each=40, n_features=6, seed=0, distance=4.0):
+    rng = np.random.default_rng(seed)
+    centres = distance * np.eye(n_features)[:n_classes]
+    y = np.repeat(np.array(list("abcdef")[:n_classes]), n_each)
+    return rng.normal(size=(len(y), n_features)) + np.repeat(centres, n_each, axis=0), y
+
+
+@pytest.fixture(scope="module")
+def crossed():
+    return held_out_scores(ECOCClassifier(), rows_of(*clouds()))
+
+
+def test_strangeness_by_its_words(crossed):
+    values, binary, coding = crossed.scores.values, crossed.scores.binary, crossed.scores.coding
+    strange = {kind: unknown_rule(crossed, kind=kind).strangeness(values, binary) for kind in STRANGENESS}
+    for i, (row, learners) in enumerate(zip(values, binary, strict=True)):
+        ranked = sorted(row, reverse=True)
+        assert strange["value"][i] == -ranked[0]
+        assert strange["margin"][i] == ranked[1] - ranked[0]
+        best = coding[row.argmax()]
+        assert strange["learners"][i] == -min(s * b for s, b in zip(learners, best, strict=True) if b)
+    for kind, scores in (("value_distance", values), ("learner_distance", binary)):
+        rule = unknown_rule(crossed, kind=kind)
+        whitener = np.array(rule.whitener)
+        squares = [[d @ whitener @ whitener.T @ d for d in score - np.array(rule.means)] for score in scores]
+        assert strange[kind] == pytest.approx(np.sqrt(np.min(squares, axis=1)), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", STRANGENESS)
+def test_one_row_alone_is_judged_as_in_the_batch(crossed, kind):
+    rule = unknown_rule(crossed, kind=kind)
+    values, binary = crossed.scores.values, crossed.scores.binary
+    each = [float(rule.strangeness(v, b)) for v, b in zip(values, binary, strict=True)]
+    assert rule.strangeness(values, binary) == pytest.approx(each, rel=1e-12)
+    assert isinstance(rule.knows(values[0], binary[0]), bool)
+    assert json.loads(json.dumps(rule.to_dict(), allow_nan=False)) == rule.to_dict()
+    assert UnknownRule.from_dict(json.loads(json.dumps(rule.to_dict()))) == rule
+    assert pickle.loads(pickle.dumps(rule)) == rule
+
+
+@pytest.mark.parametrize("kind", STRANGENESS)
+@pytest.mark.parametrize("share", [0.8, 0.95])
+def test_the_share_of_known_rows_is_kept_on_new_ones(kind, share):
+    accepted = []
+    for seed in range(20):
+        X, y = clouds(seed=seed)
+        model = ECOCClassifier().fit(X, y)
+        rule = unknown_rule(held_out_scores(ECOCClassifier(), rows_of(X, y)), share_known=share, kind=kind)
+        new, _ = clouds(seed=1000 + seed, n_each=200)
+        accepted.append(rule.knows(model.decision_function(new), model.binary_scores(new)).mean())
+    # a little more than asked for: the models of the cross-fit have trained on fewer rows than the final one
+    assert np.mean(accepted) > share - 0.02
+    if (
+        kind != "learner_distance"
+    ):  # its covariance has more numbers than the folds have rows: it errs on this side
+        assert np.mean(accepted) < share + 0.06
+
+
+def test_a_cloud_apart_is_refused_when_it_is_left_out():
+    X, y = clouds(n_classes=4, distance=10.0)
+    X[y == "d", :4] += np.array([5.0, 5.0, 0.0, -10.0])  # between the first two
+    result = leave_one_material_out(X, make_pipeline(StandardScaler(), ECOCClassifier()), y)
+    assert set(result.kinds) == set(STRANGENESS)
+    assert result.kind == "value_distance"
+    rows = {row.material: row for row in result.rows if row.kind == "value_distance"}
+    assert rows["d"].auroc > 0.95
+    assert rows["d"].n_unknown == 40
+    assert rows["d"].n_known == 120
+    assert 0.85 < result.mean("accepted") <= 1.0
+    text = str(result)
+    assert "random folds" in text
+    assert "Ways to see the unknown" in text
+
+
+def test_left_out_rows_train_nowhere():
+    """What is left out could be anything: figures of the others' models do not change, but for the left-out rows."""
+    seen = []
+
+    class Spy(ECOCClassifier):
+        def fit(self, X, y, sample_weight=None):
+            seen.append(set(y))
+            return super().fit(X, y, sample_weight)
+
+    X, y = clouds(n_classes=3, n_each=12)
+    leave_one_material_out(X, Spy(), y, kinds=["value"])
+    assert {frozenset(labels) for labels in seen} == {frozenset("ab"), frozenset("ac"), frozenset("bc")}
+
+
+def test_sessions_are_held_out_whole():
+    X, y = clouds(n_classes=3, n_each=12)
+    sessions = [f"day {k % 3}" for k in range(len(y))]
+    tested = leave_one_material_out(X, ECOCClassifier(), y, sessions=sessions, kinds=["margin"])
+    assert tested.held_out == "held-out sessions"
+    in_time = leave_one_material_out(X, ECOCClassifier(), y, in_time_order=True, kinds=["margin"])
+    assert in_time.held_out == "halves in time order"
+
+
+def test_seeds_and_threads_make_no_difference():
+    X, y = clouds(n_classes=3, n_each=15)
+    first = leave_one_material_out(X, ECOCClassifier(), y)
+    assert leave_one_material_out(X, ECOCClassifier(), y, n_jobs=2) == first
+
+
+def test_two_classes_are_one_number():
+    """Their two class values are one number twice: no direction of no variance may make rows strange."""
+    X, y = clouds(n_classes=2)
+    crossed = held_out_scores(ECOCClassifier(), rows_of(X, y))
+    rule = unknown_rule(crossed)
+    assert rule.knows(crossed.scores.values).mean() > 0.9
+    with pytest.raises(ValueError, match="at least 3, to keep 2"):
+        leave_one_material_out(X, ECOCClassifier(), y)
+
+
+def test_scores_that_are_all_the_same_are_all_known():
+    crossed = held_out_scores(ECOCClassifier(C=1e-9), rows_of(np.tile(np.eye(3), (8, 1)), list("abc") * 8))
+    rule = unknown_rule(crossed)
+    assert np.isfinite(rule.threshold)
+    assert rule.knows(crossed.scores.values).all()
+
+
+def test_models_without_learners():
+    crossed = held_out_scores(LinearSVC(), rows_of(*clouds()))
+    assert crossed.scores.binary is None
+    assert unknown_rule(crossed).knows(crossed.scores.values).mean() > 0.9
+    with pytest.raises(ValueError, match="ends in ECOCClassifier"):
+        unknown_rule(crossed, kind="learners")
+    result = leave_one_material_out(clouds()[0], LinearSVC(), clouds()[1])
+    assert set(result.kinds) == {"value_distance", "value", "margin"}
+
+
+def test_too_few_rows_refuse_nothing_and_say_so():
+    crossed = held_out_scores(ECOCClassifier(), rows_of(*clouds(n_classes=3, n_each=4)))
+    rule = unknown_rule(crossed)
+    assert rule.threshold == math.inf
+    assert rule.notes == ("too few calibration rows (12) to accept 95 % of the known: nothing is refused",)
+    assert rule.knows([1e9, -1e9, 0.0])
+    assert UnknownRule.from_dict(rule.to_dict()) == rule
+
+
+def test_figures_are_those_of_others():
+    rng = np.random.default_rng(0)
+    known, unknown = rng.normal(size=50).round(1), rng.normal(0.5, size=30).round(1)
+    truth = np.repeat([0, 1], [50, 30])
+    assert area_under_roc(known, unknown) == pytest.approx(roc_auc_score(truth, np.r_[known, unknown]))
+    limit = sorted(known)[math.ceil(0.95 * 50) - 1]
+    assert false_positives(known, unknown) == (unknown <= limit).mean()
+
+
+GOOD = UnknownRule(
+    ("a", "b"),
+    "value_distance",
+    3.0,
+    0.95,
+    50,
+    means=((0.0, 1.0), (1.0, 0.0)),
+    whitener=((1.0, 0.0), (0.0, 1.0)),
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "votes"}, "kind must be one of"),
+        ({"classes": ("a", "a")}, "different names"),
+        ({"threshold": math.nan}, "threshold"),
+        ({"share_known": 1.0}, "share_known"),
+        ({"n_calibration": -1}, "n_calibration"),
+        ({"means": ()}, "means must be given"),
+        ({"means": ((0.0, 1.0),)}, "means must be rows"),
+        ({"means": ((0.0, 1.0, 2.0), (1.0, 0.0, 2.0))}, "whitener must have shape"),
+        ({"means": ((0.0,), (1.0,)), "whitener": ((1.0,),)}, "means must have 2 values"),
+        ({"means": ((0.0, math.inf), (1.0, 0.0))}, "finite"),
+        ({"coding": ((1.0,), (-1.0,))}, "coding must be empty"),
+        (
+            {"kind": "learners", "means": (), "whitener": (), "coding": ((1.0,), (0.0,))},
+            "at least one learner",
+        ),
+    ],
+)
+def test_a_rule_that_cannot_be(change, message):
+    fields = {name: getattr(GOOD, name) for name in GOOD.__dataclass_fields__ if name != "_arrays"}
+    with pytest.raises(ValueError, match=message):
+        UnknownRule(**{**fields, **change})
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"format": "other"}, ValueError),
+        ({"threshold": "3"}, TypeError),
+        ({"n_calibration": True}, TypeError),
+        ({"means": [[0.0, 1.0], [1.0]]}, ValueError),
+        ({"means": [[0.0, None], [1.0, 0.0]]}, TypeError),
+        ({"more": 1}, ValueError),
+    ],
+)
+def test_a_damaged_rule_is_refused(change, error):
+    with pytest.raises(error):
+        UnknownRule.from_dict({**GOOD.to_dict(), **change})
+
+
+def test_bad_questions(crossed):
+    with pytest.raises(ValueError, match=r"values must have shape \(2,\)"):
+        GOOD.knows([1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match="finite"):
+        GOOD.knows([1.0, math.nan])
+    rule = unknown_rule(crossed, kind="learners")
+    with pytest.raises(ValueError, match="binary must hold the scores"):
+        rule.knows([1.0, 2.0, 3.0, 4.0])
+    with pytest.raises(ValueError, match="same rows"):
+        rule.knows([1.0, 2.0, 3.0, 4.0], np.zeros((2, 6)))
+    with pytest.raises(ValueError, match="share_known"):
+        unknown_rule(crossed, share_known=0.0)
+    with pytest.raises(ValueError, match="kind must be one of"):
+        unknown_rule(crossed, kind="votes")
+    with pytest.raises(ValueError, match="kinds must be among"):
+        leave_one_material_out(*[clouds()[0], ECOCClassifier(), clouds()[1]], kinds=["votes"])
