@@ -56,7 +56,7 @@ def test_models_that_cannot_be_explained(data):
         explain(make_pipeline(RawSignal(), ECOCClassifier()), "oat", "rice", X, y)
     with pytest.raises(TypeError, match="model must be a Pipeline of a feature space and an ECOCClassifier"):
         explain(ECOCClassifier(), "oat", "rice", X, y)
-    with pytest.raises(TypeError, match="model must end in an ECOCClassifier, got LogisticRegression"):
+    with pytest.raises(TypeError, match="an ECOCClassifier or a BestClassifier, got LogisticRegression"):
         explain(make_pipeline(RawSignal(), LogisticRegression()).fit(X[:, :20], y), "oat", "rice", X, y)
     gram_only = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
     features = gram_only[:-1].transform(X)

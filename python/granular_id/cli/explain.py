@@ -20,11 +20,12 @@ from granular_id.cli.settings import known_spaces, positive
 if TYPE_CHECKING:
     from granular_id.explanation import Explanation
     from granular_id.recording import Dataset
+    from granular_id.spaces import FeatureSpace
 
 __all__ = ["explain"]
 
 TEXT = """
-Say which instants, axes and bins decide between two materials.
+Say which instants, axes, bins and bands decide between two materials.
 
 The method is trained on one half of the recordings of each material and explained on the other, so that what is
 shown decides for recordings it has not seen.
@@ -36,6 +37,8 @@ Examples:
 `granular-id explain recordings rice oat`
 
 `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
+
+`granular-id explain recordings rice oat --space multiband --figure bands.png`
 """
 
 OUTPUT = "Output"
@@ -52,7 +55,12 @@ def explain(
     *,
     space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
     block_weights: BlockWeights = Weights.plain,
-    c: Annotated[float, option("--C", "Method", "Box constraint of the support vector machines.")] = 1.0,
+    c: Annotated[
+        float,
+        option(
+            "--C", "Method", "Box constraint, where the space has no classifier of its own that chooses it."
+        ),
+    ] = 1.0,
     figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write all weights and contributions.")] = None,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the explanation only.")] = False,
@@ -72,9 +80,7 @@ def explain(
             raise ValueError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
-    explanation = _explained(
-        data, method.spaces(data.rate_hz, block_weights)[space].transformer, c, first, second
-    )
+    explanation = _explained(data, method.spaces(data.rate_hz, block_weights)[space], c, first, second)
 
     console = Console(highlight=False)
     console.print()
@@ -96,12 +102,10 @@ def explain(
 explain.__doc__ = TEXT
 
 
-def _explained(data: Dataset, transformer: Any, cost: float, first: str, second: str) -> Explanation:
+def _explained(data: Dataset, space: FeatureSpace, cost: float, first: str, second: str) -> Explanation:
     """Train on every second recording of each material, explain the others."""
     import numpy as np  # noqa: PLC0415 (--help must not wait)
-    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
 
-    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
     from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
 
     X, y = data.X, data.y
@@ -112,5 +116,28 @@ def _explained(data: Dataset, transformer: Any, cost: float, first: str, second:
             raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
         place[members] = np.arange(len(members))
     trains = place % 2 == 0
-    model = make_pipeline(transformer, ECOCClassifier(C=cost)).fit(X[trains], y[trains])
+    model = _trained(data, X, y, np.flatnonzero(trains), space, cost)
     return explain_pair(model, first, second, X[~trains], y[~trains])
+
+
+def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:
+    """Train the classifier of the space, or the paper's; blocks of statistics are scaled first."""
+    from sklearn.base import clone  # noqa: PLC0415 (--help must not wait)
+    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
+
+    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
+    from granular_id.evaluation.origins import origins_of  # noqa: PLC0415
+    from granular_id.spaces import BlockScaler, block_sizes  # noqa: PLC0415
+
+    fitted = clone(space.transformer).fit(X[rows], y[rows])
+    features, sizes = fitted.transform(X[rows]), block_sizes(fitted)
+    if space.classifier is None:
+        behind = [] if sizes is None else [BlockScaler(sizes).fit(features)]
+        for step in behind:
+            features = step.transform(features)
+        return make_pipeline(fitted, *behind, ECOCClassifier(C=cost).fit(features, y[rows]))
+    classifier = clone(space.classifier)
+    if sizes is not None and classifier.get_params().get("blocks", ...) is None:
+        classifier.set_params(blocks=sizes)
+    classifier.fit(features, y[rows], **origins_of(data).fit_arguments(classifier, rows))
+    return make_pipeline(fitted, classifier)

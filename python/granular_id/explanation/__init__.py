@@ -1,7 +1,9 @@
-"""What decides between two materials: instants, axes and bins, exactly accounted for."""
+"""What decides between two materials: instants, axes, bins and bands, exactly accounted for."""
 
+from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.difference import explain
+from granular_id.explanation.findings import Finding
 from granular_id.explanation.regions import Region
 from granular_id.explanation.result import ExplainedBlock, Explanation
 
-__all__ = ["ExplainedBlock", "Explanation", "Region", "explain"]
+__all__ = ["BandExplanation", "ExplainedBlock", "Explanation", "Finding", "Region", "explain"]

@@ -1,4 +1,4 @@
-"""`explain`: which instants, axes and bins decide between two materials."""
+"""`explain`: which instants, axes, bins and bands decide between two materials."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import column_or_1d
 
+from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.pairs import pair_factors
 from granular_id.explanation.result import ExplainedBlock, Explanation
 from granular_id.explanation.steps import chain_of
@@ -30,9 +31,9 @@ def explain(
     ----------
     model : Pipeline
         Fitted: a feature space that knows what its columns stand for (`RawSignal`, `HFMH`, `RawHFMH`,
-        `RawHistogram`, `DFT`, `RangeNormalizer`, unions of them), filters such as `Tare` in front if
-        wanted; then any of `PrincipalComponents`, `RICA`, scikit-learn's ``PCA`` and ``StandardScaler``; last an
-        `ECOCClassifier` with linear learners.
+        `RawHistogram`, `DFT`, `RangeNormalizer`, unions of them, `MultiBand`), filters such as `Tare` in front if
+        wanted; then any of `BlockScaler`, `WithinClassWhitening`, `PrincipalComponents`, `RICA`, scikit-learn's
+        ``PCA`` and ``StandardScaler``; last an `ECOCClassifier` with linear learners or a `BestClassifier`.
     first, second : label
         The two materials, among ``model.classes_``.
     X : array-like, shape (n, T, C)
@@ -44,7 +45,8 @@ def explain(
     Returns
     -------
     Explanation
-        ``print`` it for the main points in words; `granular_id.plotting.plot_explanation` draws it.
+        ``print`` it for the main points in words; `granular_id.plotting.plot_explanation` draws it. Of the
+        multi-band space a `BandExplanation`: shares of blocks, bands, axes and couplings.
 
     Raises
     ------
@@ -90,7 +92,8 @@ def explain(
     recordings = _recordings(X)
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
-    factors = pair_factors(chain.classifier.coding_matrix_, *pair, decoding=chain.classifier.decoding)
+    decoding = getattr(chain.classifier, "decoding", "loss_weighted")
+    factors = pair_factors(chain.classifier.coding_matrix_, *pair, decoding=decoding)
 
     means, scores = [], []
     for members in rows:
@@ -99,13 +102,18 @@ def explain(
         scores.append(float(scored.mean()))
     weights = chain.weights_of(factors)
     contributions = weights * (means[0] - means[1])
-    return Explanation(
-        first=classes.tolist()[pair[0]],
-        second=classes.tolist()[pair[1]],
-        scores=(scores[0], scores[1]),
-        counts=(len(rows[0]), len(rows[1])),
-        factors=factors,
-        blocks=tuple(ExplainedBlock.of(block, weights, contributions) for block in chain.blocks),
+    told: dict[str, Any] = {
+        "first": classes.tolist()[pair[0]],
+        "second": classes.tolist()[pair[1]],
+        "scores": (scores[0], scores[1]),
+        "counts": (len(rows[0]), len(rows[1])),
+        "factors": factors,
+        "blocks": tuple(ExplainedBlock.of(block, weights, contributions) for block in chain.blocks),
+    }
+    if chain.bands is None:
+        return Explanation(**told)
+    return BandExplanation(
+        **told, columns=chain.bands, means=np.stack(means), weights=weights, contributions=contributions
     )
 
 

@@ -149,12 +149,7 @@ class Explanation:
 
     def __str__(self) -> str:
         """Give the main points in words."""
-        lines = [
-            f"{self.first} against {self.second}: mean score {self.scores[0]:+.3g} over {_recordings(self.counts[0])} "
-            f"and {self.scores[1]:+.3g} over {_recordings(self.counts[1])}."
-        ]
-        if self.difference <= 0:
-            lines.append(f"The model does not score {self.first} above {self.second} here.")
+        lines = self._heading()
         words = {part.group: _WORDS.get(part.block.kind, part.block.kind) for part in self.blocks}
         by_axis = self.by_block_and_axis()
         lines.append("Of the difference come")
@@ -164,6 +159,15 @@ class Explanation:
             lines.append(f"  {self._share(total)} from the {words[group]} ({group}): {axes}")
         strongest = (f"  {self._share(region.contribution)}: {region}" for region in self.regions())
         return "\n".join([*lines, "Strongest:", *strongest])
+
+    def _heading(self) -> list[str]:
+        lines = [
+            f"{self.first} against {self.second}: mean score {self.scores[0]:+.3g} over {_recordings(self.counts[0])} "
+            f"and {self.scores[1]:+.3g} over {_recordings(self.counts[1])}."
+        ]
+        if self.difference <= 0:
+            lines.append(f"The model does not score {self.first} above {self.second} here.")
+        return lines
 
     def _share(self, contribution: float) -> str:
         """Per cent of the difference; in units of the score where there is none to speak of."""

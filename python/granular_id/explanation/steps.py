@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.decomposition import PCA
 from sklearn.pipeline import Pipeline
-from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
+from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
-from granular_id.rica import RICA
-from granular_id.spaces import FeatureBlock, PrincipalComponents, RecordingFilter, feature_blocks
+from granular_id.spaces import FeatureBlock, RecordingFilter, feature_blocks
+from granular_id.spaces.band_columns import BandColumns, band_columns
 from granular_id.spaces.base import real_steps
+from granular_id.spaces.folding import LINEAR_STEPS, folded_back, is_linear_step
 
 __all__ = ["Chain", "chain_of"]
 
@@ -32,16 +32,19 @@ class Chain:
         From recordings to columns with a meaning: filters and one feature space.
     after : tuple of transformers
         From columns to what the classifier sees; each an affine map.
-    classifier : ECOCClassifier
+    classifier : ECOCClassifier or BestClassifier
         With linear learners.
     blocks : tuple of FeatureBlock
         What the columns stand for.
+    bands : BandColumns or None
+        What the columns stand for in the multi-band space; `blocks` then hold only those read along one coordinate.
     """
 
     space: Pipeline
     after: tuple[Any, ...]
-    classifier: ECOCClassifier
+    classifier: ECOCClassifier | BestClassifier
     blocks: tuple[FeatureBlock, ...]
+    bands: BandColumns | None = None
 
     def columns_and_scores(
         self, recordings: npt.NDArray[Any], factors: FloatArray
@@ -56,10 +59,8 @@ class Chain:
 
     def weights_of(self, factors: FloatArray) -> FloatArray:
         """Weight (D,) of each column in the weighted sum of the learners' scores."""
-        weights = factors @ self.classifier.coef_
-        for step in reversed(self.after):
-            weights = _back(step, weights)
-        return np.asarray(weights, dtype=np.float64)
+        weights, _ = folded_back(self.after, factors @ self.classifier.coef_)
+        return weights
 
 
 def chain_of(model: Any) -> Chain:
@@ -68,8 +69,8 @@ def chain_of(model: Any) -> Chain:
     Raises
     ------
     TypeError
-        Not a pipeline that ends in an `ECOCClassifier` with linear learners, or a step that mixes columns in a way
-        that cannot be followed back.
+        Not a pipeline that ends in an `ECOCClassifier` with linear learners or a `BestClassifier`, or a step
+        that mixes columns in a way that cannot be followed back.
     NotFittedError
         Not fitted.
     """
@@ -80,8 +81,10 @@ def chain_of(model: Any) -> Chain:
         )
     steps = real_steps(model)
     classifier = steps.pop() if steps else None
-    if not isinstance(classifier, ECOCClassifier):
-        raise TypeError(f"model must end in an ECOCClassifier, got {type(classifier).__name__}")
+    if not isinstance(classifier, (ECOCClassifier, BestClassifier)):
+        raise TypeError(
+            f"model must end in an ECOCClassifier or a BestClassifier, got {type(classifier).__name__}"
+        )
     check_is_fitted(classifier, "classes_")
     if getattr(classifier, "coef_", None) is None:
         raise TypeError(
@@ -93,35 +96,20 @@ def chain_of(model: Any) -> Chain:
         n_before += 1
     space, after = steps[: n_before + 1], steps[n_before + 1 :]
     for step in after:
-        _check_followed(step)
+        if not is_linear_step(step):
+            known = ", ".join(kind.__name__ for kind in LINEAR_STEPS)
+            raise TypeError(
+                f"model may have {known} between feature space and classifier, "
+                f"got {type(step).__name__}, which cannot be followed back to instants and bins"
+            )
     before = Pipeline(
         [(f"step{number}", step) for number, step in enumerate(space)] or [("none", "passthrough")]
     )
+    bands = band_columns(before)
+    if bands is not None:
+        return Chain(before, tuple(after), classifier, bands.read_along(), bands)
     try:
         blocks = feature_blocks(before)
     except TypeError as reason:
         raise TypeError(f"model cannot be followed back to the recording: {reason}") from None
     return Chain(before, tuple(after), classifier, blocks)
-
-
-def _back(step: Any, weights: FloatArray) -> FloatArray:
-    """Weights of a step's output turned into weights of its input."""
-    if isinstance(step, StandardScaler):
-        return weights if step.scale_ is None else weights / step.scale_
-    if isinstance(step, PCA) and step.whiten:
-        # As PCA.transform does it: a component without variance is not blown up.
-        scale = np.sqrt(step.explained_variance_)
-        smallest = np.finfo(scale.dtype).eps
-        weights = weights / np.where(scale < smallest, smallest, scale)
-    passed: FloatArray = weights @ step.components_
-    if isinstance(step, RICA) and step.scale_ is not None:
-        passed = passed / step.scale_
-    return passed
-
-
-def _check_followed(step: Any) -> None:
-    if not isinstance(step, (PrincipalComponents, RICA, PCA, StandardScaler)):
-        raise TypeError(
-            "model may have PrincipalComponents, RICA, PCA and StandardScaler between feature space and classifier, "
-            f"got {type(step).__name__}, which cannot be followed back to instants and bins"
-        )

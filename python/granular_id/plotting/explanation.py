@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES
 from granular_id.evaluation.thinning import window_starts
+from granular_id.plotting.band_explanation import draw_band_explanation
 from granular_id.plotting.style import (
     FAINT,
     INK,
     axis_line,
     new_figure,
+    number_text,
     pretty,
     quiet,
     row_names,
@@ -36,7 +38,7 @@ _WINDOWS = 80
 def plot_explanation(
     explanation: Explanation, *, title: str | None = None, path: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Plot which instants, bins or frequencies of which axes decide between two materials.
+    """Plot which instants, bins, frequencies or bands of which axes decide between two materials.
 
     Parameters
     ----------
@@ -55,6 +57,11 @@ def plot_explanation(
         the difference; all bars of the figure sum to 100 %. Where the model does not score the first
         material above the second, bars are in units of the score.
 
+        Of the multi-band space: a table of bands and axes as a heat map, which with its sums is all of the
+        difference; the share of each block; coupling matrices of the three bands in which they say most, orange
+        what speaks for the first material, purple and a minus what speaks against; contributions over
+        frequency and, where the level counts, over time.
+
     Raises
     ------
     ImportError
@@ -72,6 +79,28 @@ def plot_explanation(
     >>> [panel.get_title() for panel in plot_explanation(seen, title="SYNTHETIC recordings").axes[::2]]
     ['raw', 'hfmh']
     """
+    from granular_id.explanation import BandExplanation  # noqa: PLC0415 (it knows no figures, and loads much)
+
+    figure = (
+        draw_band_explanation(explanation)
+        if isinstance(explanation, BandExplanation)
+        else _drawn(explanation)
+    )
+    first, second = (short(str(label)) for label in (explanation.first, explanation.second))
+    heading = "" if title is None else f"{title}\n"
+    scores = " and ".join(f"{score:+.2g}".replace("-", "\N{MINUS SIGN}") for score in explanation.scores)
+    figure.suptitle(
+        f"{heading}What tells {first} from {second}: mean scores {scores}",
+        fontsize=11,
+        color=INK,
+        parse_math=False,
+    )
+    save(figure, path)
+    return figure
+
+
+def _drawn(explanation: Explanation) -> Figure:
+    """Draw one row a block: curves and bars."""
     groups: dict[str, list[ExplainedBlock]] = {}
     for part in explanation.blocks:
         groups.setdefault(part.group, []).append(part)
@@ -93,15 +122,6 @@ def plot_explanation(
     high = max(0.0, *(panel.get_xlim()[1] for panel in panels[:, 1]))
     for panel in panels[:, 1]:
         panel.set_xlim(low, high)
-    first, second = (short(str(label)) for label in (explanation.first, explanation.second))
-    heading = "" if title is None else f"{title}\n"
-    scores = " and ".join(f"{score:+.2g}".replace("-", "\N{MINUS SIGN}") for score in explanation.scores)
-    figure.suptitle(
-        f"{heading}What tells {first} from {second}: mean scores {scores}",
-        fontsize=11,
-        color=INK,
-        parse_math=False,
-    )
     figure.legend(
         handles=list(handles.values()),
         labels=[pretty(axis) for axis in handles],
@@ -110,7 +130,6 @@ def plot_explanation(
         frameon=False,
         fontsize=9,
     )
-    save(figure, path)
     return figure
 
 
@@ -148,7 +167,7 @@ def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
     for row, (axis, share) in enumerate(shares.items()):
         panel.barh(row, share, 0.7, color=_line_of(axis)["color"], linewidth=0)
         panel.annotate(
-            _number_text(share, digits),
+            number_text(share, digits),
             (max(share, 0.0), row),
             xytext=(3, 0),
             textcoords="offset points",
@@ -180,8 +199,3 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
 def _line_of(axis: str) -> dict[str, Any]:
     """Axes that are no wrench are called axis0, axis1 ... by the spaces."""
     return axis_line(axis, 0 if axis in AXES else int(axis.removeprefix("axis")))
-
-
-def _number_text(value: float, digits: int) -> str:
-    # Adding 0 turns a rounded -0 into 0.
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")

@@ -27,11 +27,14 @@ __all__ = [
     "AXIS_DASHES",
     "FAINT",
     "INK",
+    "TICKS",
     "axis_line",
     "evenly",
     "file_format",
     "material_panels",
+    "middles_to_edges",
     "new_figure",
+    "number_text",
     "pretty",
     "quiet",
     "row_names",
@@ -48,6 +51,9 @@ AXIS_DASHES = ("-", ":", "--", ":", "-", "--")
 
 INK, FAINT = "#333333", "#BBBBBB"
 """Text and marks; lines that only guide the eye."""
+
+TICKS = tuple(step * 10.0**power for power in range(-3, 5) for step in (1, 2, 5))
+"""Ticks of a logarithmic axis that few decades need."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -116,6 +122,31 @@ def short(text: str, most: int = 24) -> str:
 def pretty(axis: str) -> str:
     """Return the name of an axis of a wrench as mathematics, ``$F_x$`` for fx; any other name as it is."""
     return f"${axis[0].upper()}_{axis[1]}$" if axis in AXES else axis
+
+
+def middles_to_edges(middles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return edges half way between neighbours, and as far beyond the first and the last.
+
+    Examples
+    --------
+    >>> middles_to_edges(np.array([1.0, 2.0, 4.0])).tolist()
+    [0.5, 1.5, 3.0, 5.0]
+    """
+    if len(middles) < 2:
+        return np.array([middles[0] - 0.5, middles[0] + 0.5])
+    half = np.diff(middles) / 2
+    return np.concatenate([[middles[0] - half[0]], middles[:-1] + half, [middles[-1] + half[-1]]])
+
+
+def number_text(value: float, digits: int) -> str:
+    """Round for a figure, with a true minus and no minus before zero.
+
+    Examples
+    --------
+    >>> number_text(-0.04, 1), number_text(12.345, 1)
+    ('0.0', '12.3')
+    """
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
 def axis_line(axis: str, place: int = 0) -> dict[str, Any]:

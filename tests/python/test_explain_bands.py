@@ -1,0 +1,251 @@
+"""explain in the multi-band space: exact sums, planted differences found and put in words."""
+
+import json
+
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+import multiband_twin as twin
+from granular_id.best import BestClassifier
+from granular_id.ecoc import ECOCClassifier
+from granular_id.explanation import BandExplanation, explain
+from granular_id.explanation.band_words import moments, said
+from granular_id.spaces import BlockScaler, Tare, WithinClassWhitening
+from granular_id.spaces.band_columns import band_columns
+from multiband_cases import ALL, coupled, louder, two_materials
+from multiband_stand_in import StandIn
+
+
+def sizes_of(space):
+    columns = band_columns(space)
+    return {block: columns.of(block=block).size for block in columns.blocks}
+
+
+def model_of(X, y, *, blocks=ALL, whitened=False):
+    space = StandIn(blocks=blocks).fit(X)
+    after = [BlockScaler(sizes_of(space)), *([WithinClassWhitening(0.01)] if whitened else [])]
+    return make_pipeline(StandIn(blocks=blocks), *after, ECOCClassifier()).fit(X, y)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    X, y = louder()
+    return explain(model_of(X[:16], y[:16], whitened=True), "rice", "oat", X[16:], y[16:])
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three materials, and a model of them."""
+    X, y = louder()
+    y = np.where(np.arange(len(y)) % 5 == 4, "peas", y)
+    return X, y, model_of(X, y, whitened=True)
+
+
+def test_every_account_adds_up_to_the_difference(three):
+    X, y, model = three
+    for first, second in (("rice", "oat"), ("oat", "peas")):
+        found = explain(model, first, second, X, y)
+        assert isinstance(found, BandExplanation)
+        scores = model[-1].binary_scores(model[:-1].transform(X))
+        classes = list(model[-1].classes_)
+        codes = model[-1].coding_matrix_
+        a, b = classes.index(first), classes.index(second)
+        (learner,) = np.flatnonzero(codes[a] * codes[b] == -1)
+        own = codes[a, learner] * scores[:, learner]
+        wanted = own[y == first].mean() - own[y == second].mean()
+        assert found.difference == pytest.approx(wanted, rel=1e-9)
+        assert found.contributions.sum() == pytest.approx(wanted, rel=1e-9)
+        for sums in (found.by_block(), found.by_band(), found.by_axis()):
+            assert sum(sums.values()) == pytest.approx(wanted, rel=1e-9)
+        for table in (found.by_block_and_axis(), found.by_band_and_axis()):
+            assert sum(sum(row.values()) for row in table.values()) == pytest.approx(wanted, rel=1e-9)
+        pairs = found.by_pair()
+        assert sum(pairs.values()) == pytest.approx(found.by_block()["coupling"], rel=1e-9)
+        by_band = [sum(found.by_pair(band.number).values()) for band in found.columns.bands]
+        assert sum(by_band) == pytest.approx(sum(pairs.values()), rel=1e-9)
+        everything = found.findings(10**6)
+        assert sum(one.contribution for one in everything) >= wanted
+
+
+def test_accounts_equal_those_of_the_names(seen):
+    """Written anew from the names of the features."""
+    axes, bands, pairs = {}, {}, {}
+    for name, value in zip(seen.columns.names, seen.contributions, strict=True):
+        words = name.split("_")
+        known = [word for word in words if word in ("fx", "fy", "fz", "tx", "ty", "tz")]
+        for axis in known:
+            axes[axis] = axes.get(axis, 0.0) + value / len(known)
+        place = int(words[0][1:]) if words[0][0] == "b" else words[0]
+        bands[place] = bands.get(place, 0.0) + value
+        if "coupling" in words:
+            now_and_earlier = words.count("lag2") == 1
+            key = (*known, 2 if now_and_earlier else 0)
+            pairs[key] = pairs.get(key, 0.0) + value
+    assert seen.by_axis() == pytest.approx(axes)
+    assert list(seen.by_band().values()) == pytest.approx(list(bands.values()))
+    assert seen.by_pair() == pytest.approx(pairs)
+    assert len(pairs) == 21 + 36
+
+
+def test_weights_are_slopes_of_the_score(three):
+    X, y, model = three
+    found = explain(model, "peas", "rice", X, y)
+    rows = model[0].transform(X[:1])
+    base = model[-1].binary_scores(model[1:-1].transform(rows)) @ found.factors
+    for column in (0, 100, 700, rows.shape[1] - 1):
+        moved = rows.copy()
+        moved[0, column] += 1.0
+        slope = model[-1].binary_scores(model[1:-1].transform(moved)) @ found.factors - base
+        assert found.weights[column] == pytest.approx(slope[0], rel=1e-6, abs=1e-12)
+
+
+def test_planted_energy_is_found(seen):
+    assert max(seen.by_axis(), key=seen.by_axis().get) == "fz"
+    banded = {name: value for name, value in seen.by_band().items() if name.endswith("Hz")}
+    assert max(banded, key=banded.get) == "15-31 Hz"
+    best = seen.findings(1)[0]
+    assert (str(best.band), best.axes, best.lag_s) == ("15-31 Hz", ("fz",), 0.0)
+    assert best.words.startswith("more energy on Fz")
+    assert "in rice than in oat" in best.words
+    assert best.feature in seen.columns.names
+    assert best.words in str(seen)
+    assert "of the difference between rice and oat: more energy on Fz" in seen.top(1)[0]
+
+
+@pytest.mark.parametrize(("sign", "how"), [(1.0, "together"), (-1.0, "against each other")])
+def test_planted_coupling_is_found(sign, how):
+    X, y = coupled(sign)
+    found = explain(model_of(X[:16], y[:16]), "rice", "oat", X[16:], y[16:])
+    best = found.findings(1, coupled=True)[0]
+    assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), 0.0)
+    assert best.words.startswith(f"in 61-122 Hz, Fx and Tz move {how} more in rice than in oat (correlation")
+    pairs = found.by_pair(2)
+    assert max(pairs, key=pairs.get) == ("fx", "tz", 0)
+    assert "Strongest couplings:" in str(found)
+
+
+def test_planted_lag_is_found():
+    X, y = coupled(lag=2)
+    found = explain(model_of(X[:16], y[:16], blocks=("coupling",)), "rice", "oat", X[16:], y[16:])
+    best = next(one for one in found.findings(50, coupled=True) if one.lag_s)
+    assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), pytest.approx(0.004))
+    assert best.words.startswith(
+        "in 61-122 Hz, Fx and Tz 4 ms earlier move together more in rice than in oat"
+    )
+    earlier = {key: value for key, value in found.by_pair(2).items() if key[2]}
+    assert max(earlier, key=earlier.get) == ("fx", "tz", 2)
+
+
+def test_an_axis_that_is_alone_is_named_not_coupled(seen):
+    for finding in seen.findings(50, coupled=False):
+        assert len(finding.axes) == 1
+    for finding in seen.findings(50, coupled=True):
+        assert len(finding.axes) == 2
+    assert seen.findings(0) == ()
+
+
+def test_moments_are_those_of_the_signal():
+    X, _, _ = two_materials(n_each=2)
+    space = StandIn(blocks=("quantiles", "coupling")).fit(X)
+    columns = band_columns(space)
+    row = space.transform(X[:1])[0]
+    for band, signal in enumerate(twin.band_signals(X[0])):
+        z = signal / space.scales_[band]
+        both = np.hstack([z[2:], z[:-2]])
+        wanted = both.T @ both / len(both) + 1e-3 * np.eye(12)
+        np.testing.assert_allclose(moments(columns, row, band), wanted, rtol=1e-8, atol=1e-10)
+
+
+def test_words_are_those_of_the_means():
+    X, _, _ = two_materials(n_each=2)
+    space = StandIn(blocks=ALL).fit(X)
+    columns = band_columns(space)
+    means = np.zeros((2, len(columns.names)))
+
+    def words(name, first, second):
+        own = means.copy()
+        own[:, columns.names.index(name)] = first, second
+        return said(columns, own, ("oat", "rice"), columns.names.index(name))
+
+    assert (
+        words("b3_logrms_fz", np.log(3.0), 0.0)
+        == "more energy on Fz in 31-61 Hz in oat than in rice (9 times)"
+    )
+    assert words("b0_logrms_tx", 0.0, 0.05) == (
+        "more energy on Tx in the whole signal in rice than in oat (11 %)"
+    )
+    assert words("b3_logrms_fz", 0.0, 0.0) == "as much energy on Fz in 31-61 Hz in oat as in rice"
+    assert words("b1_logrms_fz", 800.0, 0.0).endswith("(10,000 times and more)")
+    assert words("b4_envelope_fy_3", np.log(2.5), 0.0) == (
+        "more energy on Fy in 15-31 Hz from 0.77 to 1.02 s in oat than in rice (2.5 times)"
+    )
+    value = np.sinh(1.0) * space.scales_[2, 3]
+    assert words("b2_q98_tx", 1.0, 0.0) == (
+        f"98th percentile of Tx in 61-122 Hz: {value:+.3g} N m in oat, +0 N m in rice"
+    )
+    assert words("b2_q02_fx", 0.0, 0.0).startswith("2nd percentile of Fx")
+    assert words("level_fz_00", 0.0, 0.0).startswith("mean of Fz from 0.00 to 0.06 s: +0 N")
+    assert words("spectrum_fz_10", np.log(2.0), 0.0).startswith("more energy on Fz near ")
+    assert words("b2_coupling_fx_fx", np.log(4.0), 0.0) == (
+        "more energy on Fx in 61-122 Hz in oat than in rice (4 times)"
+    )
+    assert words("b2_coupling_fx_tz_lag2", 0.5, 0.1).startswith(
+        "in 61-122 Hz, Fx and Tz 4 ms earlier move together more in oat than in rice (correlation +0.34, +0.07)"
+    )
+    assert "move together in oat, against each other in rice (correlation" in words(
+        "b2_coupling_fx_tz", 0.9, -0.5
+    )
+    assert "move as alike in oat as in rice" in words("b2_coupling_fx_tz", 0.0, 0.0)
+
+
+def test_a_model_that_does_not_tell_them_apart_is_told_in_scores():
+    X, y = louder()
+    found = explain(model_of(X, y), "oat", "rice", X, np.where(y == "oat", "rice", "oat"))
+    assert found.difference < 0
+    assert "does not score oat above rice" in str(found)
+    assert "%" not in str(found).split("Strongest of all")[0]
+
+
+def test_to_dict_is_json(seen):
+    read = json.loads(json.dumps(seen.to_dict(), allow_nan=False))
+    assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
+    assert sum(one["contribution"] for one in read["by_pair"]) == pytest.approx(read["by_block"]["coupling"])
+    assert read["bands"][1]["high_hz"] == pytest.approx(245.0)
+    assert read["top"] == list(seen.top())
+    assert [block["name"] for block in read["blocks"]] == ["spectrum", "level"]
+
+
+def test_the_best_classifier_is_explained():
+    X, y = louder()
+    space = StandIn().fit(X)
+    features = space.transform(X)
+    best = BestClassifier(blocks=sizes_of(space)).fit(features, y)
+    found = explain(make_pipeline(space, best), "rice", "oat", X, y)
+    scores = best.binary_scores(features)[:, 0] * found.factors[0]
+    assert found.difference == pytest.approx(scores[y == "rice"].mean() - scores[y == "oat"].mean())
+    assert found.contributions.sum() == pytest.approx(found.difference)
+    assert max(found.by_axis(), key=found.by_axis().get) == "fz"
+
+
+@pytest.mark.parametrize("n_axes", [1, 2, 13])
+def test_other_numbers_of_axes(n_axes):
+    X, y, _ = two_materials(n_each=4, n_samples=64, n_axes=n_axes)
+    X[y == "rice", :, -1] *= 3
+    model = make_pipeline(StandIn(blocks=ALL), StandardScaler(), ECOCClassifier()).fit(X, y)
+    found = explain(model, "rice", "oat", X, y)
+    assert len(found.by_axis()) == n_axes
+    assert sum(found.by_axis().values()) == pytest.approx(found.difference)
+    assert f"axis{n_axes - 1}" in str(found)
+
+
+def test_steps_in_front():
+    X, y = louder()
+    model = make_pipeline(Tare(0.1), StandIn(), StandardScaler(), ECOCClassifier()).fit(X, y)
+    assert explain(model, "rice", "oat", X, y).findings(1)[0].axes == ("fz",)
+
+
+def test_bad_arguments(seen):
+    with pytest.raises(ValueError, match="n must be at least 0, got -1"):
+        seen.findings(-1)
