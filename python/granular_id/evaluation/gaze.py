@@ -1,26 +1,34 @@
-"""Where a linear model looks: the size of its weights over time, axis and bin."""
+"""Where a linear model looks: the size of its weights over time, axis, bin and band."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.band_gaze import band_weights
 from granular_id.evaluation.thinning import rounded, thinned
 from granular_id.gram import linear_gram
-from granular_id.spaces import feature_blocks
+from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_blocks
+from granular_id.spaces.band_columns import band_columns
+from granular_id.spaces.base import real_steps
+from granular_id.spaces.folding import folded_back
 
-__all__ = ["WeightBlock", "weight_blocks"]
+__all__ = ["WeightBlock", "can_look", "weight_blocks"]
 
 Floats = NDArray[np.float64]
 
 # Learners whose weight vectors are held at once: K = 200 classes have 19,900 of them, a gigabyte and more.
 _LEARNERS_AT_ONCE = 64
+# What keeps each column in its place, so that a picture of the columns is one of the recording.
+_SCALING = (BlockScaler, WithinClassWhitening, StandardScaler)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +40,22 @@ class WeightBlock:
     name : str
         ``"raw"``, ``"hfmh"``, ...
     kind : str
-        ``"time"``, ``"magnitude"`` or ``"frequency"``: what `coordinates` mean.
+        ``"time"``, ``"magnitude"``, ``"frequency"`` or ``"band"``: what `coordinates` mean.
     axes : tuple of str
         Which of fx fy fz tx ty tz, in the order of the rows below.
     unit : str
         Unit of `coordinates`.
     coordinates : (m,) float array
-        Seconds, bin centres or hertz.
+        Seconds, bin centres or hertz. Of a band its geometric middle, and 0 for the whole signal; octaves reach
+        half an octave down and up from there.
     weights : (n_axes, m) float array
-        Mean of the size of the weight over the binary learners, in one over the unit of the feature.
+        Mean of the size of the weight over the binary learners, in one over the unit of the feature; of a band also
+        over the features that the block has of it.
     influence : (n_axes, m) float array
         Mean over the learners of the size of the weight times the standard deviation of the feature, each
         learner's values divided by their sum over all features. Weights for newtons and for counts cannot be
-        compared; their influence can.
+        compared; their influence can. Of a band the sum over the features of the block, those of two axes half
+        for each.
     shares : (n_axes,) float array
         Sum of the influence over each axis. All blocks together sum to 1.
     """
@@ -87,7 +98,8 @@ def weight_blocks(
     y : (n,) array
         Labels.
     fitted : transformer
-        Feature space, fitted on these recordings.
+        Feature space, fitted on these recordings; a pipeline may scale or whiten its columns. Those of a multi-band
+        space are scaled with `BlockScaler` where nothing else does.
     classifier : estimator, optional
         An `ECOCClassifier` lends its coding and C. Default, and for any other or one that needs more than
         scalar products: ``ECOCClassifier()``. Not changed.
@@ -111,21 +123,54 @@ def weight_blocks(
     >>> raw.axes[raw.shares.argmax()], raw.influence[0].tolist()
     ('fx', [0.0, 1.0, 0.0])
     """
-    blocks = feature_blocks(fitted)
-    features = np.asarray(fitted.transform(X), dtype=np.float64)
+    space, scaling = _parted(fitted)
+    bands = band_columns(space)
+    blocks = feature_blocks(space) if bands is None else ()
+    plain = np.asarray(space.transform(X), dtype=np.float64)
+    if bands is not None and not scaling:
+        # The blocks of the multi-band space have no common unit: no linear model is trained on them as they are.
+        scaling = [BlockScaler([bands.of(block=block).size for block in bands.blocks]).fit(plain)]
+    features = plain
+    for step in scaling:
+        features = step.transform(features)
     usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
     model = clone(classifier) if usable else ECOCClassifier()
     model.fit_gram(linear_gram(features, center=features.mean(axis=0)), y)
-    size, influence = _sizes(model.dual_coef_, features)
-    return tuple(_block(block, size[block.columns], influence[block.columns]) for block in blocks)
+    size, influence = _sizes(model.dual_coef_, features, scaling, plain.std(axis=0))
+    if bands is None:
+        return tuple(_block(block, size[block.columns], influence[block.columns]) for block in blocks)
+    return tuple(
+        _rounded(name, kind, bands.axes, "s" if kind == "time" else "Hz", *arrays)
+        for name, kind, *arrays in band_weights(bands, size, influence)
+    )
 
 
-def _sizes(dual: Floats, features: Floats) -> tuple[Floats, Floats]:
+def can_look(fitted: Any) -> bool:
+    """Whether the features of a fitted space can be followed back to the recording, as `weight_blocks` must."""
+    space, _ = _parted(fitted)
+    try:
+        return band_columns(space) is not None or bool(feature_blocks(space))
+    except TypeError:
+        return False
+
+
+def _parted(fitted: Any) -> tuple[Any, list[Any]]:
+    """Split a feature space into what gives columns with a meaning, and what scales them."""
+    steps = real_steps(fitted) if isinstance(fitted, Pipeline) else [fitted]
+    scaling: list[Any] = []
+    while len(steps) > 1 and isinstance(steps[-1], _SCALING):
+        scaling.insert(0, steps.pop())
+    if not scaling:
+        return fitted, []
+    return Pipeline([(f"step{number}", step) for number, step in enumerate(steps)]), scaling
+
+
+def _sizes(dual: Floats, features: Floats, scaling: list[Any], spread: Floats) -> tuple[Floats, Floats]:
     """Mean over learners of the size of each weight, and of its share in the learner's decision."""
-    spread = features.std(axis=0)
-    size, influence = np.zeros(features.shape[1]), np.zeros(features.shape[1])
+    size, influence = np.zeros(len(spread)), np.zeros(len(spread))
     for start in range(0, len(dual), _LEARNERS_AT_ONCE):
-        weights = np.abs(dual[start : start + _LEARNERS_AT_ONCE] @ features)
+        folded, _ = folded_back(scaling, dual[start : start + _LEARNERS_AT_ONCE] @ features)
+        weights = np.abs(folded)
         size += weights.sum(axis=0)
         weights *= spread
         total = weights.sum(axis=1, keepdims=True)
@@ -135,13 +180,21 @@ def _sizes(dual: Floats, features: Floats) -> tuple[Floats, Floats]:
 
 def _block(block: Any, size: Floats, influence: Floats) -> WeightBlock:
     shape = (len(block.axes), len(block.coordinates))
+    coordinates = np.asarray(block.coordinates, dtype=np.float64)
+    size, influence = size.reshape(shape), influence.reshape(shape)
+    return _rounded(block.name, block.kind, block.axes, block.unit, coordinates, size, influence)
+
+
+def _rounded(
+    name: str, kind: str, axes: Sequence[str], unit: str, coordinates: Floats, size: Floats, influence: Floats
+) -> WeightBlock:
     return WeightBlock(
-        name=block.name,
-        kind=block.kind,
-        axes=tuple(block.axes),
-        unit=block.unit,
-        coordinates=rounded(thinned(np.asarray(block.coordinates, dtype=np.float64))),
-        weights=rounded(thinned(size.reshape(shape))),
-        influence=rounded(thinned(influence.reshape(shape))),
-        shares=rounded(influence.reshape(shape).sum(axis=1)),
+        name=name,
+        kind=kind,
+        axes=tuple(axes),
+        unit=unit,
+        coordinates=rounded(thinned(coordinates)),
+        weights=rounded(thinned(size)),
+        influence=rounded(thinned(influence)),
+        shares=rounded(influence.sum(axis=1)),
     )

@@ -12,10 +12,10 @@ from sklearn.base import BaseEstimator, clone
 
 from granular_id._core import AXES
 from granular_id.evaluation.describe import describe_estimator
-from granular_id.evaluation.gaze import WeightBlock, weight_blocks
+from granular_id.evaluation.gaze import WeightBlock, can_look, weight_blocks
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
-from granular_id.spaces import HFMH, feature_blocks
+from granular_id.spaces import HFMH
 
 __all__ = ["HighPass", "Portrait", "portrait"]
 
@@ -155,8 +155,8 @@ def portrait(
     data : Dataset
         Recordings of equal length and rate, with labels.
     spaces : mapping of str to estimator
-        Feature spaces, the one to look at first. The first whose features belong to instants, bins or
-        frequencies gives the weights; the first that holds an `HFMH` says how to high-pass and count, else the
+        Feature spaces, the one to look at first. The first whose features belong to instants, bins, frequencies or
+        bands gives the weights; the first that holds an `HFMH` says how to high-pass and count, else the
         paper's settings do.
     classifier : estimator, optional
         See `granular_id.evaluation.gaze.weight_blocks`.
@@ -202,11 +202,8 @@ def _weights(
 ) -> tuple[str | None, tuple[WeightBlock, ...]]:
     for name, space in spaces.items():
         fitted = clone(space).fit(X, y)
-        try:
-            feature_blocks(fitted)
-        except TypeError:  # its features have no link to the recording: look at the next
-            continue
-        return name, weight_blocks(X, y, fitted, classifier)
+        if can_look(fitted):  # else its features have no link to the recording: look at the next
+            return name, weight_blocks(X, y, fitted, classifier)
     return None, ()
 
 
