@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 TOP = 0.98  # of Nyquist: where the highest octave ends
 MIN_CYCLES = 1.5  # that the lower edge of a band completes within the recording
 LAG = 2  # samples at the rate of the band
+MIN_ROWS = 4  # per variable of a matrix of second moments; fewer leave little but chance in its logarithm
 RIDGE = 1e-3  # added to second moments of scaled signals
 SD_FLOOR = 1e-3  # added to scaled standard deviations
 ENERGY_FLOOR = 1e-6  # added to scaled energies
@@ -20,6 +21,7 @@ PROBABILITIES = (0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98)
 BINS_PER_OCTAVE, LOWEST, HIGHEST = 16, -6, 8  # of the histogram: 2**-6 to 2**8 of the scale
 STRETCHES = 4
 SPECTRUM_BINS = 40
+MIN_WIDTH = 3  # frequencies per bin; the logarithm of fewer is mostly chance
 LEVEL_STRETCHES = 16
 BLOCKS = ("coupling", "quantiles", "envelope", "spectrum", "level")
 
@@ -30,6 +32,14 @@ def n_octaves(n_samples):
     while TOP / 2 ** (k + 1) * n_samples / 2 >= MIN_CYCLES:
         k += 1
     return k
+
+
+def band_lengths(n_samples):
+    """Samples of each band."""
+    lengths = [n_samples]
+    for k in range(n_octaves(n_samples)):
+        lengths.append(n_samples if k < 2 else -(-lengths[-1] // 2))
+    return lengths
 
 
 def filtered(sos, x):
@@ -123,10 +133,14 @@ def envelope(y, scale):
 
 
 def spectrum_edges(n_samples):
-    """First FFT bin of each pooled bin, then the end: strictly ascending, at most SPECTRUM_BINS + 1 numbers."""
+    """First FFT bin of each pooled bin, then the end: geometric, but MIN_WIDTH apart; a shorter rest joins the last."""
     last = n_samples // 2 + 1
-    geometric = [round(last ** (i / SPECTRUM_BINS)) for i in range(SPECTRUM_BINS + 1)]
-    return sorted(set(geometric))
+    edges = [1]
+    for i in range(1, SPECTRUM_BINS + 1):
+        edge = round(last ** (i / SPECTRUM_BINS))
+        if edge - edges[-1] >= MIN_WIDTH:
+            edges.append(edge)
+    return [*edges[: max(len(edges) - 1, 1)], last] if edges[-1] != last else edges
 
 
 def spectrum(x, scale, n_samples=None):
@@ -154,8 +168,11 @@ def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None):
     signals = band_signals(x, n_samples)
     out = []
     for block in blocks:
-        if block == "coupling" and n_samples > LAG:
-            out += [coupling(y, s) for y, s in zip(signals, scales, strict=True)]
+        if block == "coupling":
+            whole = band_lengths(n_samples)
+            needed = MIN_ROWS * 2 * x.shape[1] + LAG
+            chosen = zip(signals, scales, whole, strict=True)
+            out += [coupling(y, s) for y, s, n in chosen if n >= needed]
         elif block == "quantiles":
             out += [quantiles(y, s) for y, s in zip(signals, scales, strict=True)]
         elif block == "envelope" and n_samples >= STRETCHES:
