@@ -5,15 +5,18 @@
 //! brain-computer interface classification by Riemannian geometry" (2012).
 
 use super::bank::BandSignals;
-use super::moments;
+use super::moments::{Moments, LAG};
 use super::symmetric::Logarithms;
 use crate::lanes::{Isa, Job, Path};
 
 /// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
 pub(super) const RIDGE: f64 = 1e-3;
 
-/// Matrices whose logarithms are taken at a time: ten bands are a recording of 1600 samples.
-const MATRICES: usize = 12;
+/// Stacked samples per row of a matrix at least; fewer leave little but chance in its logarithm.
+const MIN_SAMPLES: usize = 4;
+
+/// Matrices whose logarithms are taken at a time: eight bands of a recording of 1600 samples have one.
+const MATRICES: usize = 8;
 
 /// The statistic for some number of axes.
 #[derive(Clone, Copy, Debug)]
@@ -25,13 +28,20 @@ pub(super) struct Coupling {
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct CouplingWork {
-    scaled: Vec<f64>,
+    moments: Moments,
     logarithms: Logarithms<MATRICES>,
 }
 
 impl Coupling {
-    pub(super) fn new(n_bands: usize, n_axes: usize) -> Self {
-        Self { n_axes, n_bands }
+    /// For bands of some numbers of samples, the longest first; only the first few may be long enough.
+    pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
+        let needed = MIN_SAMPLES * 2 * n_axes + LAG;
+        Self { n_axes, n_bands: lengths.partition_point(|n| *n >= needed) }
+    }
+
+    /// The first bands, those that have this statistic.
+    pub(super) fn n_bands(&self) -> usize {
+        self.n_bands
     }
 
     /// Numbers per band: the upper triangle of a matrix of twice the axes.
@@ -43,12 +53,8 @@ impl Coupling {
         self.n_bands * self.per_band()
     }
 
-    /// Room for bands of at most `longest` samples.
-    pub(super) fn work(&self, longest: usize) -> CouplingWork {
-        CouplingWork {
-            scaled: vec![0.0; longest * self.n_axes],
-            logarithms: Logarithms::new(2 * self.n_axes),
-        }
+    pub(super) fn work(&self) -> CouplingWork {
+        CouplingWork { moments: Moments::new(self.n_axes), logarithms: Logarithms::new(2 * self.n_axes) }
     }
 
     /// Band by band the upper triangle, row by row, off the diagonal times the square root of two, so that the norm of the
@@ -81,24 +87,15 @@ impl Job for Compute<'_> {
         let Self { design, signals, scales, work, out } = self;
         let n_axes = design.n_axes;
         let rows = 2 * n_axes;
-        let CouplingWork { scaled, logarithms } = work;
+        let CouplingWork { moments, logarithms } = work;
         for (group, out) in out.chunks_mut(MATRICES * design.per_band()).enumerate() {
             for lane in 0..out.len() / design.per_band() {
                 let band = group * MATRICES + lane;
-                let n = signals.len(band);
-                for axis in 0..n_axes {
-                    let factor = 1.0 / scales[band * n_axes + axis];
-                    let target = scaled[axis * n..][..n].iter_mut();
-                    target.zip(signals.axis(band, axis)).for_each(|(z, y)| *z = y * factor);
-                }
-                moments::lagged(
-                    |axis| &scaled[axis * n..][..n],
-                    n_axes,
-                    |i, j, moment| {
-                        let ridge = if i == j { RIDGE } else { 0.0 };
-                        logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
-                    },
-                );
+                let scales = &scales[band * n_axes..][..n_axes];
+                moments.take(signals, band, scales, |i, j, moment| {
+                    let ridge = if i == j { RIDGE } else { 0.0 };
+                    logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
+                });
             }
             logarithms.take(RIDGE);
             for (lane, out) in out.chunks_exact_mut(design.per_band()).enumerate() {

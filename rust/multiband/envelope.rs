@@ -1,7 +1,7 @@
 //! Energy of a band over time.
 
 use super::bank::BandSignals;
-use super::logarithm;
+use super::logarithm::{self, Log};
 use super::pack::Pack;
 use crate::lanes::{Isa, Job, Path};
 
@@ -59,7 +59,7 @@ impl Job for Compute<'_> {
                 *energy = sum_of_squares(stretch, inverse) / stretch.len().max(1) as f64 + FLOOR;
             }
         }
-        logarithm::each::<LANES>(out, logarithm::log);
+        logarithm::each::<Log, LANES>(out);
     }
 }
 

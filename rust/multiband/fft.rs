@@ -3,9 +3,10 @@
 //! Crates for this take their sines from the C library or use fused multiply-add where a machine has it, so that their last
 //! bits differ between machines. Here every step is a plain operation on [`Pack`]s, and sines are those of `libm`.
 //!
-//! Lengths with the factors 2, 3, 4 and 5 go through Stockham's algorithm, which needs no reordering (Van Loan,
-//! "Computational frameworks for the fast Fourier transform", 1992); others through a convolution of such a length
-//! (Bluestein, "A linear filtering approach to the computation of discrete Fourier transform", 1970).
+//! Lengths with the factors 2, 3, 4 and 5 go through Stockham's algorithm, which needs no reordering; long ones in columns
+//! and rows that stay in the first-level cache (both in Van Loan, "Computational frameworks for the fast Fourier
+//! transform", 1992). Other lengths go through a convolution of such a length (Bluestein, "A linear filtering approach to
+//! the computation of discrete Fourier transform", 1970).
 
 use std::f64::consts::PI;
 
@@ -13,6 +14,7 @@ use super::pack::Pack;
 
 /// Complex numbers side by side.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
 pub(super) struct Complex<const L: usize> {
     pub(super) re: Pack<L>,
     pub(super) im: Pack<L>,
@@ -64,18 +66,32 @@ struct Pass {
     factors: Vec<[f64; 2]>,
 }
 
+/// The longest transform that is made in one go: two buffers of it fit into the first-level cache.
+const LONGEST: usize = 128;
+
 /// A transform of some length, `exp(-2 pi i j k / n)`.
 #[derive(Clone, Debug)]
 pub(super) struct Fft {
     n: usize,
-    passes: Vec<Pass>,
-    detour: Option<Box<Detour>>,
+    smooth: Smooth,
+    detour: Option<Detour>,
+}
+
+/// A transform of a length with small factors alone.
+#[derive(Clone, Debug)]
+struct Smooth {
+    n: usize,
+    /// The values as rows of a grid: first each column is transformed, then each row.
+    n_rows: usize,
+    columns: Vec<Pass>,
+    rows: Vec<Pass>,
+    /// Between the two: one factor for each value, column by column.
+    factors: Vec<[f64; 2]>,
 }
 
 /// A transform as a convolution with a chirp.
 #[derive(Clone, Debug)]
 struct Detour {
-    fft: Fft,
     /// `exp(-pi i j^2 / n)`.
     chirp: Vec<[f64; 2]>,
     /// The transform of the conjugate chirp on both sides of zero, divided by the length.
@@ -91,73 +107,168 @@ fn root(numerator: usize, denominator: usize) -> [f64; 2] {
     [libm::cos(angle), sign * libm::sin(angle)]
 }
 
+/// The factors of a length, the one that is most work without a factor of its own last; none for other lengths.
+fn radices(n: usize) -> Option<Vec<usize>> {
+    let (mut rest, mut radices) = (n, Vec::new());
+    for radix in [4, 2, 3, 5] {
+        while rest > 1 && rest % radix == 0 {
+            radices.push(radix);
+            rest /= radix;
+        }
+    }
+    (rest == 1).then_some(radices)
+}
+
+fn passes(n: usize) -> Vec<Pass> {
+    let (mut rest, mut stride) = (n, 1);
+    let pass = |radix: usize| {
+        let blocks = rest / radix;
+        let factors = (0..blocks).flat_map(|p| (1..radix).map(move |k| (p, k)));
+        let pass = Pass { radix, blocks, stride, factors: factors.map(|(p, k)| root(p * k, rest)).collect() };
+        (rest, stride) = (blocks, stride * radix);
+        pass
+    };
+    radices(n).unwrap_or_default().into_iter().map(pass).collect()
+}
+
 impl Fft {
     pub(super) fn new(n: usize) -> Self {
-        let mut passes = Vec::new();
-        let (mut rest, mut stride) = (n, 1);
-        for radix in [4, 2, 3, 5] {
-            while rest > 1 && rest % radix == 0 {
-                let blocks = rest / radix;
-                let factors = (0..blocks).flat_map(|p| (1..radix).map(move |k| (p, k)));
-                let factors = factors.map(|(p, k)| root(p * k, rest)).collect();
-                passes.push(Pass { radix, blocks, stride, factors });
-                (rest, stride) = (blocks, stride * radix);
-            }
+        if radices(n).is_some() {
+            return Self { n, smooth: Smooth::new(n), detour: None };
         }
-        let detour = (rest > 1).then(|| Box::new(Detour::new(n)));
-        Self { n, passes, detour }
+        let smooth = Smooth::new((2 * n - 1).next_power_of_two());
+        let detour = Some(Detour::new(n, &smooth));
+        Self { n, smooth, detour }
     }
 
     /// Values that each of the two buffers of [`process`](Self::process) must hold; the signal is the first `n` of them.
     pub(super) fn room(&self) -> usize {
-        self.detour.as_ref().map_or(self.n, |detour| detour.fft.n)
+        self.smooth.room()
     }
 
     /// Transforms the first `n` values of `x`; the result is there too. The contents of `y`, and of the rest of `x`, are lost.
     #[inline(always)]
     pub(super) fn process<const L: usize>(&self, x: &mut [Complex<L>], y: &mut [Complex<L>]) {
-        match &self.detour {
-            None => self.stockham(x, y),
-            Some(detour) => detour.process(&mut x[..detour.fft.n], &mut y[..detour.fft.n]),
-        }
-    }
-
-    #[inline(always)]
-    fn stockham<const L: usize>(&self, x: &mut [Complex<L>], y: &mut [Complex<L>]) {
-        let (mut from, mut to) = (&mut x[..self.n], &mut y[..self.n]);
-        for pass in &self.passes {
-            match pass.radix {
-                4 => pass.run(from, to, four),
-                2 => pass.run(from, to, two),
-                3 => pass.run(from, to, three),
-                _ => pass.run(from, to, five),
+        let Some(Detour { chirp, response }) = &self.detour else {
+            self.smooth.process(x, y);
+            return;
+        };
+        x[..self.n].iter_mut().zip(chirp).for_each(|(x, turn)| *x = x.turned(*turn));
+        x[self.n..].fill(Complex::ZERO);
+        // There and back; the way back is the way there between conjugations.
+        for back in [false, true] {
+            self.smooth.process(x, y);
+            let turns = if back { chirp } else { response };
+            for (x, turn) in x.iter_mut().zip(turns) {
+                *x = if back { x.conjugate().turned(*turn) } else { x.turned(*turn).conjugate() };
             }
-            (from, to) = (to, from);
-        }
-        if self.passes.len() % 2 == 1 {
-            to.copy_from_slice(from);
         }
     }
 }
 
+impl Detour {
+    fn new(n: usize, smooth: &Smooth) -> Self {
+        // j^2 modulo 2 n keeps the angle small, and exact.
+        let chirp: Vec<_> = (0..n as u128).map(|j| root((j * j % (2 * n as u128)) as usize, 2 * n)).collect();
+        let mut x = vec![Complex::<1>::ZERO; smooth.room()];
+        for (j, [re, im]) in chirp.iter().enumerate() {
+            let value = Complex { re: Pack([*re]), im: Pack([-im]) };
+            x[j] = value;
+            x[(smooth.n - j) % smooth.n] = value;
+        }
+        let mut y = x.clone();
+        smooth.process(&mut x, &mut y);
+        let share = 1.0 / smooth.n as f64;
+        let response = x[..smooth.n].iter().map(|x| [x.re.0[0] * share, x.im.0[0] * share]).collect();
+        Self { chirp, response }
+    }
+}
+
+impl Smooth {
+    fn new(n: usize) -> Self {
+        let n_factors = |n: usize| radices(n).map_or(usize::MAX / 2, |radices| radices.len());
+        // As square as it gets without splitting a factor.
+        let square = |rows: &usize| n % rows == 0 && n_factors(*rows) + n_factors(n / rows) == n_factors(n);
+        let n_rows = if n <= LONGEST { 1 } else { (1..=n.isqrt()).rev().find(square).unwrap_or(1) };
+        let n_columns = n / n_rows;
+        let factors = (0..n_columns).flat_map(|j| (0..n_rows).map(move |k| root(j * k, n))).collect();
+        Self { n, n_rows, columns: passes(n_rows), rows: passes(n_columns), factors }
+    }
+
+    fn room(&self) -> usize {
+        if self.n_rows == 1 {
+            self.n
+        } else {
+            self.n + self.n / self.n_rows
+        }
+    }
+
+    #[inline(always)]
+    fn process<const L: usize>(&self, x: &mut [Complex<L>], y: &mut [Complex<L>]) {
+        if self.n_rows == 1 {
+            let (x, y) = (&mut x[..self.n], &mut y[..self.n]);
+            if !straight(&self.rows, x, y) {
+                x.copy_from_slice(y);
+            }
+            return;
+        }
+        let (n_rows, n_columns) = (self.n_rows, self.n / self.n_rows);
+        let (x, a) = x.split_at_mut(self.n);
+        let (y, b) = y.split_at_mut(self.n);
+        for (j, factors) in self.factors.chunks_exact(n_rows).enumerate() {
+            let (a, b) = (&mut a[..n_rows], &mut b[..n_rows]);
+            for (value, row) in a.iter_mut().zip(x.chunks_exact(n_columns)) {
+                *value = row[j];
+            }
+            let column = if straight(&self.columns, a, b) { a } else { b };
+            for ((value, turn), row) in column.iter().zip(factors).zip(y.chunks_exact_mut(n_columns)) {
+                row[j] = value.turned(*turn);
+            }
+        }
+        let b = &mut b[..n_columns];
+        for (j, row) in y.chunks_exact_mut(n_columns).enumerate() {
+            let row = if straight(&self.rows, row, b) { &*row } else { &*b };
+            for (value, target) in row.iter().zip(x.chunks_exact_mut(n_rows)) {
+                target[j] = *value;
+            }
+        }
+    }
+}
+
+/// All passes, from one buffer to the other and back; true when the result is in `x`.
+#[inline(always)]
+fn straight<const L: usize>(passes: &[Pass], x: &mut [Complex<L>], y: &mut [Complex<L>]) -> bool {
+    for (i, pass) in passes.iter().enumerate() {
+        let (from, to) = if i % 2 == 0 { (&*x, &mut *y) } else { (&*y, &mut *x) };
+        match pass.radix {
+            4 => pass.run::<Four, L, 4>(from, to),
+            2 => pass.run::<Two, L, 2>(from, to),
+            3 => pass.run::<Three, L, 3>(from, to),
+            _ => pass.run::<Five, L, 5>(from, to),
+        }
+    }
+    passes.len() % 2 == 0
+}
+
 impl Pass {
     #[inline(always)]
-    fn run<const L: usize, const R: usize>(
-        &self,
-        from: &[Complex<L>],
-        to: &mut [Complex<L>],
-        butterfly: impl Fn([Complex<L>; R]) -> [Complex<L>; R],
-    ) {
-        let Self { blocks, stride, .. } = *self;
-        let step = blocks * stride;
+    fn run<B: Butterfly<R>, const L: usize, const R: usize>(&self, from: &[Complex<L>], to: &mut [Complex<L>]) {
+        let stride = self.stride;
+        let step = self.blocks * stride;
+        // The last pass has nothing left to turn.
+        if self.blocks == 1 {
+            for place in 0..stride {
+                let values = B::of(std::array::from_fn(|j| from[j * stride + place]));
+                for k in 0..R {
+                    to[k * stride + place] = values[k];
+                }
+            }
+            return;
+        }
         let targets = to.chunks_exact_mut(R * stride).zip(self.factors.chunks_exact(R - 1));
         for (block, (target, factors)) in targets.enumerate() {
             for place in 0..stride {
-                let mut values = [Complex::ZERO; R];
-                for (j, value) in values.iter_mut().enumerate() {
-                    *value = from[j * step + block * stride + place];
-                }
-                let values = butterfly(values);
+                let values = B::of(std::array::from_fn(|j| from[j * step + block * stride + place]));
                 target[place] = values[0];
                 for k in 1..R {
                     target[k * stride + place] = values[k].turned(factors[k - 1]);
@@ -167,74 +278,61 @@ impl Pass {
     }
 }
 
-impl Detour {
-    fn new(n: usize) -> Self {
-        let room = (2 * n - 1).next_power_of_two();
-        let fft = Fft::new(room);
-        // j^2 modulo 2 n keeps the angle small, and exact.
-        let chirp: Vec<_> = (0..n as u128).map(|j| root((j * j % (2 * n as u128)) as usize, 2 * n)).collect();
-        let mut x = vec![Complex::<1>::ZERO; room];
-        for (j, [re, im]) in chirp.iter().enumerate() {
-            let value = Complex { re: Pack([*re]), im: Pack([-im]) };
-            x[j] = value;
-            x[(room - j) % room] = value;
-        }
-        fft.process(&mut x, &mut vec![Complex::ZERO; room]);
-        let share = 1.0 / room as f64;
-        let response = x.iter().map(|x| [x.re.0[0] * share, x.im.0[0] * share]).collect();
-        Self { fft, chirp, response }
-    }
+/// A transform of so few values that it is written out.
+trait Butterfly<const R: usize> {
+    fn of<const L: usize>(values: [Complex<L>; R]) -> [Complex<L>; R];
+}
 
+struct Two;
+struct Three;
+struct Four;
+struct Five;
+
+impl Butterfly<2> for Two {
     #[inline(always)]
-    fn process<const L: usize>(&self, x: &mut [Complex<L>], y: &mut [Complex<L>]) {
-        let n = self.chirp.len();
-        x[..n].iter_mut().zip(&self.chirp).for_each(|(x, turn)| *x = x.turned(*turn));
-        x[n..].fill(Complex::ZERO);
-        self.fft.stockham(x, y);
-        // The way back is the way there between conjugations.
-        x.iter_mut().zip(&self.response).for_each(|(x, turn)| *x = x.turned(*turn).conjugate());
-        self.fft.stockham(x, y);
-        x.iter_mut().zip(&self.chirp).for_each(|(x, turn)| *x = x.conjugate().turned(*turn));
+    fn of<const L: usize>([a, b]: [Complex<L>; 2]) -> [Complex<L>; 2] {
+        [a.plus(b), a.minus(b)]
     }
 }
 
-#[inline(always)]
-fn two<const L: usize>([a, b]: [Complex<L>; 2]) -> [Complex<L>; 2] {
-    [a.plus(b), a.minus(b)]
+impl Butterfly<3> for Three {
+    #[inline(always)]
+    fn of<const L: usize>([a, b, c]: [Complex<L>; 3]) -> [Complex<L>; 3] {
+        const SIN: f64 = 0.866_025_403_784_438_6;
+        let (sum, difference) = (b.plus(c), b.minus(c).times_minus_i().times(SIN));
+        let middle = a.minus(sum.times(0.5));
+        [a.plus(sum), middle.plus(difference), middle.minus(difference)]
+    }
 }
 
-#[inline(always)]
-fn three<const L: usize>([a, b, c]: [Complex<L>; 3]) -> [Complex<L>; 3] {
-    const SIN: f64 = 0.866_025_403_784_438_6;
-    let (sum, difference) = (b.plus(c), b.minus(c).times_minus_i().times(SIN));
-    let middle = a.minus(sum.times(0.5));
-    [a.plus(sum), middle.plus(difference), middle.minus(difference)]
+impl Butterfly<4> for Four {
+    #[inline(always)]
+    fn of<const L: usize>([a, b, c, d]: [Complex<L>; 4]) -> [Complex<L>; 4] {
+        let (even, odd) = (a.plus(c), a.minus(c));
+        let (sum, difference) = (b.plus(d), b.minus(d).times_minus_i());
+        [even.plus(sum), odd.plus(difference), even.minus(sum), odd.minus(difference)]
+    }
 }
 
-#[inline(always)]
-fn four<const L: usize>([a, b, c, d]: [Complex<L>; 4]) -> [Complex<L>; 4] {
-    let (even, odd) = (a.plus(c), a.minus(c));
-    let (sum, difference) = (b.plus(d), b.minus(d).times_minus_i());
-    [even.plus(sum), odd.plus(difference), even.minus(sum), odd.minus(difference)]
-}
-
-#[inline(always)]
-fn five<const L: usize>([a, b, c, d, e]: [Complex<L>; 5]) -> [Complex<L>; 5] {
-    const COS: [f64; 2] = [0.309_016_994_374_947_45, -0.809_016_994_374_947_5];
-    const SIN: [f64; 2] = [0.951_056_516_295_153_5, 0.587_785_252_292_473_1];
-    let (outer, inner) = (b.plus(e), c.plus(d));
-    let (outer_turn, inner_turn) = (b.minus(e).times_minus_i(), c.minus(d).times_minus_i());
-    let first = a.plus(outer.times(COS[0])).plus(inner.times(COS[1]));
-    let second = a.plus(outer.times(COS[1])).plus(inner.times(COS[0]));
-    let first_turn = outer_turn.times(SIN[0]).plus(inner_turn.times(SIN[1]));
-    let second_turn = outer_turn.times(SIN[1]).minus(inner_turn.times(SIN[0]));
-    [
-        a.plus(outer).plus(inner),
-        first.plus(first_turn),
-        second.plus(second_turn),
-        second.minus(second_turn),
-        first.minus(first_turn),
-    ]
+impl Butterfly<5> for Five {
+    #[inline(always)]
+    fn of<const L: usize>([a, b, c, d, e]: [Complex<L>; 5]) -> [Complex<L>; 5] {
+        const COS: [f64; 2] = [0.309_016_994_374_947_45, -0.809_016_994_374_947_5];
+        const SIN: [f64; 2] = [0.951_056_516_295_153_5, 0.587_785_252_292_473_1];
+        let (outer, inner) = (b.plus(e), c.plus(d));
+        let (outer_turn, inner_turn) = (b.minus(e).times_minus_i(), c.minus(d).times_minus_i());
+        let first = a.plus(outer.times(COS[0])).plus(inner.times(COS[1]));
+        let second = a.plus(outer.times(COS[1])).plus(inner.times(COS[0]));
+        let first_turn = outer_turn.times(SIN[0]).plus(inner_turn.times(SIN[1]));
+        let second_turn = outer_turn.times(SIN[1]).minus(inner_turn.times(SIN[0]));
+        [
+            a.plus(outer).plus(inner),
+            first.plus(first_turn),
+            second.plus(second_turn),
+            second.minus(second_turn),
+            first.minus(first_turn),
+        ]
+    }
 }
 
 #[cfg(test)]
@@ -295,7 +393,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_length_agrees_with_the_definition(x in prop::collection::vec(prop::array::uniform2(-1e3..1e3), 1..260)) {
+        fn any_length_agrees_with_the_definition(x in prop::collection::vec(prop::array::uniform2(-1e3..1e3), 1..400)) {
             check(&x);
         }
     }

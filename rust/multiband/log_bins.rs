@@ -43,7 +43,8 @@ pub(super) fn bin(z: f64) -> usize {
 #[inline(always)]
 pub(super) fn near_edge(z: f64) -> bool {
     const FRACTION: u64 = (1 << SHIFT) - 1;
-    ((z.to_bits() + 4) & FRACTION) < 8
+    // Eight numbers about each edge, those with bits -4 to 3.
+    (z.to_bits().wrapping_add(4)) & (FRACTION - 7) == 0
 }
 
 /// The edges of all bins, ascending: bin `b` lies between edges `b` and `b + 1`.

@@ -66,18 +66,46 @@ pub(super) fn asinh<const L: usize>(x: Pack<L>) -> Pack<L> {
     (log(sum) + lost).with_sign_of(x)
 }
 
-/// Replaces numbers by `function` of them, `L` at a time.
+/// Something done to numbers side by side. A trait, because a function that is passed on as a value loses the vector
+/// features of its caller.
+pub(super) trait Function {
+    fn of<const L: usize>(x: Pack<L>) -> Pack<L>;
+}
+
+/// [`log`].
+pub(super) struct Log;
+
+impl Function for Log {
+    #[inline(always)]
+    fn of<const L: usize>(x: Pack<L>) -> Pack<L> {
+        log(x)
+    }
+}
+
+/// [`asinh`].
+pub(super) struct Asinh;
+
+impl Function for Asinh {
+    #[inline(always)]
+    fn of<const L: usize>(x: Pack<L>) -> Pack<L> {
+        asinh(x)
+    }
+}
+
+/// Replaces numbers by a function of them, `L` at a time.
 #[inline(always)]
-pub(super) fn each<const L: usize>(values: &mut [f64], function: impl Fn(Pack<L>) -> Pack<L>) {
+pub(super) fn each<F: Function, const L: usize>(values: &mut [f64]) {
     let mut whole = values.chunks_exact_mut(L);
     for chunk in &mut whole {
-        chunk.copy_from_slice(&function(Pack::load(chunk)).0);
+        chunk.copy_from_slice(&F::of::<L>(Pack::load(chunk)).0);
     }
     let rest = whole.into_remainder();
-    let mut last = Pack::ONE;
-    last.0[..rest.len()].copy_from_slice(rest);
-    let last = function(last);
-    rest.copy_from_slice(&last.0[..rest.len()]);
+    if !rest.is_empty() {
+        let mut last = Pack::<L>::ONE;
+        last.0[..rest.len()].copy_from_slice(rest);
+        let last = F::of(last);
+        rest.copy_from_slice(&last.0[..rest.len()]);
+    }
 }
 
 #[cfg(test)]
@@ -119,7 +147,7 @@ mod tests {
     fn all_of_a_slice() {
         let mut values: Vec<f64> = (1..=11).map(f64::from).collect();
         let expected: Vec<f64> = values.iter().map(|x| libm::log(*x)).collect();
-        each::<4>(&mut values, log);
+        each::<Log, 4>(&mut values);
         assert_eq!(values, expected);
     }
 }

@@ -1,5 +1,6 @@
 //! Second moments of the axes of a band, and of the axes with themselves two samples earlier.
 
+use super::bank::BandSignals;
 use super::pack::Pack;
 
 /// Samples of the earlier of two instants before the later.
@@ -11,89 +12,148 @@ const TILE: usize = 3;
 /// Partial sums per product.
 const LANES: usize = 4;
 
-/// Second moments of stacked samples: the axes of one instant, then those [`LAG`] samples earlier. `write(i, j, moment)` is
-/// called for each `i >= j`. All moments of a signal of [`LAG`] samples or fewer are zero.
-///
-/// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
-#[inline(always)]
-pub(super) fn lagged<'a>(
-    axes: impl Fn(usize) -> &'a [f64],
+/// Samples that are scaled and multiplied at a time: a dozen axes of them stay in the first-level cache.
+const CHUNK: usize = 256;
+
+/// Sums of products of three axes with three.
+type Tile = [[Pack<LANES>; TILE]; TILE];
+
+/// Room for the moments of some number of axes.
+#[derive(Clone, Debug)]
+pub(super) struct Moments {
     n_axes: usize,
-    mut write: impl FnMut(usize, usize, f64),
-) {
-    let n = if n_axes == 0 { 0 } else { axes(0).len() };
-    if n <= LAG {
-        (0..2 * n_axes).for_each(|i| (0..=i).for_each(|j| write(i, j, 0.0)));
-        return;
+    /// Scaled samples of the chunk and the [`LAG`] before them, axis after axis.
+    scaled: Vec<f64>,
+    /// Products of axes at the same instant, of all instants but the first two and the last.
+    shared: Vec<Tile>,
+    /// Products of later axes with earlier ones.
+    lagged: Vec<Tile>,
+}
+
+impl Moments {
+    pub(super) fn new(n_axes: usize) -> Self {
+        let tiles = vec![[[Pack::ZERO; TILE]; TILE]; n_axes.div_ceil(TILE).pow(2)];
+        Self { n_axes, scaled: vec![0.0; n_axes * (CHUNK + LAG)], shared: tiles.clone(), lagged: tiles }
     }
-    let count = (n - LAG) as f64;
-    // What the moments of both instants share; the last samples are of the later alone, the first of the earlier alone.
-    let shared = LAG..n.saturating_sub(LAG).max(LAG);
-    let last = shared.end..n;
-    let first = 0..LAG.min(n - LAG);
-    let tiles = (0..n_axes).step_by(TILE);
-    for i in tiles.clone() {
-        for j in tiles.clone() {
-            // A tile at the edge takes the last axis more than once.
-            let rows: [&[f64]; TILE] = std::array::from_fn(|r| axes((i + r).min(n_axes - 1)));
-            let columns: [&[f64]; TILE] = std::array::from_fn(|c| axes((j + c).min(n_axes - 1)));
-            let in_tile = |r: usize, c: usize| i + r < n_axes && j + c < n_axes;
-            // Later times earlier; the earlier comes second in the stack.
-            let sums = products::<false>(columns.map(|y| &y[LAG..]), rows.map(|y| &y[..n - LAG]));
-            for (c, r) in pairs().filter(|(c, r)| in_tile(*r, *c)) {
-                write(n_axes + i + r, j + c, sums[c][r] / count);
-            }
-            if j > i {
-                continue;
-            }
-            let (rows_shared, columns_shared) =
-                (rows.map(|y| &y[shared.clone()]), columns.map(|y| &y[shared.clone()]));
-            let sums = if i == j {
-                products::<true>(rows_shared, columns_shared)
-            } else {
-                products::<false>(rows_shared, columns_shared)
-            };
-            for (r, c) in pairs().filter(|(r, c)| in_tile(*r, *c) && (i > j || r >= c)) {
-                let with = |range: &std::ops::Range<usize>| {
-                    let ends = rows[r][range.clone()].iter().zip(&columns[c][range.clone()]);
-                    ends.fold(sums[r][c], |sum, (a, b)| sum + a * b) / count
-                };
-                write(i + r, j + c, with(&last));
-                write(n_axes + i + r, n_axes + j + c, with(&first));
-            }
+
+    /// Second moments of stacked samples of a band divided by `scales`: the axes of one instant, then those [`LAG`] samples
+    /// earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of [`LAG`] samples or fewer are zero.
+    ///
+    /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
+    #[inline(always)]
+    pub(super) fn take(
+        &mut self,
+        signals: BandSignals<'_>,
+        band: usize,
+        scales: &[f64],
+        mut write: impl FnMut(usize, usize, f64),
+    ) {
+        let (n, n_axes) = (signals.len(band), self.n_axes);
+        if n <= LAG {
+            (0..2 * n_axes).for_each(|i| (0..=i).for_each(|j| write(i, j, 0.0)));
+            return;
         }
-    }
-}
-
-#[inline(always)]
-fn pairs() -> impl Iterator<Item = (usize, usize)> {
-    (0..TILE).flat_map(|r| (0..TILE).map(move |c| (r, c)))
-}
-
-/// Sums over time of the products of each row with each column, or only of those on and below the diagonal.
-#[inline(always)]
-fn products<const TRIANGLE: bool>(rows: [&[f64]; TILE], columns: [&[f64]; TILE]) -> [[f64; TILE]; TILE] {
-    let n = rows[0].len();
-    let whole = n - n % LANES;
-    let mut sums = [[Pack::<LANES>::ZERO; TILE]; TILE];
-    let (heads, tails) = (rows.map(|y| &y[..whole]), columns.map(|y| &y[..whole]));
-    let mut t = 0;
-    while t < whole {
-        let x = [0, 1, 2].map(|r| Pack::load(&heads[r][t..]));
-        let y = [0, 1, 2].map(|c| Pack::load(&tails[c][t..]));
-        for r in 0..TILE {
-            for c in 0..TILE {
-                if !TRIANGLE || r >= c {
-                    sums[r][c] = sums[r][c] + x[r] * y[c];
+        let lagged_end = (n - LAG) / LANES * LANES;
+        let shared_end = n.saturating_sub(2 * LAG) / LANES * LANES;
+        self.add_chunks(signals, band, scales, lagged_end, shared_end);
+        // What is left, and what is of the later or of the earlier instants alone.
+        let later = LAG + shared_end..n;
+        let between = LAG + shared_end..n.saturating_sub(LAG).max(LAG + shared_end);
+        let earlier = 0..LAG.min(n - LAG);
+        let left = LAG + lagged_end..n;
+        let count = (n - LAG) as f64;
+        for i in 0..n_axes {
+            let (x, x_scale) = (signals.axis(band, i), 1.0 / scales[i]);
+            for j in 0..n_axes {
+                let (y, y_scale) = (signals.axis(band, j), 1.0 / scales[j]);
+                let add = |sum: f64, range: &std::ops::Range<usize>, lag: usize| {
+                    let pairs = x[range.clone()].iter().zip(&y[range.start - lag..]);
+                    pairs.fold(sum, |sum, (x, y)| sum + (x * x_scale) * (y * y_scale))
+                };
+                let (tile, r, c) = self.place(i, j);
+                let sum = add(self.lagged[tile][r][c].sum(), &left, LAG);
+                // The earlier comes second in the stack.
+                write(n_axes + j, i, sum / count);
+                if j <= i {
+                    let sum = self.shared[tile][r][c].sum();
+                    write(i, j, add(sum, &later, 0) / count);
+                    write(n_axes + i, n_axes + j, add(add(sum, &between, 0), &earlier, 0) / count);
                 }
             }
         }
-        t += LANES;
     }
-    let mut out = [[0.0; TILE]; TILE];
-    for (r, c) in pairs() {
-        let rest = rows[r][whole..n].iter().zip(&columns[c][whole..n]);
-        out[r][c] = rest.fold(sums[r][c].sum(), |sum, (a, b)| sum + a * b);
+
+    /// The tile of a pair of axes, its row and its column.
+    #[inline(always)]
+    fn place(&self, i: usize, j: usize) -> (usize, usize, usize) {
+        (i / TILE * self.n_axes.div_ceil(TILE) + j / TILE, i % TILE, j % TILE)
     }
-    out
+
+    /// Adds up products in whole vectors, chunk by chunk: lagged ones of `lagged_end` instants from [`LAG`] on, shared ones
+    /// of `shared_end`.
+    #[inline(always)]
+    fn add_chunks(
+        &mut self,
+        signals: BandSignals<'_>,
+        band: usize,
+        scales: &[f64],
+        lagged_end: usize,
+        shared_end: usize,
+    ) {
+        let Self { n_axes, scaled, shared, lagged } = self;
+        let side = n_axes.div_ceil(TILE);
+        shared.fill([[Pack::ZERO; TILE]; TILE]);
+        lagged.fill([[Pack::ZERO; TILE]; TILE]);
+        let mut start = 0;
+        while start < lagged_end {
+            let len = CHUNK.min(lagged_end - start);
+            let shared_len = len.min(shared_end.saturating_sub(start));
+            for (axis, scaled) in scaled.chunks_exact_mut(CHUNK + LAG).enumerate() {
+                let factor = 1.0 / scales[axis];
+                let values = &signals.axis(band, axis)[start..start + len + LAG];
+                for (z, y) in scaled.iter_mut().zip(values) {
+                    *z = y * factor;
+                }
+            }
+            // A tile at the edge takes the last axis more than once.
+            let axis = |i: usize, r: usize| &scaled[(TILE * i + r).min(*n_axes - 1) * (CHUNK + LAG)..][..CHUNK + LAG];
+            for i in 0..side {
+                let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
+                for j in 0..side {
+                    let columns = [axis(j, 0), axis(j, 1), axis(j, 2)];
+                    add::<false>(&mut lagged[i * side + j], rows, columns, len);
+                    let columns = [&columns[0][LAG..], &columns[1][LAG..], &columns[2][LAG..]];
+                    if j < i {
+                        add::<false>(&mut shared[i * side + j], rows, columns, shared_len);
+                    } else if j == i {
+                        add::<true>(&mut shared[i * side + j], rows, columns, shared_len);
+                    }
+                }
+            }
+            start += len;
+        }
+    }
+}
+
+/// Adds products of each row with each column, or only those on and below the diagonal.
+#[inline(always)]
+fn add<const TRIANGLE: bool>(sums: &mut Tile, rows: [&[f64]; TILE], columns: [&[f64]; TILE], len: usize) {
+    let n = len / LANES;
+    let [x0, x1, x2] = rows;
+    let [y0, y1, y2] = columns;
+    let (x0, x1, x2) = (&x0.as_chunks::<LANES>().0[..n], &x1.as_chunks().0[..n], &x2.as_chunks().0[..n]);
+    let (y0, y1, y2) = (&y0.as_chunks::<LANES>().0[..n], &y1.as_chunks().0[..n], &y2.as_chunks().0[..n]);
+    let mut local = *sums;
+    for t in 0..n {
+        let x = [Pack(x0[t]), Pack(x1[t]), Pack(x2[t])];
+        let y = [Pack(y0[t]), Pack(y1[t]), Pack(y2[t])];
+        for r in 0..TILE {
+            for c in 0..TILE {
+                if !TRIANGLE || r >= c {
+                    local[r][c] = local[r][c] + x[r] * y[c];
+                }
+            }
+        }
+    }
+    *sums = local;
 }

@@ -2,7 +2,7 @@
 
 use super::bank::BandSignals;
 use super::log_bins::{bin, edges, near_edge, N_BINS};
-use super::logarithm;
+use super::logarithm::{self, Asinh};
 use super::pack::Pack;
 use crate::lanes::{Isa, Job, Path};
 
@@ -38,7 +38,7 @@ pub(super) struct Quantiles {
 /// What one thread needs to compute it. Between recordings all counts are zero.
 #[derive(Clone, Debug)]
 pub(super) struct QuantilesWork {
-    counts: Box<[[u32; ROOM]; TURNS]>,
+    pub(super) counts: Box<[[u32; ROOM]; TURNS]>,
     /// Values in a bin and in all bins before it.
     until: Box<[u32; ROOM]>,
 }
@@ -94,7 +94,7 @@ impl Job for Compute<'_> {
         // One vector is quantiles of which the inverse sine, but for the last number, is a logarithm.
         for out in out.chunks_exact_mut(PER_AXIS) {
             let rms = out[PER_AXIS - 1];
-            logarithm::each::<LANES>(out, logarithm::asinh);
+            logarithm::each::<Asinh, LANES>(out);
             out[PER_AXIS - 1] = rms;
         }
         let mut sizes = out.iter_mut().skip(PER_AXIS - 1).step_by(PER_AXIS);
@@ -117,7 +117,7 @@ impl Job for Compute<'_> {
 /// Counts the values of a signal divided by `scale`; returns their mean square, and the first and last bin that may hold
 /// any.
 #[inline(always)]
-fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64, (usize, usize)) {
+pub(super) fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64, (usize, usize)) {
     let inverse = 1.0 / scale;
     let mut squares = Pack::<LANES>::ZERO;
     let (mut least, mut most) =
@@ -170,8 +170,6 @@ impl QuantilesWork {
     #[inline(always)]
     fn quantiles(&mut self, n: usize, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {
         let ranks = PROBABILITIES.map(|p| p * (n as f64 - 1.0) + 0.5);
-        let mut enough = [0_u32; 8];
-        enough.iter_mut().zip(ranks).for_each(|(enough, rank)| *enough = rank.ceil() as u32);
         let start = first - first % 8;
         let end = (last + 1).next_multiple_of(8);
         let [a, b, c, d] = &mut *self.counts;
@@ -188,18 +186,14 @@ impl QuantilesWork {
             }
             [a, b, c, d].into_iter().for_each(|counts| counts.fill(0));
         }
-        // All quantiles at once: each lies behind the bins that do not reach its rank.
-        let mut behind = [0_u32; 8];
         let mut sum = 0;
         for count in &mut *until {
             sum += *count;
             *count = sum;
-            for k in 0..8 {
-                behind[k] += u32::from(sum < enough[k]);
-            }
         }
-        for ((out, rank), behind) in out.iter_mut().zip(ranks).zip(behind) {
-            let behind = behind as usize;
+        for (out, rank) in out.iter_mut().zip(ranks) {
+            // A count reaches a rank where it reaches the next whole number.
+            let behind = until.partition_point(|count| f64::from(*count) < rank);
             let before = if behind == 0 { 0 } else { until[behind - 1] };
             let within = (rank - f64::from(before)) / f64::from(until[behind] - before);
             let bin = start + behind;

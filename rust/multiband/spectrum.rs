@@ -4,12 +4,15 @@ use std::f64::consts::PI;
 
 use super::bank::BandSignals;
 use super::fft::{Complex, Fft};
-use super::logarithm;
+use super::logarithm::{self, Log};
 use super::pack::Pack;
 use crate::lanes::{Isa, Job, Path};
 
 /// Pooled bins at most.
 const BINS: usize = 40;
+
+/// Frequencies per bin at least; the logarithm of fewer is mostly chance.
+const MIN_WIDTH: usize = 3;
 
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
@@ -35,13 +38,22 @@ pub(super) struct SpectrumWork {
     window: Vec<f64>,
 }
 
-/// First FFT bin of each pooled bin, then the end: ascending.
+/// First FFT bin of each pooled bin, then the end: geometric, but at least [`MIN_WIDTH`] apart; a shorter rest joins the
+/// last.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // at most n_samples
 fn edges(n_samples: usize) -> Vec<usize> {
-    let last = (n_samples / 2 + 1) as f64;
-    let edge = |i: usize| libm::rint(libm::pow(last, i as f64 / BINS as f64)) as usize;
-    let mut edges: Vec<_> = (0..=BINS).map(edge).collect();
-    edges.dedup();
+    let end = n_samples / 2 + 1;
+    let mut edges = vec![1];
+    for i in 1..=BINS {
+        let edge = libm::rint(libm::pow(end as f64, i as f64 / BINS as f64)) as usize;
+        if edge >= edges[edges.len() - 1] + MIN_WIDTH {
+            edges.push(edge);
+        }
+    }
+    if edges[edges.len() - 1] != end {
+        edges.truncate((edges.len() - 1).max(1));
+        edges.push(end);
+    }
     edges
 }
 
@@ -121,7 +133,7 @@ impl Job for Compute<'_> {
                 }
             }
         }
-        logarithm::each::<LANES>(out, logarithm::log);
+        logarithm::each::<Log, LANES>(out);
     }
 }
 
