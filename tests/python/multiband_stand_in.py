@@ -38,11 +38,13 @@ class StandIn(RecordingTransformer):
         axes = axis_names(self.n_axes_in_)
         bands = range(len(self.bands_))
         both = [*axes, *(f"{axis}_lag2" for axis in axes)]
+        needed = twin.MIN_ROWS * 2 * len(axes) + twin.LAG
+        long = [b for b, n in enumerate(twin.band_lengths(self.n_features_in_)) if n >= needed]
         pairs = list(itertools.combinations_with_replacement(both, 2))
         stats = [f"q{round(100 * p):02d}" for p in twin.PROBABILITIES] + ["logrms"]
         n_levels = min(twin.LEVEL_STRETCHES, self.n_features_in_)
         of_block = {
-            "coupling": [f"b{b}_coupling_{i}_{j}" for b in bands for i, j in pairs],
+            "coupling": [f"b{b}_coupling_{i}_{j}" for b in long for i, j in pairs],
             "quantiles": [f"b{b}_{stat}_{axis}" for b in bands for axis in axes for stat in stats],
             "envelope": [
                 f"b{b}_envelope_{axis}_{k}" for b in bands for axis in axes for k in range(twin.STRETCHES)

@@ -28,7 +28,8 @@ def band_weights(columns: BandColumns, size: Floats, influence: Floats) -> list[
     -------
     list of BandWeights
         Bands from the lowest to the highest, at their geometric middle in hertz, after the whole signal at 0.
-        Influence is the sum over the features of a cell, with those of two axes half for each; size is their mean.
+        Influence is the sum over the features of a cell, with those of two axes half for each; size is their
+        mean. Both are 0 where a band is too short for the block.
     """
     spread, sizes = columns.over_axes(influence), columns.over_axes(size)
     counts = columns.over_axes(np.ones(len(size)))
@@ -50,5 +51,6 @@ def band_weights(columns: BandColumns, size: Floats, influence: Floats) -> list[
             np.stack([values[cell].sum(axis=0) for cell in cells], axis=1)
             for values in (sizes, counts, spread)
         ]
-        found.append((name, "band", middles, sums[0] / sums[1], sums[2]))
+        weights = np.divide(sums[0], sums[1], out=np.zeros_like(sums[0]), where=sums[1] > 0)
+        found.append((name, "band", middles, weights, sums[2]))
     return found

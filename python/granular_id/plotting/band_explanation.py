@@ -70,13 +70,13 @@ def draw_band_explanation(explanation: BandExplanation) -> Figure:
 def _strongest(explanation: BandExplanation) -> list[Band]:
     """Bands whose couplings hold most, from the highest down."""
     columns = explanation.columns
-    if "coupling" not in columns.blocks:
-        return []
-    totals = [
-        explanation.contributions[columns.of(block="coupling", band=band.number)].sum()
+    totals = {
+        band: float(explanation.contributions[members].sum())
         for band in columns.bands
-    ]
-    return [columns.bands[k] for k in sorted(np.argsort(totals)[::-1][:_MATRICES].tolist())]
+        if (members := columns.of(block="coupling", band=band.number)).size
+    }
+    strongest = sorted(totals, key=lambda band: -totals[band])[:_MATRICES]
+    return sorted(strongest, key=lambda band: band.number)
 
 
 def _draw_table(

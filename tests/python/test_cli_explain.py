@@ -1,0 +1,55 @@
+"""``granular-id explain``: in the space that is asked for, with the classifier that belongs to it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cli_cases import ended_well, saved
+from granular_id.best import BestClassifier
+from granular_id.cli.explain import _trained
+from granular_id.explanation import explain
+from granular_id.recording import Dataset, Recording
+from granular_id.spaces import BlockScaler, FeatureSpace, feature_spaces
+from multiband_cases import louder
+
+pytestmark = pytest.mark.skipif("multiband" not in feature_spaces(), reason="no multi-band space yet")
+
+
+@pytest.fixture(scope="module")
+def data():
+    return Dataset(
+        [
+            Recording(wrench, 500.0, label=str(label), session=f"day {number % 3}", name=f"{number:02d}")
+            for number, (wrench, label) in enumerate(zip(*louder(), strict=True))
+        ]
+    )
+
+
+def test_bands_on_the_command_line(data, tmp_path):
+    pytest.importorskip("matplotlib")
+    saved(data, tmp_path / "recordings")
+    words = ("--space", "multiband", "--figure", tmp_path / "bands.png", "--json", tmp_path / "bands.json")
+    printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", *words)
+    assert "more energy on Fz" in printed
+    assert "Strongest couplings:" in printed
+    assert (tmp_path / "bands.png").stat().st_size > 10_000
+    read = json.loads((tmp_path / "bands.json").read_text(encoding="utf-8"))
+    assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
+
+
+def test_blocks_of_statistics_are_scaled_first(data):
+    space = feature_spaces()["multiband"]
+    rows = np.arange(12)
+    model = _trained(data, data.X, data.y, rows, FeatureSpace("own", space.transformer, None), 1.0)
+    assert isinstance(model[1], BlockScaler)
+    assert model[1].block_slices_.keys() == model[0].block_sizes_.keys()
+
+
+def test_the_classifier_of_a_space_chooses_with_sessions_held_out(data):
+    space = FeatureSpace("own", feature_spaces()["multiband"].transformer, None, classifier=BestClassifier())
+    rows = np.arange(18)
+    model = _trained(data, data.X, data.y, rows, space, 1.0)
+    assert "session" in model[-1].choice_.held_out
+    assert model[-1].blocks == model[0].block_sizes_
+    assert explain(model, "rice", "oat", data.X, data.y).findings(1)[0].axes == ("fz",)
