@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import AXES
 from granular_id.plotting.style import (
     FAINT,
     INK,
@@ -106,10 +108,15 @@ def _draw_table(
         )
     panel.set_xlim(-0.5, across + 0.5)
     row_names(panel, [*(name.removeprefix("the ") for name in table), "sum"])
-    panel.set_xticks(range(across + 1), [*map(pretty, axes), "sum"])
+    panel.set_xticks(range(across + 1), [*map(pretty, axes), "sum"], rotation=_turned(axes))
     panel.tick_params(labelsize=8, colors=INK, length=0, top=False)
     for spine in panel.spines.values():
         spine.set_visible(False)
+
+
+def _turned(axes: Sequence[str]) -> int:
+    """Turn names that are no short symbols, where there are many."""
+    return 90 if len(axes) > 3 and not set(axes) <= set(AXES) else 0
 
 
 def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
@@ -152,9 +159,9 @@ def _draw_couplings(
         for down, across in np.argwhere(values < -0.1 * limit).tolist():
             colour = "white" if values[down, across] < -0.6 * limit else INK
             panel.text(across, down, "\N{MINUS SIGN}", ha="center", va="center", fontsize=7, color=colour)
-        panel.set_xticks(range(n), map(pretty, axes))
+        panel.set_xticks(range(n), map(pretty, axes), rotation=_turned(axes))
         panel.set_yticks(range(n), map(pretty, axes) if place == 0 else [""] * n)
-        panel.tick_params(labelsize=7.5, colors=INK, length=0)
+        panel.tick_params(labelsize=7.5 if n <= 8 else 5.5, colors=INK, length=0)
         for spine in panel.spines.values():
             spine.set_color(FAINT)
         if row == 0:
