@@ -122,6 +122,40 @@ pub enum Error {
     /// A feature specification that selects nothing.
     #[error("at least one of raw and hfmh must be true")]
     NoFeatures,
+    /// No block of the multi-band features is asked for, or none that such short recordings have.
+    #[error("blocks must name at least one block that recordings of {n_samples} samples have")]
+    NoBlocks {
+        /// Samples of a recording.
+        n_samples: usize,
+    },
+    /// Recordings of other axes, or of more samples, than features were designed for.
+    #[error("recordings must have at most {} samples of {} axes, got {} samples of {}", .wanted.0, .wanted.1, .got.0, .got.1)]
+    RecordingShape {
+        /// Most samples, and axes.
+        wanted: (usize, usize),
+        /// Samples and axes given.
+        got: (usize, usize),
+    },
+    /// A scale by which nothing can be divided.
+    #[error("{what} must be from 1e-150 to 1e150, got {value} for band {band}, axis {axis}")]
+    Scale {
+        /// The argument.
+        what: &'static str,
+        /// Band of the first such scale; 0 for the level.
+        band: usize,
+        /// Its axis.
+        axis: usize,
+        /// The value found.
+        value: f64,
+    },
+    /// A recording so much larger than the learned scales that squares leave float64.
+    #[error("wrench is too large for multi-band features: recording {recording} reaches {largest:e}, more than 1e145 times the scale of one of its bands")]
+    TooLoud {
+        /// The recording.
+        recording: usize,
+        /// Its largest magnitude.
+        largest: f64,
+    },
     /// An array with an empty dimension.
     #[error("{what} must not be empty, got shape {shape:?}")]
     Empty {
@@ -285,6 +319,7 @@ impl Error {
     pub(crate) fn later(mut self, recordings: usize) -> Self {
         if let Self::NonFinite { recording, .. }
         | Self::Overflow { recording, .. }
+        | Self::TooLoud { recording, .. }
         | Self::Narrow { recording, .. }
         | Self::Score { recording, .. } = &mut self
         {

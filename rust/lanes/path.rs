@@ -108,6 +108,12 @@ pub(crate) trait Isa {
         transpose::transpose6(samples, rows, lane, raw);
     }
 
+    /// Rows and columns of four by four exchanged.
+    #[inline(always)]
+    fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        transpose::transpose4(rows)
+    }
+
     /// Asks for the cache line at `values[index]`, to be read soon. Any index is fine.
     #[inline(always)]
     fn will_read(_values: &[f64], _index: usize) {}

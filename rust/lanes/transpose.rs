@@ -36,6 +36,12 @@ pub(super) fn transpose6<const W: usize>(
     }
 }
 
+/// Plain-loop twin of the vector code in `x86.rs`.
+#[inline(always)]
+pub(super) fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    std::array::from_fn(|column| std::array::from_fn(|row| rows[row][column]))
+}
+
 /// Samples of any number of axes into consecutive lanes, starting with axis `axis`.
 #[inline(always)]
 pub(crate) fn pack<const W: usize>(

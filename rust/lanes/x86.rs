@@ -95,6 +95,22 @@ impl Isa for X86 {
     }
 
     #[inline(always)]
+    fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+        let mut columns = [[0.0; 4]; 4];
+        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of an array of four.
+        unsafe {
+            let [r0, r1, r2, r3] = [0, 1, 2, 3].map(|row: usize| _mm256_loadu_pd(rows[row].as_ptr()));
+            let (a, b) = (_mm256_unpacklo_pd(r0, r1), _mm256_unpackhi_pd(r0, r1));
+            let (c, d) = (_mm256_unpacklo_pd(r2, r3), _mm256_unpackhi_pd(r2, r3));
+            _mm256_storeu_pd(columns[0].as_mut_ptr(), _mm256_permute2f128_pd::<0x20>(a, c));
+            _mm256_storeu_pd(columns[1].as_mut_ptr(), _mm256_permute2f128_pd::<0x20>(b, d));
+            _mm256_storeu_pd(columns[2].as_mut_ptr(), _mm256_permute2f128_pd::<0x31>(a, c));
+            _mm256_storeu_pd(columns[3].as_mut_ptr(), _mm256_permute2f128_pd::<0x31>(b, d));
+        }
+        columns
+    }
+
+    #[inline(always)]
     fn will_read(values: &[f64], index: usize) {
         // SAFETY: a prefetch reads nothing and never faults, whatever the address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(index).cast()) };

@@ -1,5 +1,14 @@
 //! From a recording to the signals of its bands.
 
+use super::bands::{halved, halvings, n_octaves, Filters};
+use super::octave::{halve, run, Coefficients, Memory, Rows, BACK, ROWS};
+use super::quad::{spread, Quad, QUAD};
+use crate::error::{Error, Result};
+use crate::lanes::Isa;
+
+/// Signals begin at whole cache lines: this many float64.
+const LINE: usize = 8;
+
 /// Where the signal of one band lies: `n_axes` stretches of `len` samples, axis after axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
@@ -49,5 +58,185 @@ impl<'a> BandSignals<'a> {
     pub(super) fn axis(&self, band: usize, axis: usize) -> &'a [f64] {
         let Place { start, stride, len } = self.places[band];
         &self.values[start + axis * stride..][..len]
+    }
+}
+
+/// Splits recordings of one shape into bands.
+#[derive(Clone, Debug)]
+pub(super) struct Bank {
+    // Boxed, as are the rows below: their lanes want more alignment than every owner gives, Python's objects for one.
+    coefficients: Box<Coefficients>,
+    n_axes: usize,
+    n_samples: usize,
+    octaves: usize,
+}
+
+/// Memory for one recording and its bands.
+#[derive(Clone, Debug)]
+pub(super) struct BankWork {
+    values: Vec<f64>,
+    places: Vec<Place>,
+    /// The current level of the pyramid below the first, four axes of it.
+    level: Vec<Quad>,
+    rows: Box<Rows>,
+}
+
+impl BankWork {
+    /// The bands that [`Bank::split`] has left here.
+    pub(super) fn signals(&self, n_axes: usize) -> BandSignals<'_> {
+        BandSignals::new(&self.values[aligned(&self.values)..], &self.places, n_axes)
+    }
+}
+
+/// Values before the first whole cache line.
+fn aligned(values: &[f64]) -> usize {
+    // Speed only: a pointer that cannot be aligned stays as it is.
+    values.as_ptr().align_offset(LINE * size_of::<f64>()).min(LINE)
+}
+
+impl Bank {
+    pub(super) fn new(n_samples: usize, n_axes: usize) -> Result<Self> {
+        let coefficients = Box::new(Coefficients::new(&Filters::new()?));
+        let bank = Self { coefficients, n_axes, n_samples, octaves: n_octaves(n_samples) };
+        // All bands together hold less than five times the samples of the recording, and some room to align them.
+        let room = n_samples.checked_add(2 * LINE).and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f64>()));
+        room.filter(|room| isize::try_from(*room).is_ok()).map(|_| bank).ok_or(Error::TooLarge { n_samples, n_axes })
+    }
+
+    pub(super) fn work(&self) -> BankWork {
+        let places = self.places(self.n_samples);
+        let n_values = places.last().map_or(0, |last| last.start + self.n_axes * last.stride);
+        BankWork {
+            values: vec![0.0; n_values + LINE],
+            places,
+            level: vec![Quad::ZERO; self.n_samples.div_ceil(2)],
+            rows: Box::new(Rows::new()),
+        }
+    }
+
+    /// Where the bands of the first `n_seen` samples lie.
+    fn places(&self, n_seen: usize) -> Vec<Place> {
+        let mut start = 0;
+        let rates = std::iter::once(0).chain((0..self.octaves).map(halvings));
+        rates
+            .map(|halvings| {
+                let stride = halved(self.n_samples, halvings).next_multiple_of(LINE);
+                let place = Place { start, stride, len: halved(n_seen, halvings) };
+                start += self.n_axes * stride;
+                place
+            })
+            .collect()
+    }
+
+    /// Splits the first samples of a recording, time-major, with the means of its axes.
+    #[inline(always)]
+    pub(super) fn split<I: Isa>(&self, recording: &[f64], means: &[f64], work: &mut BankWork) {
+        let n_seen = recording.len() / self.n_axes;
+        let rates = std::iter::once(0).chain((0..self.octaves).map(halvings));
+        for (place, halvings) in work.places.iter_mut().zip(rates) {
+            place.len = halved(n_seen, halvings);
+        }
+        let BankWork { values, places, level, rows } = work;
+        let first = aligned(values);
+        let values = &mut values[first..];
+        for axis in (0..self.n_axes).step_by(QUAD) {
+            let n_axes = (self.n_axes - axis).min(QUAD);
+            let mut target = Target { values, places, axis, n_axes };
+            let input = Input { recording, all_axes: self.n_axes, axis, n_axes };
+            self.first_level::<I>(input, Quad::load(&means[axis..][..n_axes]), level, rows, &mut target);
+            for octave in 2..self.octaves {
+                let n_rows = target.places[1 + octave].len;
+                self.further_level::<I>(1 + octave, &mut level[..n_rows], rows, &mut target);
+            }
+        }
+    }
+
+    /// Band 0 and the octaves that are sampled at the full rate; what lies below them goes to `level`.
+    #[inline(always)]
+    fn first_level<I: Isa>(
+        &self,
+        input: Input<'_>,
+        mean: Quad,
+        level: &mut [Quad],
+        rows: &mut Rows,
+        target: &mut Target<'_>,
+    ) {
+        let c = &self.coefficients;
+        let mut memory = begin(c, rows, input.row(0));
+        let n_rows = target.places[0].len;
+        for start in (0..n_rows).step_by(ROWS) {
+            let n = (n_rows - start).min(ROWS);
+            for t in 0..n {
+                rows.input[BACK + t] = input.row(start + t);
+            }
+            target.write::<I>(0, start, &rows.input[BACK..][..n], |x| x.minus(mean));
+            if self.octaves == 0 {
+                continue;
+            }
+            run::<true>(c, &mut memory, rows, n);
+            target.write::<I>(1, start, &rows.top[..n], |y| y.times(Quad::all(c.top.gain)));
+            target.write::<I>(2, start, &rows.octave[..n], |y| y.times(Quad::all(c.octave.gain)));
+            halve(c.halving.gain, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
+            rows.turn();
+        }
+    }
+
+    /// The octave of a level at a lower rate; what lies below it replaces the level.
+    #[inline(always)]
+    fn further_level<I: Isa>(&self, band: usize, level: &mut [Quad], rows: &mut Rows, target: &mut Target<'_>) {
+        let c = &self.coefficients;
+        let mut memory = begin(c, rows, level[0]);
+        for start in (0..level.len()).step_by(ROWS) {
+            let n = (level.len() - start).min(ROWS);
+            rows.input[BACK..][..n].copy_from_slice(&level[start..][..n]);
+            run::<false>(c, &mut memory, rows, n);
+            target.write::<I>(band, start, &rows.octave[..n], |y| y.times(Quad::all(c.octave.gain)));
+            halve(c.halving.gain, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
+            rows.turn();
+        }
+    }
+}
+
+/// Sets a level as if its first row had lasted for ever.
+#[inline(always)]
+fn begin(coefficients: &Coefficients, rows: &mut Rows, first: Quad) -> Memory {
+    let memory = Memory::steady(coefficients, first);
+    rows.input[..BACK].fill(first);
+    rows.smooth[..BACK].fill(memory.smooth());
+    memory
+}
+
+/// Some neighbouring axes of a time-major recording.
+#[derive(Clone, Copy)]
+struct Input<'a> {
+    recording: &'a [f64],
+    all_axes: usize,
+    axis: usize,
+    n_axes: usize,
+}
+
+impl Input<'_> {
+    #[inline(always)]
+    fn row(&self, t: usize) -> Quad {
+        Quad::load(&self.recording[t * self.all_axes + self.axis..][..self.n_axes])
+    }
+}
+
+/// The same axes of all bands.
+struct Target<'a> {
+    values: &'a mut [f64],
+    places: &'a [Place],
+    axis: usize,
+    n_axes: usize,
+}
+
+impl Target<'_> {
+    /// Writes samples of a band from sample `t` on; a band that the recording is too short for is left out.
+    #[inline(always)]
+    fn write<I: Isa>(&mut self, band: usize, t: usize, quads: &[Quad], map: impl Fn(Quad) -> Quad) {
+        if let Some(place) = self.places.get(band) {
+            let values = &mut self.values[place.start + self.axis * place.stride + t..];
+            spread::<I>(quads, map, self.n_axes, place.stride, values);
+        }
     }
 }

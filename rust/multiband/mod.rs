@@ -1,17 +1,47 @@
 //! Multi-band features: what a signal does in each octave, and how its axes move together there.
 //!
-//! A pyramid of band-passes splits a recording into octaves; of each band, four blocks of numbers say how its axes are
-//! coupled, how their values are distributed, how their energy goes through the recording, and what the whole spectrum
-//! looks like. The definition, in plain numpy, is `tests/python/multiband_twin.py`.
+//! A pyramid of band-passes splits a recording into octaves; of each band, blocks of numbers say how its axes are
+//! coupled, how their values are distributed, and how their energy goes through the recording; two more hold the whole
+//! spectrum and the level. The definition, in plain numpy, is `tests/python/multiband_twin.py`.
+//!
+//! ```
+//! use granular_id::multiband::{MultiBand, MultiBandSpec, Scales};
+//!
+//! let (n_samples, n_axes) = (1600, 6);
+//! let multi_band = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &Scales::unit(10, n_axes))?;
+//! let mut work = multi_band.workspace();
+//! let mut features = vec![0.0; multi_band.n_features()];
+//! multi_band.extract_into(&vec![0.0; n_samples * n_axes], &mut work, &mut features)?;
+//! assert_eq!(multi_band.names()[0], "b0_coupling_fx_fx");
+//! # Ok::<(), granular_id::Error>(())
+//! ```
 
+mod bands;
 mod bank;
+mod batch;
 mod coupling;
 mod envelope;
+mod extractor;
 mod fft;
+mod jobs;
+mod level;
+mod limits;
 mod log_bins;
 mod logarithm;
 mod moments;
+mod names;
+mod octave;
 mod pack;
+mod quad;
 mod quantiles;
+mod scales;
+mod spec;
 mod spectrum;
 mod symmetric;
+mod workspace;
+
+pub use bands::{n_bands, FrequencyBand};
+pub use extractor::MultiBand;
+pub use scales::Scales;
+pub use spec::{Block, MultiBandSpec};
+pub use workspace::Workspace;

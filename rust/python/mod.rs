@@ -5,6 +5,7 @@ mod buffer;
 mod convert;
 mod features;
 mod model;
+mod multiband;
 mod number_table;
 mod rdt;
 mod scalars;
@@ -25,6 +26,8 @@ mod _core {
     use super::features::{extract_features, histogram};
     #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
+    #[pymodule_export]
+    use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]
     use super::number_table::{parse_number_table, write_number_table, NumberTableError};
     #[pymodule_export]

@@ -1,0 +1,258 @@
+//! From recordings to features.
+
+use super::bands::{bands, n_bands, FrequencyBand};
+use super::bank::Bank;
+use super::coupling::Coupling;
+use super::envelope::Envelope;
+use super::jobs::{RootMeanSquares, Split};
+use super::level::Level;
+use super::limits::limits;
+use super::quantiles::Quantiles;
+use super::scales::Scales;
+use super::spec::{Block, MultiBandSpec};
+use super::spectrum::Spectrum;
+use super::workspace::Workspace;
+use crate::error::{Error, Result};
+use crate::extract::{finite, not_finite};
+use crate::features::{BatchShape, MAX_SAMPLES};
+use crate::lanes::Path;
+
+/// The largest number of features of a recording that is worth computing.
+const MAX_FEATURES: usize = 100_000_000;
+
+/// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
+/// Immutable, shared between threads.
+#[derive(Clone, Debug)]
+pub struct MultiBand {
+    spec: MultiBandSpec,
+    n_samples: usize,
+    n_axes: usize,
+    n_features: usize,
+    pub(super) scales: Scales,
+    bands: Vec<FrequencyBand>,
+    /// The largest magnitude of each axis that can be worked with.
+    pub(super) limits: Vec<f64>,
+    pub(super) bank: Bank,
+    pub(super) coupling: Option<Coupling>,
+    pub(super) quantiles: Option<Quantiles>,
+    pub(super) envelope: Option<Envelope>,
+    pub(super) spectrum: Option<Spectrum>,
+    pub(super) level: Option<Level>,
+}
+
+impl MultiBand {
+    /// Checks a specification and designs what recordings of `n_samples` samples of `n_axes` axes need. Blocks that such
+    /// short recordings do not have are left out, see [`Block::least_samples`].
+    ///
+    /// # Errors
+    /// [`Error::Rate`]; [`Error::Empty`], [`Error::Samples`], [`Error::TooLarge`]: a recording of no samples or axes, or of
+    /// too many; [`Error::NoBlocks`]; [`Error::Length`], [`Error::Scale`]: scales of another shape, or none to divide by.
+    pub fn new(spec: MultiBandSpec, n_samples: usize, n_axes: usize, scales: &Scales) -> Result<Self> {
+        if !(spec.rate_hz.is_finite() && spec.rate_hz > 0.0) {
+            return Err(Error::Rate { rate_hz: spec.rate_hz });
+        }
+        if n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
+        }
+        if n_samples > MAX_SAMPLES {
+            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
+        }
+        let has = |block| spec.has(block, n_samples);
+        if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
+            return Err(Error::NoBlocks { n_samples });
+        }
+        scales.check(n_samples, n_axes)?;
+        let n_bands = n_bands(n_samples);
+        // Before anything of that size is made: the couplings of many axes are the most by far.
+        let pairs = n_axes.checked_mul(n_axes).and_then(|n| n.checked_mul(4 * n_bands));
+        if pairs.is_none_or(|pairs| has(Block::Coupling) && pairs > MAX_FEATURES) {
+            return Err(Error::TooLarge { n_samples, n_axes });
+        }
+        let mut this = Self {
+            bank: Bank::new(n_samples, n_axes)?,
+            coupling: has(Block::Coupling).then(|| Coupling::new(n_bands, n_axes)),
+            quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands, n_axes)),
+            envelope: has(Block::Envelope).then(|| Envelope::new(n_bands, n_axes)),
+            spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
+            level: has(Block::Level).then(|| Level::new(n_axes, n_samples)),
+            bands: bands(n_samples, spec.rate_hz),
+            limits: limits(scales, n_axes),
+            scales: scales.clone(),
+            n_features: 0,
+            spec,
+            n_samples,
+            n_axes,
+        };
+        this.n_features = this.block_sizes().iter().map(|(_, size)| size).sum();
+        Ok(this)
+    }
+
+    /// What is computed.
+    #[must_use]
+    pub fn spec(&self) -> &MultiBandSpec {
+        &self.spec
+    }
+
+    /// Samples of a whole recording.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.n_samples
+    }
+
+    /// Axes of a recording.
+    #[must_use]
+    pub fn n_axes(&self) -> usize {
+        self.n_axes
+    }
+
+    /// Bands, band 0 included.
+    #[must_use]
+    pub fn n_bands(&self) -> usize {
+        self.bands.len()
+    }
+
+    /// The bands: band 0, which is the recording without its mean, then octave after octave downward.
+    #[must_use]
+    pub fn bands(&self) -> &[FrequencyBand] {
+        &self.bands
+    }
+
+    /// The scales.
+    #[must_use]
+    pub fn scales(&self) -> &Scales {
+        &self.scales
+    }
+
+    /// Features of a recording.
+    #[must_use]
+    pub fn n_features(&self) -> usize {
+        self.n_features
+    }
+
+    /// The blocks that there are, in order, and how many features each has.
+    #[must_use]
+    pub fn block_sizes(&self) -> Vec<(Block, usize)> {
+        let sizes = [
+            (Block::Coupling, self.coupling.as_ref().map(Coupling::n_features)),
+            (Block::Quantiles, self.quantiles.as_ref().map(Quantiles::n_features)),
+            (Block::Envelope, self.envelope.as_ref().map(Envelope::n_features)),
+            (Block::Spectrum, self.spectrum.as_ref().map(Spectrum::n_features)),
+            (Block::Level, self.level.as_ref().map(Level::n_features)),
+        ];
+        sizes.into_iter().filter_map(|(block, size)| size.map(|size| (block, size))).collect()
+    }
+
+    /// Memory for [`extract_into`](Self::extract_into).
+    #[must_use]
+    pub fn workspace(&self) -> Workspace {
+        Workspace {
+            shape: (self.n_samples, self.n_axes),
+            bank: self.bank.work(),
+            means: vec![0.0; self.n_axes],
+            coupling: self.coupling.as_ref().map(|block| block.work(self.n_samples)),
+            quantiles: self.quantiles.as_ref().map(Quantiles::work),
+            spectrum: self.spectrum.as_ref().map(Spectrum::work),
+        }
+    }
+
+    /// Features of one recording into `out`, without allocation.
+    ///
+    /// A recording of fewer samples is taken as the beginning of a whole one: bands and frequencies are those of the whole,
+    /// statistics are over what there is.
+    ///
+    /// # Arguments
+    /// - `rows`: 1 to `n_samples` samples of all axes, time-major: `rows[sample * n_axes + axis]`.
+    /// - `work`: from [`workspace`](Self::workspace).
+    /// - `out`: [`n_features`](Self::n_features) numbers.
+    ///
+    /// # Errors
+    /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLoud`] call the recording number 0. On an error `out` holds
+    /// unspecified numbers.
+    pub fn extract_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        self.extract_on(Path::detect(), rows, work, out)
+    }
+
+    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
+    pub fn extract_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        self.split(path, rows, work)?;
+        if out.len() != self.n_features {
+            return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
+        }
+        self.blocks(path, rows, work, out);
+        if finite(out) {
+            return Ok(());
+        }
+        Err(self.refused(rows))
+    }
+
+    /// Root mean square of each band and axis of one recording into `out`, band-major: what scales are learned from.
+    ///
+    /// # Errors
+    /// As [`extract_into`](Self::extract_into).
+    pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        self.split(Path::detect(), rows, work)?;
+        let expected = self.n_bands() * self.n_axes;
+        if out.len() != expected {
+            return Err(Error::Length { what: "out", expected, got: out.len() });
+        }
+        Path::detect().run(RootMeanSquares { signals: work.bank.signals(self.n_axes), out });
+        if finite(out) {
+            return Ok(());
+        }
+        Err(self.refused(rows))
+    }
+
+    /// All blocks of the recording that was split last.
+    fn blocks(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) {
+        let signals = work.bank.signals(self.n_axes);
+        let scales = &self.scales.bands;
+        let mut rest = out;
+        if let Some((block, work)) = self.coupling.as_ref().zip(work.coupling.as_mut()) {
+            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+        }
+        if let Some((block, work)) = self.quantiles.as_ref().zip(work.quantiles.as_mut()) {
+            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+        }
+        if let Some(block) = &self.envelope {
+            block.compute(path, signals, scales, first(&mut rest, block.n_features()));
+        }
+        if let Some((block, work)) = self.spectrum.as_ref().zip(work.spectrum.as_mut()) {
+            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+        }
+        if let Some(block) = &self.level {
+            block.compute(rows, &self.scales.level, first(&mut rest, block.n_features()));
+        }
+    }
+
+    /// Splits a recording into bands, once it is known to be one.
+    fn split(&self, path: Path, rows: &[f64], work: &mut Workspace) -> Result<()> {
+        let whole = self.n_samples * self.n_axes;
+        if rows.is_empty() || rows.len() > whole || !rows.len().is_multiple_of(self.n_axes) {
+            return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
+        }
+        // A workspace of another shape is replaced: a mistake that costs time only.
+        if work.shape != (self.n_samples, self.n_axes) {
+            *work = self.workspace();
+        }
+        if path.run(Split { design: self, rows, work }) {
+            return Ok(());
+        }
+        Err(self.refused(rows))
+    }
+
+    /// Why a recording cannot be worked with.
+    fn refused(&self, rows: &[f64]) -> Error {
+        let shape = BatchShape { n_recordings: 1, n_samples: rows.len() / self.n_axes, n_axes: self.n_axes };
+        match not_finite(rows, shape) {
+            Error::Overflow { recording, largest } => Error::TooLoud { recording, largest },
+            error => error,
+        }
+    }
+}
+
+/// Takes the first numbers off a slice.
+fn first<'a>(rest: &mut &'a mut [f64], n: usize) -> &'a mut [f64] {
+    let (first, after) = std::mem::take(rest).split_at_mut(n);
+    *rest = after;
+    first
+}

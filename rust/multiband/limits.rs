@@ -1,0 +1,52 @@
+//! What a recording may hold: numbers, and none so large that a square leaves float64.
+
+use super::quad::{Quad, QUAD};
+use super::scales::Scales;
+
+/// Larger magnitudes, in units of the smallest scale, are refused. Filters overshoot and sums of squares grow with the
+/// length of a recording, which leaves room to 1e154, where squares overflow.
+const LARGEST: f64 = 1e145;
+
+/// The largest magnitude of each axis, given its scales; at most `LARGEST` itself.
+pub(super) fn limits(scales: &Scales, n_axes: usize) -> Vec<f64> {
+    (0..n_axes)
+        .map(|axis| {
+            let own = scales.bands.iter().skip(axis).step_by(n_axes).chain(scales.level.get(axis));
+            LARGEST * own.fold(1.0, |least: f64, scale| least.min(*scale))
+        })
+        .collect()
+}
+
+/// Means of the axes of a time-major recording; false where a value is NaN, infinite or beyond the limit of its axis.
+#[inline(always)]
+pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64]) -> bool {
+    let n_axes = limits.len();
+    let mut within = true;
+    for axis in (0..n_axes).step_by(QUAD) {
+        let lanes = (n_axes - axis).min(QUAD);
+        // Four sums side by side: one would wait for itself at every row.
+        let mut sums = [Quad::ZERO; 4];
+        let mut largest = [Quad::ZERO; 4];
+        let mut each = recording.chunks_exact(4 * n_axes);
+        for four in &mut each {
+            for i in 0..4 {
+                let x = Quad::load(&four[i * n_axes + axis..][..lanes]);
+                sums[i] = sums[i].plus(x);
+                largest[i] = largest[i].largest(x);
+            }
+        }
+        for (i, row) in each.remainder().chunks_exact(n_axes).enumerate() {
+            let x = Quad::load(&row[axis..][..lanes]);
+            sums[i] = sums[i].plus(x);
+            largest[i] = largest[i].largest(x);
+        }
+        let n = (recording.len() / n_axes) as f64;
+        let sum = sums[0].plus(sums[1]).plus(sums[2].plus(sums[3]));
+        for lane in 0..lanes {
+            // NaN is never the larger one of two, but it stays in a sum.
+            within &= sum.0[lane].is_finite() && largest.iter().all(|l| l.0[lane] <= limits[axis + lane]);
+            means[axis + lane] = sum.0[lane] / n;
+        }
+    }
+    within
+}

@@ -1,0 +1,56 @@
+//! Names of the features.
+
+use super::extractor::MultiBand;
+use crate::wrench::axis_name;
+
+/// What the quantiles block has of each band and axis.
+const QUANTILES: [&str; 7] = ["q02", "q10", "q25", "q50", "q75", "q90", "q98"];
+
+/// Samples between the two halves of a coupling.
+const LAG: usize = 2;
+
+impl MultiBand {
+    /// Names of the features, in order: `b0_coupling_fx_fx ... b0_q02_fx ... b0_envelope_fx_0 ... spectrum_fx_00`.
+    #[must_use]
+    pub fn names(&self) -> Vec<String> {
+        let n_bands = self.n_bands();
+        let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
+        let mut names = Vec::with_capacity(self.n_features());
+        if self.coupling.is_some() {
+            let whole: Vec<_> = [String::new(), format!("_lag{LAG}")]
+                .iter()
+                .flat_map(|lag| axes.iter().map(move |axis| format!("{axis}{lag}")))
+                .collect();
+            for band in 0..n_bands {
+                for (i, one) in whole.iter().enumerate() {
+                    names.extend(whole[i..].iter().map(|other| format!("b{band}_coupling_{one}_{other}")));
+                }
+            }
+        }
+        let each = |names: &mut Vec<String>, name: &dyn Fn(usize, &str, &mut Vec<String>)| {
+            for band in 0..n_bands {
+                axes.iter().for_each(|axis| name(band, axis, names));
+            }
+        };
+        if self.quantiles.is_some() {
+            each(&mut names, &|band, axis, names| {
+                let all = QUANTILES.iter().chain(&["logrms"]);
+                names.extend(all.map(|what| format!("b{band}_{what}_{axis}")));
+            });
+        }
+        if let Some(envelope) = &self.envelope {
+            let stretches = envelope.n_features() / (n_bands * axes.len());
+            each(&mut names, &|band, axis, names| {
+                names.extend((0..stretches).map(|stretch| format!("b{band}_envelope_{axis}_{stretch}")));
+            });
+        }
+        let bins = self.spectrum.as_ref().map_or(0, |spectrum| spectrum.n_features() / axes.len());
+        let stretches = self.level.as_ref().map_or(0, |level| level.stretches());
+        for (what, n) in [("spectrum", bins), ("level", stretches)] {
+            for axis in &axes {
+                names.extend((0..n).map(|i| format!("{what}_{axis}_{i:02}")));
+            }
+        }
+        names
+    }
+}

@@ -1,0 +1,59 @@
+//! What the constructor is given.
+
+use numpy::{PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyString;
+
+use crate::multiband::{Block, MultiBandSpec};
+use crate::python::arrays::{owned_real, tuple};
+use crate::python::scalars::{shown, word};
+
+/// Names of blocks, in any order.
+pub(super) fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<MultiBandSpec> {
+    let mut wanted = Vec::new();
+    let wrong = || PyTypeError::new_err(format!("blocks must be a sequence of names, got {}", shown(value)));
+    if value.is_instance_of::<PyString>() {
+        return Err(wrong());
+    }
+    for block in value.try_iter().map_err(|_| wrong())? {
+        let block = word(&block?, "each of blocks", &Block::NAMED)?;
+        if wanted.contains(&block) {
+            let message = format!("blocks must name each block once, got '{}' twice", block.name());
+            return Err(PyValueError::new_err(message));
+        }
+        wanted.push(block);
+    }
+    let has = |block| wanted.contains(&block);
+    Ok(MultiBandSpec {
+        rate_hz,
+        coupling: has(Block::Coupling),
+        quantiles: has(Block::Quantiles),
+        envelope: has(Block::Envelope),
+        spectrum: has(Block::Spectrum),
+        level: has(Block::Level),
+    })
+}
+
+/// Scales of one shape; ones where there are none.
+pub(super) fn given_scales(
+    value: Option<&Bound<'_, PyAny>>,
+    name: &str,
+    shape: &[usize],
+) -> PyResult<Vec<f64>> {
+    let Some(value) = value else {
+        let size = shape.iter().try_fold(1_usize, |size, n| size.checked_mul(*n)).filter(|n| *n <= 100_000_000);
+        let Some(size) = size else {
+            let shape = tuple(shape);
+            return Err(PyValueError::new_err(format!("n_samples and n_axes ask for too many scales: {shape}")));
+        };
+        return Ok(vec![1.0; size]);
+    };
+    let array = owned_real(value, name)?;
+    if array.shape() != shape {
+        let (wanted, got) = (tuple(shape), tuple(array.shape()));
+        return Err(PyValueError::new_err(format!("{name} must have shape {wanted}, got {got}")));
+    }
+    let array = array.try_readonly()?;
+    Ok(array.as_slice()?.to_vec())
+}
