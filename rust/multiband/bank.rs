@@ -99,8 +99,12 @@ impl Bank {
         let coefficients = Box::new(Coefficients::new(&Filters::new()?));
         let bank = Self { coefficients, n_axes, n_samples, octaves: n_octaves(n_samples) };
         // All bands together hold less than five times the samples of the recording, and some room to align them.
-        let room = n_samples.checked_add(2 * LINE).and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f64>()));
-        room.filter(|room| isize::try_from(*room).is_ok()).map(|_| bank).ok_or(Error::TooLarge { n_samples, n_axes })
+        let room = n_samples
+            .checked_add(2 * LINE)
+            .and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f64>()));
+        room.filter(|room| isize::try_from(*room).is_ok())
+            .map(|_| bank)
+            .ok_or(Error::TooLarge { n_samples, n_axes })
     }
 
     pub(super) fn work(&self) -> BankWork {
@@ -128,7 +132,7 @@ impl Bank {
             .collect()
     }
 
-    /// Splits the first samples of a recording, time-major, with the means of its axes.
+    /// Splits the first samples of a recording, time-major; `means` are those of its axes, counted from the first sample.
     #[inline(always)]
     pub(super) fn split<I: Isa>(&self, recording: &[f64], means: &[f64], work: &mut BankWork) {
         let n_seen = recording.len() / self.n_axes;
@@ -162,48 +166,49 @@ impl Bank {
         target: &mut Target<'_>,
     ) {
         let c = &self.coefficients;
-        let mut memory = begin(c, rows, input.row(0));
+        let (mut memory, first) = (Memory::REST, input.row(0));
+        rows.rest();
         let n_rows = target.places[0].len;
         for start in (0..n_rows).step_by(ROWS) {
             let n = (n_rows - start).min(ROWS);
             for t in 0..n {
-                rows.input[BACK + t] = input.row(start + t);
+                let x = input.row(start + t).minus(first);
+                rows.input[BACK + t] = x;
+                rows.top[t] = x.minus(mean);
             }
-            target.write::<I>(0, start, &rows.input[BACK..][..n], |x| x.minus(mean));
+            target.write::<I>(0, start, &rows.top[..n]);
             if self.octaves == 0 {
                 continue;
             }
             run::<true>(c, &mut memory, rows, n);
-            target.write::<I>(1, start, &rows.top[..n], |y| y.times(Quad::all(c.top.gain)));
-            target.write::<I>(2, start, &rows.octave[..n], |y| y.times(Quad::all(c.octave.gain)));
-            halve(c.halving.gain, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
+            target.write::<I>(1, start, &rows.top[..n]);
+            target.write::<I>(2, start, &rows.octave[..n]);
+            halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
             rows.turn();
         }
     }
 
     /// The octave of a level at a lower rate; what lies below it replaces the level.
     #[inline(always)]
-    fn further_level<I: Isa>(&self, band: usize, level: &mut [Quad], rows: &mut Rows, target: &mut Target<'_>) {
+    fn further_level<I: Isa>(
+        &self,
+        band: usize,
+        level: &mut [Quad],
+        rows: &mut Rows,
+        target: &mut Target<'_>,
+    ) {
         let c = &self.coefficients;
-        let mut memory = begin(c, rows, level[0]);
+        let mut memory = Memory::REST;
+        rows.rest();
         for start in (0..level.len()).step_by(ROWS) {
             let n = (level.len() - start).min(ROWS);
             rows.input[BACK..][..n].copy_from_slice(&level[start..][..n]);
             run::<false>(c, &mut memory, rows, n);
-            target.write::<I>(band, start, &rows.octave[..n], |y| y.times(Quad::all(c.octave.gain)));
-            halve(c.halving.gain, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
+            target.write::<I>(band, start, &rows.octave[..n]);
+            halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
             rows.turn();
         }
     }
-}
-
-/// Sets a level as if its first row had lasted for ever.
-#[inline(always)]
-fn begin(coefficients: &Coefficients, rows: &mut Rows, first: Quad) -> Memory {
-    let memory = Memory::steady(coefficients, first);
-    rows.input[..BACK].fill(first);
-    rows.smooth[..BACK].fill(memory.smooth());
-    memory
 }
 
 /// Some neighbouring axes of a time-major recording.
@@ -233,10 +238,10 @@ struct Target<'a> {
 impl Target<'_> {
     /// Writes samples of a band from sample `t` on; a band that the recording is too short for is left out.
     #[inline(always)]
-    fn write<I: Isa>(&mut self, band: usize, t: usize, quads: &[Quad], map: impl Fn(Quad) -> Quad) {
+    fn write<I: Isa>(&mut self, band: usize, t: usize, quads: &[Quad]) {
         if let Some(place) = self.places.get(band) {
             let values = &mut self.values[place.start + self.axis * place.stride + t..];
-            spread::<I>(quads, map, self.n_axes, place.stride, values);
+            spread::<I>(quads, self.n_axes, place.stride, values);
         }
     }
 }

@@ -46,7 +46,13 @@ impl MultiBand {
     }
 
     /// Root mean squares of a batch, `n_bands * n_axes` numbers per recording, as [`rms_into`](Self::rms_into).
-    pub fn rms_batch(&self, wrench: &[f64], shape: BatchShape, threads: usize, out: &mut [f64]) -> Result<()> {
+    pub fn rms_batch(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
         let row_len = self.n_bands() * self.n_axes();
         let batch = Batch { design: self, wrench, shape, threads, row_len };
         batch.each(out, |rows, work, out| self.rms_into(rows, work, out))

@@ -117,6 +117,15 @@ impl MultiBand {
         &self.bands
     }
 
+    /// Middle of each bin of the spectrum, in hertz; none without that block.
+    #[must_use]
+    pub fn frequencies_hz(&self) -> Vec<f64> {
+        let step = self.spec.rate_hz / self.n_samples as f64;
+        let edges = self.spectrum.as_ref().map_or(&[][..], Spectrum::edges);
+        // From the first to the last frequency of a bin, both included.
+        edges.windows(2).map(|bin| 0.5 * (bin[0] + bin[1] - 1) as f64 * step).collect()
+    }
+
     /// The scales.
     #[must_use]
     pub fn scales(&self) -> &Scales {

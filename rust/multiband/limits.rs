@@ -17,13 +17,14 @@ pub(super) fn limits(scales: &Scales, n_axes: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Means of the axes of a time-major recording; false where a value is NaN, infinite or beyond the limit of its axis.
+/// Means of the axes of a time-major recording, counted from its first sample; false where a value is NaN, infinite or beyond the limit of its axis.
 #[inline(always)]
 pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64]) -> bool {
     let n_axes = limits.len();
     let mut within = true;
     for axis in (0..n_axes).step_by(QUAD) {
         let lanes = (n_axes - axis).min(QUAD);
+        let first = Quad::load(&recording[axis..][..lanes]);
         // Four sums side by side: one would wait for itself at every row.
         let mut sums = [Quad::ZERO; 4];
         let mut largest = [Quad::ZERO; 4];
@@ -31,13 +32,13 @@ pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64])
         for four in &mut each {
             for i in 0..4 {
                 let x = Quad::load(&four[i * n_axes + axis..][..lanes]);
-                sums[i] = sums[i].plus(x);
+                sums[i] = sums[i].plus(x.minus(first));
                 largest[i] = largest[i].largest(x);
             }
         }
         for (i, row) in each.remainder().chunks_exact(n_axes).enumerate() {
             let x = Quad::load(&row[axis..][..lanes]);
-            sums[i] = sums[i].plus(x);
+            sums[i] = sums[i].plus(x.minus(first));
             largest[i] = largest[i].largest(x);
         }
         let n = (recording.len() / n_axes) as f64;

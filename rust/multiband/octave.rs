@@ -1,8 +1,9 @@
 //! The recurrences of one level of the pyramid.
 //!
 //! Poles are those of the designs, pair by pair. Zeros are shared out anew, which changes rounding only: each half of a
-//! band-pass gets one zero at frequency 0 and one at Nyquist, `1 - z^-2`, so that a constant leaves nothing behind, not
-//! even rounding; and those of the low-pass are applied where a sample is kept.
+//! band-pass gets one zero at frequency 0 and one at Nyquist, `1 - z^-2`, and those of the low-pass are applied only where
+//! a sample is kept. Signals are counted from the first sample: a start as if it had lasted for ever is then a start from
+//! rest, and a constant leaves nothing behind, not even rounding.
 
 use super::bands::{Filters, Poles};
 use super::quad::Quad;
@@ -17,12 +18,12 @@ pub(super) const BACK: usize = 4;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wide {
     pairs: [[Quad; 2]; 2],
-    pub(super) gain: f64,
+    gain: Quad,
 }
 
 impl Wide {
     pub(super) fn new(poles: &Poles) -> Self {
-        Self { pairs: poles.pairs.map(|pair| pair.map(Quad::all)), gain: poles.gain }
+        Self { pairs: poles.pairs.map(|pair| pair.map(Quad::all)), gain: Quad::all(poles.gain) }
     }
 }
 
@@ -53,21 +54,11 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// As if `first` had lasted for ever.
-    pub(super) fn steady(coefficients: &Coefficients, first: Quad) -> Self {
+    /// As if the first sample had lasted for ever: signals are counted from it, so that it is zero.
+    pub(super) const REST: Self = {
         let silence = [[Quad::ZERO; 2]; 2];
-        let mut value = first;
-        let halving = coefficients.halving.pairs.map(|[a1, a2]| {
-            value = Quad(std::array::from_fn(|l| value.0[l] / (1.0 + a1.0[l] + a2.0[l])));
-            [value; 2]
-        });
-        Self { top: silence, octave: silence, halving }
-    }
-
-    /// What the low-pass gave before the first sample.
-    pub(super) fn smooth(&self) -> Quad {
-        self.halving[1][0]
-    }
+        Self { top: silence, octave: silence, halving: silence }
+    };
 }
 
 /// One block of a level: room for `BACK` earlier rows, then the block.
@@ -76,6 +67,7 @@ pub(super) struct Rows {
     pub(super) input: [Quad; BACK + ROWS],
     /// Poles of the low-pass only.
     pub(super) smooth: [Quad; BACK + ROWS],
+    /// Before the filters run: the input without its mean.
     pub(super) top: [Quad; ROWS],
     pub(super) octave: [Quad; ROWS],
 }
@@ -84,6 +76,13 @@ impl Rows {
     pub(super) fn new() -> Self {
         let silence = [Quad::ZERO; BACK + ROWS];
         Self { input: silence, smooth: silence, top: [Quad::ZERO; ROWS], octave: [Quad::ZERO; ROWS] }
+    }
+
+    /// Forgets what came before.
+    #[inline(always)]
+    pub(super) fn rest(&mut self) {
+        self.input[..BACK].fill(Quad::ZERO);
+        self.smooth[..BACK].fill(Quad::ZERO);
     }
 
     /// Keeps the last rows in front of the next block.
@@ -120,9 +119,9 @@ pub(super) fn run<const TOP: bool>(c: &Coefficients, memory: &mut Memory, rows: 
         let x = rows.input[BACK + t];
         let rise = x.minus(rows.input[BACK + t - 2]);
         if TOP {
-            rows.top[t] = band_pass(&c.top, &mut top, rise);
+            rows.top[t] = band_pass(&c.top, &mut top, rise).times(c.top.gain);
         }
-        rows.octave[t] = band_pass(&c.octave, &mut octave, rise);
+        rows.octave[t] = band_pass(&c.octave, &mut octave, rise).times(c.octave.gain);
         let half = resonate(&c.halving.pairs[0], &mut halving[0], x);
         rows.smooth[BACK + t] = resonate(&c.halving.pairs[1], &mut halving[1], half);
     }
@@ -131,12 +130,11 @@ pub(super) fn run<const TOP: bool>(c: &Coefficients, memory: &mut Memory, rows: 
 
 /// Every second row after the low-pass, from row 0 of the block on.
 #[inline(always)]
-pub(super) fn halve(gain: f64, smooth: &[Quad; BACK + ROWS], out: &mut [Quad]) {
-    let (gain, four, six) = (Quad::all(gain), Quad::all(4.0), Quad::all(6.0));
-    for (i, out) in out.iter_mut().enumerate() {
-        let at = |back: usize| smooth[BACK + 2 * i - back];
-        let outer = at(0).plus(at(4));
-        let inner = at(1).plus(at(3)).times(four);
-        *out = outer.plus(inner).plus(at(2).times(six)).times(gain);
+pub(super) fn halve(c: &Coefficients, smooth: &[Quad; BACK + ROWS], out: &mut [Quad]) {
+    let (gain, four, six) = (c.halving.gain, Quad::all(4.0), Quad::all(6.0));
+    for (rows, out) in smooth.windows(BACK + 1).step_by(2).zip(out) {
+        let outer = rows[0].plus(rows[4]);
+        let inner = rows[1].plus(rows[3]).times(four);
+        *out = outer.plus(inner).plus(rows[2].times(six)).times(gain);
     }
 }

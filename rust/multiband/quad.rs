@@ -19,32 +19,40 @@ impl Quad {
         Self([value; QUAD])
     }
 
+    // Plain loops: closures would not always be compiled into the function that has the vector features.
+
     #[inline(always)]
-    pub(super) fn plus(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] + other.0[l]))
+    pub(super) fn plus(mut self, other: Self) -> Self {
+        for l in 0..QUAD {
+            self.0[l] += other.0[l];
+        }
+        self
     }
 
     #[inline(always)]
-    pub(super) fn minus(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] - other.0[l]))
+    pub(super) fn minus(mut self, other: Self) -> Self {
+        for l in 0..QUAD {
+            self.0[l] -= other.0[l];
+        }
+        self
     }
 
     #[inline(always)]
-    pub(super) fn times(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| self.0[l] * other.0[l]))
+    pub(super) fn times(mut self, other: Self) -> Self {
+        for l in 0..QUAD {
+            self.0[l] *= other.0[l];
+        }
+        self
     }
 
     /// The larger of what is there and the magnitude of another; NaN is not larger than anything.
     #[inline(always)]
-    pub(super) fn largest(self, other: Self) -> Self {
-        Self(std::array::from_fn(|l| {
+    pub(super) fn largest(mut self, other: Self) -> Self {
+        for l in 0..QUAD {
             let size = other.0[l].abs();
-            if size > self.0[l] {
-                size
-            } else {
-                self.0[l]
-            }
-        }))
+            self.0[l] = if size > self.0[l] { size } else { self.0[l] };
+        }
+        self
     }
 
     /// Up to four neighbouring values; the rest is zero.
@@ -60,24 +68,20 @@ impl Quad {
     }
 }
 
-/// Writes quads as samples of `n_axes` neighbouring axes, each `stride` values after the one before; each quad goes
-/// through `map` first. There must be room for whole fours of samples.
+/// Writes quads as samples of `n_axes` neighbouring axes, each `stride` values after the one before. There must be room
+/// for whole fours of samples.
 #[inline(always)]
-pub(super) fn spread<I: Isa>(
-    quads: &[Quad],
-    map: impl Fn(Quad) -> Quad,
-    n_axes: usize,
-    stride: usize,
-    values: &mut [f64],
-) {
-    for (first, four) in quads.chunks(QUAD).enumerate() {
+pub(super) fn spread<I: Isa>(quads: &[Quad], n_axes: usize, stride: usize, values: &mut [f64]) {
+    let mut first = 0;
+    while first < quads.len() {
         let mut rows = [[0.0; QUAD]; QUAD];
-        for (row, quad) in rows.iter_mut().zip(four) {
-            *row = map(*quad).0;
+        for (row, quad) in rows.iter_mut().zip(&quads[first..]) {
+            *row = quad.0;
         }
         let axes = I::transpose4(&rows);
         for (axis, samples) in axes.iter().take(n_axes).enumerate() {
-            values[axis * stride + first * QUAD..][..QUAD].copy_from_slice(samples);
+            values[axis * stride + first..][..QUAD].copy_from_slice(samples);
         }
+        first += QUAD;
     }
 }

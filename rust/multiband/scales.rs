@@ -22,13 +22,20 @@ impl Scales {
     /// Refuses a wrong number of scales, and scales that are not positive.
     pub(super) fn check(&self, n_samples: usize, n_axes: usize) -> Result<()> {
         let bands = n_bands(n_samples).saturating_mul(n_axes);
-        for (what, expected, scales) in [("scales", bands, &self.bands), ("level_scales", n_axes, &self.level)] {
+        for (what, expected, scales) in
+            [("scales", bands, &self.bands), ("level_scales", n_axes, &self.level)]
+        {
             if scales.len() != expected {
                 return Err(Error::Length { what, expected, got: scales.len() });
             }
             // Half of the exponents of float64: a quotient by such a scale, and its square, stay within its range.
             if let Some(index) = scales.iter().position(|scale| !(*scale >= 1e-150 && *scale <= 1e150)) {
-                return Err(Error::Scale { what, band: index / n_axes, axis: index % n_axes, value: scales[index] });
+                return Err(Error::Scale {
+                    what,
+                    band: index / n_axes,
+                    axis: index % n_axes,
+                    value: scales[index],
+                });
             }
         }
         Ok(())

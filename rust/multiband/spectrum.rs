@@ -62,6 +62,11 @@ impl Spectrum {
         Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
     }
 
+    /// First frequency of each bin, then one past the last, in steps of the transform.
+    pub(super) fn edges(&self) -> &[usize] {
+        &self.edges
+    }
+
     /// Pooled bins.
     pub(super) fn per_axis(&self) -> usize {
         self.edges.len() - 1

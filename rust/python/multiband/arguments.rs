@@ -42,10 +42,13 @@ pub(super) fn given_scales(
     shape: &[usize],
 ) -> PyResult<Vec<f64>> {
     let Some(value) = value else {
-        let size = shape.iter().try_fold(1_usize, |size, n| size.checked_mul(*n)).filter(|n| *n <= 100_000_000);
+        let size =
+            shape.iter().try_fold(1_usize, |size, n| size.checked_mul(*n)).filter(|n| *n <= 100_000_000);
         let Some(size) = size else {
             let shape = tuple(shape);
-            return Err(PyValueError::new_err(format!("n_samples and n_axes ask for too many scales: {shape}")));
+            return Err(PyValueError::new_err(format!(
+                "n_samples and n_axes ask for too many scales: {shape}"
+            )));
         };
         return Ok(vec![1.0; size]);
     };

@@ -117,7 +117,10 @@ impl PyMultiBandExtractor {
     fn blocks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         let spec = self.design.spec();
         let named = crate::multiband::Block::NAMED.into_iter();
-        PyTuple::new(py, named.filter(|(_, block)| spec.wants(*block)).map(|(name, _)| name).collect::<Vec<_>>())
+        PyTuple::new(
+            py,
+            named.filter(|(_, block)| spec.wants(*block)).map(|(name, _)| name).collect::<Vec<_>>(),
+        )
     }
 
     /// Features of each block that such recordings have, in order.
@@ -141,6 +144,12 @@ impl PyMultiBandExtractor {
     fn bands(&self) -> Vec<(f64, f64, f64, usize)> {
         let bands = self.design.bands().iter();
         bands.map(|band| (band.low_hz, band.high_hz, band.rate_hz, band.n_samples)).collect()
+    }
+
+    /// Middle of each bin of the spectrum, in hertz.
+    #[getter]
+    fn frequencies_hz<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.design.frequencies_hz())
     }
 
     #[getter]
@@ -197,7 +206,9 @@ impl PyMultiBandExtractor {
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), self.rate_hz());
         let blocks = self.blocks(py)?.repr()?;
-        Ok(format!("<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"))
+        Ok(format!(
+            "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"
+        ))
     }
 }
 

@@ -1,0 +1,217 @@
+"""Multi-band features: what a signal does in each octave, and how its axes move together there.
+
+Sources: coupling, filter-bank covariances and their logarithms: Barachant, Bonnet, Congedo, Jutten, "Multiclass
+brain-computer interface classification by Riemannian geometry" (2012); Arsigny, Fillard, Pennec, Ayache,
+"Log-Euclidean metrics for fast and simple calculus on diffusion tensors" (2006). Quantiles continue the histogram of
+Hynninen, Nguyen Le, Kyrki (arXiv 2403.17606).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from sklearn.utils.validation import check_is_fitted
+
+from granular_id._core import MultiBandExtractor
+from granular_id.spaces.base import RecordingTransformer, check_rate
+from granular_id.spaces.blocks import FeatureBlock
+
+__all__ = ["FrequencyBand", "MultiBand"]
+
+FloatArray = npt.NDArray[np.float64]
+
+_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
+
+# A scale below this share of the whole signal is rounding, not signal.
+_ROUNDING = 1e-9
+
+# The inverse square of a smaller scale leaves float64: an axis as quiet as that counts as silent.
+_LEAST_SCALE = 1e-150
+
+_LEVEL_STRETCHES = 16
+
+
+class FrequencyBand(NamedTuple):
+    """Edges of a band, 3 dB down, and how it is sampled; band 0 is the recording without its mean."""
+
+    low_hz: float
+    high_hz: float
+    rate_hz: float
+    n_samples: int
+
+
+class MultiBand(RecordingTransformer):
+    """Statistics of each octave of the signal: about 1,500 numbers of a recording of 1600 samples on six axes.
+
+    A pyramid of Butterworth band-passes of second order splits the signal into octaves, from 98 % of the Nyquist
+    frequency down to where an octave would see fewer than 1.5 cycles of a recording; each octave further down is
+    sampled at half the rate. Every band and axis is divided by its typical size, learned from the rows given to `fit`.
+    Then up to five blocks of numbers, block after block:
+
+    - ``coupling``, of each band: the logarithm of the matrix of second moments of all axes, now and two samples
+      earlier: energies, and how axes move together and ahead of each other.
+    - ``quantiles``, of each band and axis: arcsinh of seven quantiles (2 % to 98 %), and the logarithm of the RMS.
+    - ``envelope``, of each band and axis: logarithm of the energy in four stretches of time.
+    - ``spectrum``, of each axis: logarithm of the power spectrum in about 40 bins, narrow at low frequencies.
+    - ``level``, of each axis: arcsinh of the mean of the signal itself over 16 stretches of time.
+
+    Parameters
+    ----------
+    rate_hz : float, default 500.0
+        Sampling rate; the paper's sensor. Names the bands; changes no feature.
+    blocks : sequence of str, default ("coupling", "quantiles", "envelope", "spectrum")
+        Any of the five. Without the level, which knows the session (weight of the tool, zero of the sensor) as well
+        as it knows the material. Their order does not matter.
+    threads : int or None, default None
+        Threads of a batch; None takes all cores.
+
+    Attributes
+    ----------
+    bands_ : tuple of FrequencyBand
+        Edges in Hz, rate and samples of each band; band 0 is the recording without its mean.
+    scales_ : ndarray, shape (n_bands, C)
+        Median over the recordings of the RMS of each band and axis, N and N m; at least a billionth of the whole
+        signal; 1 for an axis without any.
+    level_scales_ : ndarray, shape (C,)
+        Median magnitude of the means over stretches of time, N and N m, with the same floor.
+    frequencies_hz_ : ndarray, shape (m,)
+        Middle of each bin of the spectrum; empty without that block.
+    block_sizes_ : dict of str to int
+        Features of each block, in order.
+    dropped_ : str
+        What such short recordings leave out, in words; "" where nothing is left out.
+    extractor_ : MultiBandExtractor
+        What computes the features: shape, blocks and learned scales in one.
+    n_features_in_, n_axes_in_ : int
+        Samples T of a recording, and its axes C.
+
+    Raises
+    ------
+    TypeError, ValueError
+        From `fit`: a parameter of another kind or out of range; no block that such short recordings have; recordings
+        with NaN or infinity, or beyond 1e145.
+
+    See Also
+    --------
+    BlockScaler : What should stand between these features and a linear model: the blocks have no common unit.
+
+    Notes
+    -----
+    Filters start as if the first sample had lasted for ever, so an offset of the sensor leaves nothing behind. Nothing
+    is ever NaN: energies and moments have floors, so that a silent axis gives constant features.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.spaces import MultiBand
+    >>> X = np.random.default_rng(0).normal(size=(3, 1600, 6))
+    >>> space = MultiBand().fit(X)
+    >>> space.transform(X).shape, space.block_sizes_
+    ((3, 1740), {'coupling': 780, 'quantiles': 480, 'envelope': 240, 'spectrum': 240})
+    >>> [(band.low_hz, band.high_hz) for band in space.bands_[:3]]
+    [(0.0, 250.0), (122.5, 245.0), (61.25, 122.5)]
+    >>> space.get_feature_names_out()[[0, 780, 787, 1260, 1500]].tolist()
+    ['b0_coupling_fx_fx', 'b0_q02_fx', 'b0_logrms_fx', 'b0_envelope_fx_0', 'spectrum_fx_00']
+    """
+
+    is_multiband: ClassVar[bool] = True
+    """How explanations tell these features from others."""
+
+    without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
+
+    bands_: tuple[FrequencyBand, ...]
+    extractor_: MultiBandExtractor
+    scales_: FloatArray
+    level_scales_: FloatArray
+    frequencies_hz_: FloatArray
+    block_sizes_: dict[str, int]
+    dropped_: str
+
+    def __init__(
+        self, *, rate_hz: float = 500.0, blocks: Sequence[str] = _BLOCKS, threads: int | None = None
+    ) -> None:
+        self.rate_hz = rate_hz
+        self.blocks = blocks
+        self.threads = threads
+
+    @property
+    def learns(self) -> bool:
+        """True: the scales come from the rows given to `fit`."""
+        return True
+
+    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
+        """Refused: most columns stand for a band and a statistic, not for one coordinate. See `band_columns`."""
+        raise TypeError(
+            "the columns of MultiBand have no one coordinate to be read along: "
+            "granular_id.spaces.band_columns says what each of them stands for"
+        )
+
+    def describe(self) -> str:
+        """Say in a few lines which bands and blocks a fitted space has, and what it leaves out."""
+        check_is_fitted(self)
+        n_octaves = len(self.bands_) - 1
+        span = f"from {self.bands_[1].high_hz:.4g} Hz down to {self.bands_[-1].low_hz:.3g} Hz" if n_octaves else ""
+        bands = f"the whole signal and {n_octaves} octaves {span}" if n_octaves else "the whole signal"
+        sizes = ", ".join(f"{name} {size}" for name, size in self.block_sizes_.items())
+        left_out = f"\n{self.dropped_}" if self.dropped_ else ""
+        return f"bands: {bands}\nfeatures: {sizes}{left_out}"
+
+    def _learn(self, recordings: FloatArray) -> None:
+        check_rate(self.rate_hz, optional=False)
+        n_samples, n_axes = recordings.shape[1:]
+        plain = MultiBandExtractor(n_samples, n_axes, rate_hz=self.rate_hz, blocks=self.blocks)
+        # Medians, so that a few violent recordings do not make all others small.
+        typical = np.median(plain.band_rms(recordings, self.threads), axis=0)
+        energies = np.einsum("ntc,ntc->nc", recordings, recordings) / n_samples
+        whole = np.median(np.sqrt(energies), axis=0)
+        self.scales_ = _usable(typical, whole)
+        self.level_scales_ = _usable(np.median(np.abs(_levels(recordings)), axis=(0, 1)), whole)
+        self.extractor_ = MultiBandExtractor(
+            n_samples,
+            n_axes,
+            rate_hz=self.rate_hz,
+            blocks=self.blocks,
+            scales=self.scales_,
+            level_scales=self.level_scales_,
+        )
+        self.bands_ = tuple(FrequencyBand(*band) for band in plain.bands)
+        self.frequencies_hz_ = plain.frequencies_hz
+        self.block_sizes_ = plain.block_sizes
+        self.dropped_ = _dropped(plain)
+
+    def _features(self, recordings: FloatArray) -> FloatArray:
+        return self.extractor_.extract(recordings, self.threads)
+
+    def _names(self) -> list[str]:
+        return self.extractor_.names
+
+
+def _levels(recordings: FloatArray) -> FloatArray:
+    """Means (n, stretches, C) over stretches of time, as the level block has them."""
+    n_samples = recordings.shape[1]
+    stretches = min(_LEVEL_STRETCHES, n_samples)
+    edges = [i * n_samples // stretches for i in range(stretches + 1)]
+    means = [recordings[:, start:stop].mean(axis=1) for start, stop in itertools.pairwise(edges)]
+    return np.stack(means, axis=1)
+
+
+def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
+    """Sizes (..., C) to divide by: nothing that is only rounding of the whole signal, 1 where there is none."""
+    floored = np.maximum(sizes, _ROUNDING * whole)
+    return np.where(floored >= _LEAST_SCALE, floored, 1.0)
+
+
+def _dropped(extractor: MultiBandExtractor) -> str:
+    """What recordings of so few samples do not have."""
+    missing = [name for name in extractor.blocks if name not in extractor.block_sizes]
+    parts = [f"the {name} block" for name in missing]
+    if extractor.n_bands == 1:
+        parts.append("octaves")
+    if not parts:
+        return ""
+    n_samples = extractor.n_samples
+    return f"recordings of {n_samples} sample{'' if n_samples == 1 else 's'} are too short for {' and '.join(parts)}"
