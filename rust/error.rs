@@ -123,10 +123,12 @@ pub enum Error {
     #[error("at least one of raw and hfmh must be true")]
     NoFeatures,
     /// No block of the multi-band features is asked for, or none that such short recordings have.
-    #[error("blocks must name at least one block that recordings of {n_samples} samples have")]
+    #[error("blocks must name at least one block that recordings of {n_samples} samples of {n_axes} axes have")]
     NoBlocks {
         /// Samples of a recording.
         n_samples: usize,
+        /// Its axes.
+        n_axes: usize,
     },
     /// Recordings of other axes, or of more samples, than features were designed for.
     #[error("recordings must have at most {} samples of {} axes, got {} samples of {}", .wanted.0, .wanted.1, .got.0, .got.1)]

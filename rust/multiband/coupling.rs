@@ -15,6 +15,11 @@ pub(super) const RIDGE: f64 = 1e-3;
 /// Stacked samples per row of a matrix at least; fewer leave little but chance in its logarithm.
 const MIN_SAMPLES: usize = 4;
 
+/// Samples of the shortest band that has the statistic.
+pub(super) const fn least_samples(n_axes: usize) -> usize {
+    n_axes.saturating_mul(2 * MIN_SAMPLES).saturating_add(LAG)
+}
+
 /// Matrices whose logarithms are taken at a time: eight bands of a recording of 1600 samples have one.
 const MATRICES: usize = 8;
 
@@ -35,8 +40,7 @@ pub(super) struct CouplingWork {
 impl Coupling {
     /// For bands of some numbers of samples, the longest first; only the first few may be long enough.
     pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
-        let needed = MIN_SAMPLES * 2 * n_axes + LAG;
-        Self { n_axes, n_bands: lengths.partition_point(|n| *n >= needed) }
+        Self { n_axes, n_bands: lengths.partition_point(|n| *n >= least_samples(n_axes)) }
     }
 
     /// The first bands, those that have this statistic.

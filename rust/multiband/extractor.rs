@@ -1,6 +1,6 @@
 //! From recordings to features.
 
-use super::bands::{bands, n_bands, FrequencyBand};
+use super::bands::{bands, FrequencyBand};
 use super::bank::Bank;
 use super::coupling::Coupling;
 use super::envelope::Envelope;
@@ -57,12 +57,14 @@ impl MultiBand {
         if n_samples > MAX_SAMPLES {
             return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
         }
-        let has = |block| spec.has(block, n_samples);
+        let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
-            return Err(Error::NoBlocks { n_samples });
+            return Err(Error::NoBlocks { n_samples, n_axes });
         }
         scales.check(n_samples, n_axes)?;
-        let n_bands = n_bands(n_samples);
+        let bands = bands(n_samples, spec.rate_hz);
+        let n_bands = bands.len();
+        let lengths: Vec<_> = bands.iter().map(|band| band.n_samples).collect();
         // Before anything of that size is made: the couplings of many axes are the most by far.
         let pairs = n_axes.checked_mul(n_axes).and_then(|n| n.checked_mul(4 * n_bands));
         if pairs.is_none_or(|pairs| has(Block::Coupling) && pairs > MAX_FEATURES) {
@@ -70,12 +72,12 @@ impl MultiBand {
         }
         let mut this = Self {
             bank: Bank::new(n_samples, n_axes)?,
-            coupling: has(Block::Coupling).then(|| Coupling::new(n_bands, n_axes)),
+            coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
             quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands, n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope::new(n_bands, n_axes)),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(n_axes, n_samples)),
-            bands: bands(n_samples, spec.rate_hz),
+            bands,
             limits: limits(scales, n_axes),
             scales: scales.clone(),
             n_features: 0,
@@ -158,7 +160,7 @@ impl MultiBand {
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
-            coupling: self.coupling.as_ref().map(|block| block.work(self.n_samples)),
+            coupling: self.coupling.as_ref().map(Coupling::work),
             quantiles: self.quantiles.as_ref().map(Quantiles::work),
             spectrum: self.spectrum.as_ref().map(Spectrum::work),
         }

@@ -16,12 +16,12 @@ impl MultiBand {
         let n_bands = self.n_bands();
         let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
         let mut names = Vec::with_capacity(self.n_features());
-        if self.coupling.is_some() {
+        if let Some(coupling) = &self.coupling {
             let whole: Vec<_> = [String::new(), format!("_lag{LAG}")]
                 .iter()
                 .flat_map(|lag| axes.iter().map(move |axis| format!("{axis}{lag}")))
                 .collect();
-            for band in 0..n_bands {
+            for band in 0..coupling.n_bands() {
                 for (i, one) in whole.iter().enumerate() {
                     names.extend(whole[i..].iter().map(|other| format!("b{band}_coupling_{one}_{other}")));
                 }

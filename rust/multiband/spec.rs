@@ -31,11 +31,12 @@ impl Block {
         crate::names::of(self, &Self::NAMED)
     }
 
-    /// Samples of the shortest recording that the block can be computed of.
+    /// Samples of the shortest recording of `n_axes` axes that has the block. Of a longer one, couplings are those of the
+    /// bands with so many samples.
     #[must_use]
-    pub const fn least_samples(self) -> usize {
+    pub const fn least_samples(self, n_axes: usize) -> usize {
         match self {
-            Self::Coupling => 3,
+            Self::Coupling => super::coupling::least_samples(n_axes),
             Self::Envelope | Self::Spectrum => 4,
             Self::Quantiles | Self::Level => 1,
         }
@@ -80,7 +81,7 @@ impl MultiBandSpec {
     }
 
     /// Blocks asked for that recordings of so many samples have.
-    pub(super) fn has(&self, block: Block, n_samples: usize) -> bool {
-        self.wants(block) && n_samples >= block.least_samples()
+    pub(super) fn has(&self, block: Block, n_samples: usize, n_axes: usize) -> bool {
+        self.wants(block) && n_samples >= block.least_samples(n_axes)
     }
 }

@@ -8,6 +8,7 @@ from granular_id.spaces.gram_plan import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import HFMH, BinRange, RawHFMH
 from granular_id.spaces.histogram import RawHistogram
 from granular_id.spaces.links import block_sizes, feature_blocks
+from granular_id.spaces.multiband import FrequencyBand, MultiBand
 from granular_id.spaces.permutation import TimePermutation
 from granular_id.spaces.raw import RangeNormalizer, RawSignal
 from granular_id.spaces.scaling import BlockScaler
@@ -25,7 +26,9 @@ __all__ = [
     "BlockUnion",
     "FeatureBlock",
     "FeatureSpace",
+    "FrequencyBand",
     "GramPlan",
+    "MultiBand",
     "PrincipalComponents",
     "RangeNormalizer",
     "RawHFMH",

@@ -53,10 +53,11 @@ class MultiBand(RecordingTransformer):
     Then up to five blocks of numbers, block after block:
 
     - ``coupling``, of each band: the logarithm of the matrix of second moments of all axes, now and two samples
-      earlier: energies, and how axes move together and ahead of each other.
+      earlier: energies, and how axes move together and ahead of each other. Only of bands with four samples per row of
+      the matrix (and two for the lag), which are 50 for six axes: fewer leave little but chance.
     - ``quantiles``, of each band and axis: arcsinh of seven quantiles (2 % to 98 %), and the logarithm of the RMS.
     - ``envelope``, of each band and axis: logarithm of the energy in four stretches of time.
-    - ``spectrum``, of each axis: logarithm of the power spectrum in about 40 bins, narrow at low frequencies.
+    - ``spectrum``, of each axis: logarithm of the power spectrum in at most 40 bins, narrow at low frequencies.
     - ``level``, of each axis: arcsinh of the mean of the signal itself over 16 stretches of time.
 
     Parameters
@@ -207,11 +208,17 @@ def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
 
 def _dropped(extractor: MultiBandExtractor) -> str:
     """What recordings of so few samples do not have."""
-    missing = [name for name in extractor.blocks if name not in extractor.block_sizes]
-    parts = [f"the {name} block" for name in missing]
+    sizes, n_axes = extractor.block_sizes, extractor.n_axes
+    parts = [f"the {name} block" for name in extractor.blocks if name not in sizes]
+    if "coupling" in sizes:
+        coupled = sizes["coupling"] // (n_axes * (2 * n_axes + 1))
+        without = extractor.n_bands - coupled
+        if without:
+            parts.append(f"couplings in the lowest {f'{without} bands' if without > 1 else 'band'}")
     if extractor.n_bands == 1:
         parts.append("octaves")
     if not parts:
         return ""
     n_samples = extractor.n_samples
-    return f"recordings of {n_samples} sample{'' if n_samples == 1 else 's'} are too short for {' and '.join(parts)}"
+    listed = " and ".join([*([", ".join(parts[:-1])] if parts[1:] else []), parts[-1]])
+    return f"recordings of {n_samples} sample{'' if n_samples == 1 else 's'} are too short for {listed}"
