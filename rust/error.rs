@@ -123,7 +123,9 @@ pub enum Error {
     #[error("at least one of raw and hfmh must be true")]
     NoFeatures,
     /// No block of the multi-band features is asked for, or none that such short recordings have.
-    #[error("blocks must name at least one block that recordings of {n_samples} samples of {n_axes} axes have")]
+    #[error(
+        "blocks must name at least one block that recordings of {n_samples} samples of {n_axes} axes have"
+    )]
     NoBlocks {
         /// Samples of a recording.
         n_samples: usize,

@@ -252,7 +252,11 @@ fn straight<const L: usize>(passes: &[Pass], x: &mut [Complex<L>], y: &mut [Comp
 
 impl Pass {
     #[inline(always)]
-    fn run<B: Butterfly<R>, const L: usize, const R: usize>(&self, from: &[Complex<L>], to: &mut [Complex<L>]) {
+    fn run<B: Butterfly<R>, const L: usize, const R: usize>(
+        &self,
+        from: &[Complex<L>],
+        to: &mut [Complex<L>],
+    ) {
         let stride = self.stride;
         let step = self.blocks * stride;
         // The last pass has nothing left to turn.

@@ -116,7 +116,9 @@ impl Moments {
                 }
             }
             // A tile at the edge takes the last axis more than once.
-            let axis = |i: usize, r: usize| &scaled[(TILE * i + r).min(*n_axes - 1) * (CHUNK + LAG)..][..CHUNK + LAG];
+            let axis = |i: usize, r: usize| {
+                &scaled[(TILE * i + r).min(*n_axes - 1) * (CHUNK + LAG)..][..CHUNK + LAG]
+            };
             for i in 0..side {
                 let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
                 for j in 0..side {

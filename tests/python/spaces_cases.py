@@ -39,13 +39,16 @@ SPACES = {
     "dft": DFT(),
     "dft magnitude": DFT("magnitude"),
     "dft log magnitude": DFT("log_magnitude", floor=0.5, rate_hz=500.0),
-    "multi-band": MultiBand(),
-    "multi-band, levels": MultiBand(blocks=["level", "quantiles"], rate_hz=100.0),
     "histogram": RawHistogram(),
     "histogram, own range": RawHistogram(bin_range=(-2.0, 2.0), outside="clip", n_bins=7),
     "union": BlockUnion([("norm", RangeNormalizer()), ("dft", DFT())]),
     "union, weighted": BlockUnion([("raw", RawSignal()), ("hist", RawHistogram())], block_weights="unit"),
     "union of one kind": two_bands(block_weights=[0.5, 2.0]),
+}
+# Columns that have no one coordinate to be read along.
+STATISTICS = {
+    "multi-band": MultiBand(),
+    "multi-band, levels": MultiBand(blocks=["level", "quantiles"], rate_hz=100.0),
 }
 FILTERS = {"tare": Tare(0.002), "permutation": TimePermutation()}
 ROWS = {"components": PrincipalComponents(), "one component": PrincipalComponents(1)}

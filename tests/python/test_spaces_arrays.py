@@ -8,9 +8,9 @@ from array_kinds import KINDS, digest
 from granular_id.ecoc import ECOCClassifier
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import DFT, BlockUnion, RawSignal, Tare
-from spaces_cases import FILTERS, SPACES, recordings
+from spaces_cases import FILTERS, SPACES, STATISTICS, recordings
 
-EVERY = SPACES | FILTERS
+EVERY = SPACES | STATISTICS | FILTERS
 # Those that stay three-dimensional arrays of numbers that scikit-learn takes.
 LAYOUTS = [
     "contiguous",

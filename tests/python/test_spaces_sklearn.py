@@ -14,9 +14,9 @@ from sklearn.utils import estimator_checks
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, Tare, TimePermutation
-from spaces_cases import FILTERS, ROWS, SPACES, recordings
+from spaces_cases import FILTERS, ROWS, SPACES, STATISTICS, recordings
 
-EVERY = SPACES | FILTERS | ROWS
+EVERY = SPACES | STATISTICS | FILTERS | ROWS
 
 
 @parametrize_with_checks([clone(estimator) for estimator in EVERY.values()])
@@ -38,7 +38,7 @@ BY_HAND = [
 
 @pytest.mark.filterwarnings("ignore:X .* feature names")  # the checks mix frames and arrays
 @pytest.mark.parametrize("check", BY_HAND)
-@pytest.mark.parametrize("name", [*SPACES, *ROWS])
+@pytest.mark.parametrize("name", [*SPACES, *STATISTICS, *ROWS])
 def test_names_and_frames(name, check):
     getattr(estimator_checks, check)(name, clone(EVERY[name]))
 
@@ -47,7 +47,7 @@ def rows_for(name):
     return recordings()[:, :, 0] if name in ROWS else recordings()
 
 
-@pytest.mark.parametrize("name", [*SPACES, *ROWS])
+@pytest.mark.parametrize("name", [*SPACES, *STATISTICS, *ROWS])
 def test_pandas_output_has_the_names_as_columns(name):
     transformer = clone(EVERY[name]).set_output(transform="pandas")
     frame = transformer.fit_transform(rows_for(name))
