@@ -68,11 +68,12 @@ def test_each_machine_equals_its_pipeline():
         np.testing.assert_allclose(X[test] @ coef.T + intercept, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_the_model_is_the_mean_of_what_is_within_one_recording_of_the_best():
+def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best():
     X, y, sessions = drifting()
     clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
     means = clf.choice_.accuracies.mean(axis=0)
-    assert clf.choice_.chosen == tuple(np.flatnonzero(means > means.max() - 1 / 60 - 1e-9))
+    slack = max(1 / 60, np.sqrt(means.max() * (1 - means.max()) / 60))
+    assert clf.choice_.chosen == tuple(np.flatnonzero(means > means.max() - slack - 1e-9))
     _, codes = np.unique(y, return_inverse=True)
     lines = [fitted_line(X, codes, BLOCKS, clf.choice_.machines[k]) for k in clf.choice_.chosen]
     np.testing.assert_allclose(clf.coef_, np.mean([coef for coef, _ in lines], axis=0))
@@ -86,7 +87,7 @@ def test_the_model_is_the_mean_of_what_is_within_one_recording_of_the_best():
 
 
 def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():
-    X, y, sessions = drifting()
+    X, y, sessions = drifting(600)
     clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"])
     strict = clf.fit(X, y, sessions=sessions)
     assert strict.choice_.held_out == "sessions"
@@ -122,7 +123,8 @@ def test_held_out_scores_have_not_seen_their_row():
     scores = held_out_scores(
         X, np.unique(y, return_inverse=True)[1], BLOCKS, clf.choice_.machines, train, test
     )
-    np.testing.assert_array_equal(clf.held_out_scores_[test], scores[list(clf.choice_.chosen)].mean(axis=0))
+    chosen = scores[list(clf.choice_.chosen)]
+    np.testing.assert_allclose(clf.held_out_scores_[test], chosen.mean(axis=0), rtol=1e-12, atol=1e-12)
 
 
 def test_what_was_chosen_is_shown():

@@ -17,7 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
-    """Machines that no recording tells from the best.
+    """Machines within one standard error of the best.
 
     Parameters
     ----------
@@ -29,9 +29,10 @@ def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
     Returns
     -------
     tuple of int
-        Those whose mean accuracy is at most ``1 / n_rows``, one recording, below the highest, ascending. The mean
-        of their scores is taken: where few recordings choose, chance does, and a mean of equals is steadier than
-        any one of them.
+        Those whose mean accuracy is at most one standard error below the highest, that of a share of `n_rows` (the
+        rule of Breiman, Friedman, Olshen & Stone, "Classification and Regression Trees", 1984), and in any case those
+        within one recording; ascending. Where they take the simplest, the mean of their scores is taken here: where
+        few recordings choose, chance does, and a mean of equals is steadier than any one of them.
 
     Examples
     --------
@@ -40,7 +41,9 @@ def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
     (0, 1)
     """
     means = accuracies.mean(axis=0)
-    return tuple(np.flatnonzero(means >= means.max() - 1.0 / n_rows - 1e-12).tolist())
+    best = means.max()
+    slack = max(1.0 / n_rows, np.sqrt(best * (1.0 - best) / n_rows))
+    return tuple(np.flatnonzero(means >= best - slack - 1e-12).tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +95,7 @@ class Choice:
         notes = [f"chosen on {self.note}"]
         if len(self.accuracies):
             notes.append(
-                f"> chosen: what is within one recording of the best; the mean of their scores reaches "
+                f"> chosen: what is within one standard error of the best; the mean of their scores reaches "
                 f"{percent(self.accuracy)} on the same folds"
             )
         return Table("Machines tried", ("machine", "accuracy", "SD of folds"), rows, tuple(notes))

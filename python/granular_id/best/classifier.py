@@ -39,7 +39,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
     later: whole sessions, else halves in time, else random rows. The mean of the scores of those that come within
-    one recording of the best is the model. All of it is linear, so the model is one matrix of weights for plain
+    one standard error of the best is the model. All of it is linear, so the model is one matrix of weights for plain
     features.
 
     Parameters
