@@ -14,17 +14,23 @@ from sklearn.svm import SVC
 import multiband_twin as twin
 from granular_id.ecoc import ECOCClassifier
 from granular_id.rica import RICA
-from granular_id.spaces import BlockScaler, PrincipalComponents, RawSignal, Tare, WithinClassWhitening
+from granular_id.spaces import (
+    BlockScaler,
+    MultiBand,
+    PrincipalComponents,
+    RawSignal,
+    Tare,
+    WithinClassWhitening,
+)
 from granular_id.spaces.band_columns import BandColumn, band_columns
 from granular_id.spaces.folding import folded_back, folded_weights
 from multiband_cases import ALL, two_materials
-from multiband_stand_in import StandIn
 
 
 @pytest.mark.parametrize("n_axes", [1, 3, 6, 13])
 def test_columns_in_the_order_of_the_definition(n_axes):
     X, _, _ = two_materials(n_each=1, n_samples=128, n_axes=n_axes)
-    space = StandIn(blocks=ALL).fit(X)
+    space = MultiBand(blocks=ALL).fit(X)
     columns = band_columns(space)
     bands = range(len(space.bands_))
     places = [*((axis, 0) for axis in range(n_axes)), *((axis, 2) for axis in range(n_axes))]
@@ -48,14 +54,14 @@ def test_columns_in_the_order_of_the_definition(n_axes):
 
 def test_halves_keep_sums():
     X, _, _ = two_materials(n_each=1, n_samples=128)
-    columns = band_columns(make_pipeline(Tare(0.01), StandIn()).fit(X))
+    columns = band_columns(make_pipeline(Tare(0.01), MultiBand()).fit(X))
     values = np.random.default_rng(0).normal(size=len(columns.names))
     np.testing.assert_allclose(columns.over_axes(values).sum(axis=1), values)
 
 
 def test_bands_in_words():
     X, _, _ = two_materials(n_each=1, n_samples=1600)
-    bands = band_columns(StandIn().fit(X)).bands
+    bands = band_columns(MultiBand().fit(X)).bands
     assert [str(band) for band in bands[:3]] == ["the whole signal", "122-245 Hz", "61-122 Hz"]
     assert str(bands[-1]) == "0.48-0.96 Hz"
 
@@ -63,9 +69,9 @@ def test_bands_in_words():
 def test_other_spaces_have_no_bands():
     X, _, _ = two_materials(n_each=1)
     assert band_columns(RawSignal().fit(X)) is None
-    assert band_columns(make_pipeline(StandIn(), PCA(1)).fit(X)) is None
+    assert band_columns(make_pipeline(MultiBand(), PCA(1)).fit(X)) is None
     with pytest.raises(NotFittedError):
-        band_columns(StandIn())
+        band_columns(MultiBand())
 
 
 STEPS = {

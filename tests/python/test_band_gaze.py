@@ -11,10 +11,9 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gaze import can_look, weight_blocks
 from granular_id.evaluation.portrait import Portrait, portrait
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import BlockScaler, RawSignal, WithinClassWhitening
+from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
 from granular_id.spaces.band_columns import band_columns
 from multiband_cases import ALL, louder
-from multiband_stand_in import StandIn
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +26,13 @@ def data():
 @pytest.fixture(scope="module")
 def seen(data):
     recordings = [Recording(wrench, 500.0, label=str(label)) for wrench, label in zip(*data, strict=True)]
-    return portrait(Dataset(recordings), {"multiband": StandIn(blocks=ALL), "raw": RawSignal()})
+    return portrait(Dataset(recordings), {"multiband": MultiBand(blocks=ALL), "raw": RawSignal()})
 
 
 @pytest.mark.parametrize("whitened", [False, True])
 def test_influence_equals_that_of_the_weights_themselves(data, whitened):
     X, y = data
-    space = StandIn(blocks=ALL).fit(X)
+    space = MultiBand(blocks=ALL).fit(X)
     columns = band_columns(space)
     sizes = [columns.of(block=block).size for block in columns.blocks]
     after = [BlockScaler(sizes), *([WithinClassWhitening(0.1)] if whitened else [])]
@@ -117,7 +116,7 @@ def test_the_report_shows_it(data, tmp_path):
     ]
     result = evaluate(
         Dataset(recordings),
-        {"multiband": StandIn()},
+        {"multiband": MultiBand()},
         protocol="paper",
         n_partitions=2,
         train_per_class=3,

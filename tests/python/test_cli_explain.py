@@ -13,8 +13,6 @@ from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, FeatureSpace, feature_spaces
 from multiband_cases import louder
 
-pytestmark = pytest.mark.skipif("multiband" not in feature_spaces(), reason="no multi-band space yet")
-
 
 @pytest.fixture(scope="module")
 def data():

@@ -12,10 +12,9 @@ from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import BandExplanation, explain
 from granular_id.explanation.band_words import moments, said
-from granular_id.spaces import BlockScaler, Tare, WithinClassWhitening
+from granular_id.spaces import BlockScaler, MultiBand, Tare, WithinClassWhitening
 from granular_id.spaces.band_columns import band_columns
 from multiband_cases import ALL, coupled, louder, two_materials
-from multiband_stand_in import StandIn
 
 
 def sizes_of(space):
@@ -24,9 +23,9 @@ def sizes_of(space):
 
 
 def model_of(X, y, *, blocks=ALL, whitened=False):
-    space = StandIn(blocks=blocks).fit(X)
+    space = MultiBand(blocks=blocks).fit(X)
     after = [BlockScaler(sizes_of(space)), *([WithinClassWhitening(0.01)] if whitened else [])]
-    return make_pipeline(StandIn(blocks=blocks), *after, ECOCClassifier()).fit(X, y)
+    return make_pipeline(MultiBand(blocks=blocks), *after, ECOCClassifier()).fit(X, y)
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +147,7 @@ def test_an_axis_that_is_alone_is_named_not_coupled(seen):
 
 def test_moments_are_those_of_the_signal():
     X, _, _ = two_materials(n_each=2)
-    space = StandIn(blocks=("quantiles", "coupling")).fit(X)
+    space = MultiBand(blocks=("quantiles", "coupling")).fit(X)
     columns = band_columns(space)
     row = space.transform(X[:1])[0]
     for band, signal in enumerate(twin.band_signals(X[0])):
@@ -163,7 +162,7 @@ def test_moments_are_those_of_the_signal():
 
 def test_words_are_those_of_the_means():
     X, _, _ = two_materials(n_each=2)
-    space = StandIn(blocks=ALL).fit(X)
+    space = MultiBand(blocks=ALL).fit(X)
     columns = band_columns(space)
     means = np.zeros((2, len(columns.names)))
 
@@ -222,7 +221,7 @@ def test_to_dict_is_json(seen):
 
 def test_the_best_classifier_is_explained():
     X, y = louder()
-    space = StandIn().fit(X)
+    space = MultiBand().fit(X)
     features = space.transform(X)
     best = BestClassifier(blocks=sizes_of(space)).fit(features, y)
     found = explain(make_pipeline(space, best), "rice", "oat", X, y)
@@ -236,7 +235,7 @@ def test_the_best_classifier_is_explained():
 def test_other_numbers_of_axes(n_axes):
     X, y, _ = two_materials(n_each=4, n_samples=64, n_axes=n_axes)
     X[y == "rice", :, -1] *= 3
-    model = make_pipeline(StandIn(blocks=ALL), StandardScaler(), ECOCClassifier()).fit(X, y)
+    model = make_pipeline(MultiBand(blocks=ALL), StandardScaler(), ECOCClassifier()).fit(X, y)
     found = explain(model, "rice", "oat", X, y)
     assert len(found.by_axis()) == n_axes
     assert sum(found.by_axis().values()) == pytest.approx(found.difference)
@@ -245,7 +244,7 @@ def test_other_numbers_of_axes(n_axes):
 
 def test_steps_in_front():
     X, y = louder()
-    model = make_pipeline(Tare(0.1), StandIn(), StandardScaler(), ECOCClassifier()).fit(X, y)
+    model = make_pipeline(Tare(0.1), MultiBand(), StandardScaler(), ECOCClassifier()).fit(X, y)
     assert explain(model, "rice", "oat", X, y).findings(1)[0].axes == ("fz",)
 
 

@@ -8,15 +8,15 @@ from sklearn.preprocessing import StandardScaler
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.plotting import plot_explanation
+from granular_id.spaces import MultiBand
 from multiband_cases import ALL, louder, two_materials
-from multiband_stand_in import StandIn
 
 pytest.importorskip("matplotlib")
 
 
 def explained(blocks=ALL, data=None, labels=None):
     X, y = louder() if data is None else data
-    model = make_pipeline(StandIn(blocks=blocks), StandardScaler(), ECOCClassifier()).fit(X, y)
+    model = make_pipeline(MultiBand(blocks=blocks), StandardScaler(), ECOCClassifier()).fit(X, y)
     return explain(model, "rice", "oat", X, y if labels is None else labels)
 
 
