@@ -6,7 +6,8 @@ peers then filter, count and predict; ours has done so while the rows came, and 
 alternate, so that a change in the machine's speed meets all alike. The answers of all are compared.
 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
-weights of the histograms have left the caches.
+weights have left the caches. `bands`: the same for a model of multi-band features, which computes all of them when it is
+asked; its answers are compared with those of its own whole recordings.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from granular_id.synthetic import PAPER_MATERIALS
 N_BINS, LOW, HIGH = 100, -1.5, 1.5
 BLOCK, EVERY = 10, 16  # rows of a block; rows between provisional decisions
 OURS = "ours, warm"
+WHOLE_BANDS = "multi-band Model.scores, whole"
 
 
 def extracted(recording: np.ndarray, sos: np.ndarray) -> np.ndarray:
@@ -87,6 +89,14 @@ def main() -> None:
     svc = SVC(kernel="linear").fit(rows, y)
     identifier = Identifier.fit(train, estimate=False)
     stream = StreamingIdentifier(identifier)
+    banded = Identifier.fit(train, "multiband", estimate=False)
+    bands = StreamingIdentifier(banded)
+    streams = {
+        OURS: (stream, True),
+        "ours, cold": (stream, False),
+        "ours, bands, warm": (bands, True),
+        "ours, bands, cold": (bands, False),
+    }
 
     peers: dict[str, Callable[[np.ndarray], str]] = {
         "scipy + numpy, ECOCClassifier.predict": lambda x: ecoc.predict(extracted(x, sos))[0],
@@ -94,14 +104,16 @@ def main() -> None:
         "scipy + numpy, OneVsOneClassifier.predict": lambda x: one_vs_one.predict(extracted(x, sos))[0],
         "scipy + numpy, scores by hand": lambda x: by_hand(extracted(x, sos), ecoc),
         "extract_features + Model.scores, whole": lambda x: identifier.predict(x[None])[0],
+        WHOLE_BANDS: lambda x: banded.predict(x[None])[0],
     }
-    seconds: dict[str, list[float]] = {name: [] for name in (OURS, "ours, cold", *peers)}
+    seconds: dict[str, list[float]] = {name: [] for name in (*streams, *peers)}
     labels: dict[str, list[str]] = {name: [] for name in seconds}
     per_row = []
     for recording in np.random.default_rng(2).permutation(test.X)[: options.rounds]:
-        for name, warm in ((OURS, True), ("ours, cold", False)):
-            pushing, deciding, label = streamed(stream, recording, warm)
-            per_row.append(pushing)
+        for name, (own, warm) in streams.items():
+            pushing, deciding, label = streamed(own, recording, warm)
+            if own is stream:
+                per_row.append(pushing)
             seconds[name].append(deciding)
             labels[name].append(label)
         for name, answer in peers.items():
@@ -111,6 +123,8 @@ def main() -> None:
             labels[name].append(str(label))
     if not labels[OURS] == labels["ours, cold"] == labels["scipy + numpy, ECOCClassifier.predict"]:
         sys.exit("the labels of the stream differ from those of ECOCClassifier")
+    if not labels["ours, bands, warm"] == labels["ours, bands, cold"] == labels[WHOLE_BANDS]:
+        sys.exit("the labels of the stream of multi-band features differ from those of whole recordings")
     report(seconds, labels, statistics.median(per_row), len(materials))
 
 

@@ -84,8 +84,7 @@ pub fn recording(model: &Model, text: &[u8]) -> Result<Vec<f64>, Box<dyn Error>>
         return Err(format!("wanted {} samples, got {}", model.n_samples(), rows.len()).into());
     }
     if let (Some(time), [first, .., last]) = (column("time"), &rows[..]) {
-        let (step, wanted) =
-            ((last[time] - first[time]) / (rows.len() - 1) as f64, 1.0 / model.extractor().spec().rate_hz);
+        let (step, wanted) = ((last[time] - first[time]) / (rows.len() - 1) as f64, 1.0 / model.rate_hz());
         if (step / wanted - 1.0).abs() > RATE_TOLERANCE {
             return Err(format!(
                 "wanted a sample every {wanted} s, got one every {step} s: resample it first"

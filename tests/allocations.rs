@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use allocation_counter::measure;
 use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row};
+use granular_id::multiband::MultiBandSpec;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 use granular_id::{Extractor, FeatureSpec};
 
@@ -113,4 +114,31 @@ fn streaming_identification() {
         stream.reset();
     });
     assert_eq!(finished, 4);
+}
+
+#[test]
+fn streaming_identification_by_bands() {
+    let rows = noisy_rows(4100);
+    let model = Arc::new(models::random_banded(
+        11,
+        1600,
+        6,
+        MultiBandSpec { level: true, ..MultiBandSpec::default() },
+    ));
+    let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
+    let mut finished = 0;
+    allocates_nothing("push, standing, advance, refusals", || {
+        for block in rows.chunks(6 * 50) {
+            stream.push(block).unwrap();
+            if stream.standing().unwrap().is_final {
+                finished += 1;
+                stream.advance().unwrap();
+            }
+        }
+        stream.reset();
+        assert!(stream.push(&[f64::NAN; 6]).is_err());
+        stream.push(&[1e200; 60]).unwrap();
+        assert!(stream.standing().is_err());
+    });
+    assert_eq!(finished, 7);
 }

@@ -84,7 +84,7 @@ impl Small {
     fn parts(&self) -> ModelParts<'_> {
         let (n_learners, n_classes) = (self.intercept.len(), self.classes.len());
         ModelParts {
-            spec: self.spec.clone(),
+            features: self.spec.clone().into(),
             n_samples: self.n_samples,
             n_axes: self.n_axes,
             coef: Tensor::new(vec![n_learners, self.coef.len() / n_learners.max(1)], &self.coef),
@@ -111,7 +111,7 @@ impl Small {
 /// Scores in the order of addition that is promised, one number at a time.
 fn twin(model: &Model, wrench: &[f64]) -> Vec<f64> {
     let (n_samples, n_axes, n_raw) = (model.n_samples(), model.n_axes(), model.n_raw());
-    let features = model.extractor().extract(wrench, model.batch(1), 1).unwrap();
+    let features = model.extractor().unwrap().extract(wrench, model.batch(1), 1).unwrap();
     let score = |learner: usize| {
         let mut raw = 0.0;
         for sample in 0..if n_raw > 0 { n_samples } else { 0 } {

@@ -72,7 +72,7 @@ fn rows_before_a_window_are_no_part_of_it_however_far_it_is() {
     stream.advance().unwrap();
     let before = bits(stream.scores().unwrap());
     assert_eq!(stream.push(&[0.5; 8]).unwrap(), 4);
-    assert_eq!((stream.stream().n_seen(), bits(stream.scores().unwrap())), (0, before));
+    assert_eq!((stream.n_seen(), bits(stream.scores().unwrap())), (0, before));
 }
 
 #[test]

@@ -3,10 +3,9 @@
 use super::codes::Codes;
 use super::fault::Fault;
 use super::notes::check_names;
-use super::parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_WINDOW};
+use super::parts::{ModelParts, Tensor, MAX_AXES, MAX_CLASSES, MAX_WINDOW};
 use super::trained::Model;
 use super::weights::Weights;
-use crate::Extractor;
 
 impl Model {
     /// A model of parts that fit together.
@@ -14,19 +13,15 @@ impl Model {
     /// # Errors
     /// The first [`Fault`] found: sizes, then values, then labels and notes.
     pub fn new(parts: ModelParts<'_>) -> Result<Self, Fault> {
-        let ModelParts { spec, n_samples, n_axes, coef, intercept, coding_matrix, classes, .. } = &parts;
+        let ModelParts { features, n_samples, n_axes, coef, intercept, coding_matrix, classes, .. } = &parts;
         let (n_samples, n_axes, n_classes) = (*n_samples, *n_axes, classes.len());
         in_range("n_samples", n_samples, 1, MAX_WINDOW)?;
         in_range("n_axes", n_axes, 1, MAX_AXES)?;
         in_range("classes", n_classes, 2, MAX_CLASSES)?;
         // Sizes before anything is made of them.
-        let ranges = spec.bin_ranges.len();
-        if ranges != 1 && ranges != n_axes {
-            return Err(crate::Error::RangeCount { ranges, axes: n_axes }.into());
-        }
-        in_range("n_bins of all axes together", spec.n_bins.saturating_mul(ranges), 1, MAX_BINS_IN_ALL)?;
-        let n_raw = if spec.raw { n_samples * n_axes } else { 0 };
-        let n_features = n_raw + if spec.hfmh { spec.n_bins.saturating_mul(n_axes) } else { 0 };
+        features.check_sizes(n_samples, n_axes)?;
+        let extraction = features.ready(n_samples, n_axes)?;
+        let (n_raw, n_features) = extraction.n_features(n_samples, n_axes)?;
         let n_learners = intercept.len();
         intercept.check_shape("intercept", &[n_learners.max(1)], || "(L,), one per learner".to_owned())?;
         coef.check_shape("coef", &[n_learners, n_features], || {
@@ -35,7 +30,6 @@ impl Model {
         coding_matrix.check_shape("coding_matrix", &[n_classes, n_learners], || {
             format!("({n_classes}, {n_learners}), one row per class and one column per learner")
         })?;
-        let extractor = Extractor::new(spec.clone())?;
         check_names("classes", classes)?;
         parts.notes.check(n_axes)?;
         let codes = Codes::new(coding_matrix, n_classes, n_learners, parts.decoding)?;
@@ -55,8 +49,7 @@ impl Model {
             })
         };
         let model = Self {
-            histograms: spec.hfmh.then(|| extractor.without_raw()),
-            extractor,
+            extraction,
             n_samples,
             n_axes,
             weights,
@@ -116,10 +109,7 @@ impl ModelParts<'_> {
         if let Some(weights) = &self.posterior_weights {
             let name = "posterior_weights";
             weights.check_shape(name, &[n_learners], || format!("({n_learners},), one per learner"))?;
-            weights.check_finite(name)?;
-            if let Some(got) = (0..n_learners).map(|index| weights.at(index)).find(|weight| *weight <= 0.0) {
-                return Err(Fault::Entry { key: name, wanted: "positive".to_owned(), got: got.to_string() });
-            }
+            weights.check_positive(name)?;
             if self.sigmoid.is_none() {
                 return Err(Fault::Alone { name, needed: "sigmoid" });
             }

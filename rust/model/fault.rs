@@ -55,7 +55,7 @@ pub enum Fault {
     /// A file of a later version.
     #[error(
         "format_version is {got}, this version of granular_id reads {}: update granular_id",
-        super::file::VERSION
+        super::file::VERSIONS
     )]
     Version {
         /// The version of the file.

@@ -11,9 +11,12 @@
 //! hist = 0; for j, where h[j] != 0: hist += coef[n_raw + j] * h[j]
 //! score = (intercept + raw) + hist
 //! ```
+//!
+//! Multi-band features stand in the place of `h`, in their order, and there are no raw ones.
 
 mod checks;
 mod codes;
+mod extraction;
 mod fault;
 mod file;
 mod loss;
@@ -23,6 +26,8 @@ mod scores;
 mod trained;
 mod weights;
 
+pub(crate) use extraction::Extraction;
+pub use extraction::{Features, MAX_MULTIBAND_AXES, MAX_MULTIBAND_VALUES};
 pub use fault::{Fault, FileFault};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use loss::{Decoding, Loss};

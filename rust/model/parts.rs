@@ -1,9 +1,9 @@
 //! What a model is made of, before anybody has looked at it.
 
+use super::extraction::Features;
 use super::fault::Fault;
 use super::loss::{Decoding, Loss};
 use super::notes::Notes;
-use crate::FeatureSpec;
 
 /// The largest number of classes.
 pub const MAX_CLASSES: usize = 1024;
@@ -89,6 +89,15 @@ impl<'a> Tensor<'a> {
         (0..self.len()).try_for_each(|index| self.finite(name, index).map(drop))
     }
 
+    /// Refuses NaN, infinity, zero and negative numbers.
+    pub(super) fn check_positive(&self, name: &'static str) -> Result<(), Fault> {
+        self.check_finite(name)?;
+        match (0..self.len()).map(|index| self.at(index)).find(|value| *value <= 0.0) {
+            None => Ok(()),
+            Some(got) => Err(Fault::Entry { key: name, wanted: "positive".to_owned(), got: got.to_string() }),
+        }
+    }
+
     /// A value by its place, unless it is NaN or infinite.
     #[inline]
     pub(super) fn finite(&self, name: &'static str, index: usize) -> Result<f64, Fault> {
@@ -116,12 +125,13 @@ impl<'a> Tensor<'a> {
 #[derive(Clone, Debug)]
 pub struct ModelParts<'a> {
     /// What is extracted from a recording.
-    pub spec: FeatureSpec,
+    pub features: Features<'a>,
     /// Samples of a recording.
     pub n_samples: usize,
     /// Axes of a sample.
     pub n_axes: usize,
-    /// Weights (L, D), features in the order of [`Extractor::extract`](crate::Extractor::extract).
+    /// Weights (L, D), features in the order of [`Extractor::extract`](crate::Extractor::extract) or
+    /// [`MultiBand::extract_into`](crate::multiband::MultiBand::extract_into).
     pub coef: Tensor<'a>,
     /// Intercepts (L,).
     pub intercept: Tensor<'a>,

@@ -3,7 +3,7 @@
 use super::trained::Model;
 use super::weights::AddTeam;
 use crate::error::{Error, Result};
-use crate::extract::{finite, in_tasks, not_finite};
+use crate::extract::in_tasks;
 use crate::lanes::Path;
 use crate::BatchShape;
 
@@ -74,21 +74,17 @@ impl Model {
         out: &mut [f64],
     ) -> Result<()> {
         let shape = self.batch(n_recordings);
-        self.extractor.check(wrench, shape)?;
+        self.extraction.check(wrench, shape)?;
         in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
-            let counts = match &self.histograms {
-                Some(histograms) => histograms.extract(wrench, shape, 1)?,
-                None if finite(wrench) => Vec::new(),
-                None => return Err(not_finite(wrench, shape)),
-            };
-            let n_counts = counts.len() / shape.n_recordings;
+            let features = self.extraction.extract(wrench, shape)?;
+            let n_features = features.len() / shape.n_recordings;
             let mut sums = vec![0.0; 2 * TEAM * self.lanes()];
             let teams =
                 wrench.chunks(TEAM * shape.recording_len()).zip(out.chunks_mut(TEAM * self.n_learners()));
             for (team, (wrench, out)) in teams.enumerate() {
                 let first = team * TEAM;
-                let counts = counts.get(first * n_counts..).unwrap_or_default();
-                self.team(wrench, counts, &mut sums, out);
+                let features = features.get(first * n_features..).unwrap_or_default();
+                self.team(wrench, features, &mut sums, out);
             }
             self.all_finite(out)
         })
@@ -96,19 +92,19 @@ impl Model {
 
     /// Scores of all learners, one row per recording.
     pub fn scores(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<f64>> {
-        self.extractor.check(wrench, self.batch(n_recordings))?;
+        self.extraction.check(wrench, self.batch(n_recordings))?;
         let mut out = vec![0.0; n_recordings * self.n_learners()];
         self.scores_into(wrench, n_recordings, threads, &mut out)?;
         Ok(out)
     }
 
     /// Scores of a few recordings, each row of weights read once.
-    fn team(&self, wrench: &[f64], counts: &[f64], sums: &mut [f64], out: &mut [f64]) {
+    fn team(&self, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
         let lanes = self.lanes();
-        let (raw_rows, count_rows) = self.weights.blocks();
+        let (raw_rows, other_rows) = self.weights.blocks();
         let (raw, hist) = sums.split_at_mut(TEAM * lanes);
         let path = Path::detect();
-        for (sums, rows, values) in [(&mut *raw, raw_rows, wrench), (&mut *hist, count_rows, counts)] {
+        for (sums, rows, values) in [(&mut *raw, raw_rows, wrench), (&mut *hist, other_rows, features)] {
             sums.fill(0.0);
             path.run(AddTeam { sums, lanes, rows, values });
         }

@@ -1,9 +1,11 @@
 //! A checked model and what it is made of.
 
 use super::codes::Codes;
+use super::extraction::Extraction;
 use super::loss::{Decoding, Loss};
 use super::notes::Notes;
 use super::weights::Weights;
+use crate::multiband::MultiBand;
 use crate::Extractor;
 
 /// A trained identifier: features of a recording, a score per linear learner, a mean loss per class.
@@ -18,7 +20,7 @@ use crate::Extractor;
 /// // Two materials, told apart by the second of three samples of one axis.
 /// let spec = FeatureSpec { hfmh: false, ..FeatureSpec::default() };
 /// let model = Model::new(ModelParts {
-///     spec,
+///     features: spec.into(),
 ///     n_samples: 3,
 ///     n_axes: 1,
 ///     coef: Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]),
@@ -42,9 +44,7 @@ use crate::Extractor;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Model {
-    pub(super) extractor: Extractor,
-    /// The extractor without the raw block, which is taken from the samples as they are.
-    pub(super) histograms: Option<Extractor>,
+    pub(super) extraction: Extraction,
     pub(super) n_samples: usize,
     pub(super) n_axes: usize,
     pub(super) weights: Weights,
@@ -68,7 +68,7 @@ impl PartialEq for Model {
             let optional = [&model.raw_mean, &model.raw_low, &model.raw_high, &model.posterior_weights];
             (optional.map(Clone::clone), model.early.clone(), model.sigmoid.clone())
         };
-        self.extractor.spec() == other.extractor.spec()
+        self.extraction == other.extraction
             && (self.n_samples, self.n_axes) == (other.n_samples, other.n_axes)
             && (self.loss, self.decoding) == (other.loss, other.decoding)
             && (&self.weights, &self.codes) == (&other.weights, &other.codes)
@@ -78,10 +78,28 @@ impl PartialEq for Model {
 }
 
 impl Model {
-    /// What is extracted from a recording.
+    /// What is extracted from a recording; `None` for multi-band features.
     #[must_use]
-    pub fn extractor(&self) -> &Extractor {
-        &self.extractor
+    pub fn extractor(&self) -> Option<&Extractor> {
+        match &self.extraction {
+            Extraction::Additive { extractor, .. } => Some(extractor),
+            Extraction::MultiBand(_) => None,
+        }
+    }
+
+    /// The multi-band features that are extracted; `None` for samples and histograms.
+    #[must_use]
+    pub fn multiband(&self) -> Option<&MultiBand> {
+        match &self.extraction {
+            Extraction::Additive { .. } => None,
+            Extraction::MultiBand(multiband) => Some(multiband),
+        }
+    }
+
+    /// Sampling rate of a recording, in hertz.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        self.extraction.rate_hz()
     }
 
     /// Samples of a recording.
@@ -132,7 +150,8 @@ impl Model {
         self.decoding
     }
 
-    /// The weight of a feature, in the order of [`Extractor::extract`]; 0 where there is none.
+    /// The weight of a feature, in the order of [`Extractor::extract`] or
+    /// [`MultiBand::extract_into`]; 0 where there is none.
     #[must_use]
     pub fn coef(&self, learner: usize, feature: usize) -> f64 {
         if feature < self.n_features() {
@@ -228,10 +247,15 @@ impl Model {
         raw.get(sample * self.n_axes * self.lanes()..).unwrap_or_default()
     }
 
-    /// Rows of weights of the histograms of axes from `axis` on.
-    pub(crate) fn hist_rows(&self, axis: usize) -> &[f64] {
-        let (_, hist) = self.weights.blocks();
-        hist.get(axis * self.extractor.spec().n_bins * self.lanes()..).unwrap_or_default()
+    /// Rows of weights of features behind the raw ones, from the one in place `first` on.
+    pub(crate) fn rows_from(&self, first: usize) -> &[f64] {
+        let (_, rest) = self.weights.blocks();
+        rest.get(first * self.lanes()..).unwrap_or_default()
+    }
+
+    /// What is extracted.
+    pub(crate) fn extraction(&self) -> &Extraction {
+        &self.extraction
     }
 
     /// Intercepts of all learners.

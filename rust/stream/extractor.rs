@@ -3,7 +3,7 @@
 use super::counts::Counts;
 use super::raw::RawSamples;
 use crate::error::{Error, Result};
-use crate::features::{BatchShape, Extractor};
+use crate::features::Extractor;
 use crate::state::SosState;
 
 /// The largest number of values of a window, 134 MB of samples: with six axes at 500 Hz more than an hour and a half.
@@ -81,23 +81,47 @@ struct Place {
     n_seen: usize,
 }
 
-impl StreamingExtractor {
-    /// A stream before its first row.
-    pub fn new(extractor: &Extractor, windows: Windows) -> Result<Self> {
-        let Windows { n_samples, n_axes, hop } = windows;
+impl Windows {
+    /// Refuses windows that are empty, too large to keep, or never move on.
+    pub(super) fn check(self, n_bins: usize) -> Result<()> {
+        let Self { n_samples, n_axes, hop } = self;
         if hop == Some(0) {
             return Err(Error::Hop);
         }
         if n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "a window", shape: vec![n_samples, n_axes] });
         }
-        let spec = extractor.spec();
-        let shape = BatchShape { n_recordings: 1, n_samples, n_axes };
-        extractor.check_size(n_samples, n_axes)?;
-        let n_features = extractor.n_features(n_samples, n_axes)?;
-        if shape.recording_len().max(n_axes.saturating_mul(spec.n_bins)) > MAX_WINDOW {
+        if n_samples.max(n_bins).saturating_mul(n_axes) > MAX_WINDOW {
             return Err(Error::Window { n_samples, n_axes, max: MAX_WINDOW });
         }
+        Ok(())
+    }
+
+    /// The rows that are taken where there is room for so many: whole and finite ones.
+    pub(super) fn taken(self, rows: &[f64], room: usize) -> Result<&[f64]> {
+        let n_axes = self.n_axes;
+        let n_rows = rows.len() / n_axes;
+        if n_rows * n_axes != rows.len() {
+            return Err(Error::Length { what: "wrench", expected: n_rows * n_axes, got: rows.len() });
+        }
+        let rows = &rows[..n_rows.min(room) * n_axes];
+        match rows.iter().position(|value| !value.is_finite()) {
+            None => Ok(rows),
+            Some(index) => {
+                Err(Error::NonFiniteRow { row: index / n_axes, axis: index % n_axes, value: rows[index] })
+            }
+        }
+    }
+}
+
+impl StreamingExtractor {
+    /// A stream before its first row.
+    pub fn new(extractor: &Extractor, windows: Windows) -> Result<Self> {
+        let Windows { n_samples, n_axes, .. } = windows;
+        let spec = extractor.spec();
+        windows.check(spec.n_bins)?;
+        extractor.check_size(n_samples, n_axes)?;
+        let n_features = extractor.n_features(n_samples, n_axes)?;
         let filter = SosState::zero(extractor.sos(), n_axes);
         Ok(Self {
             windows,
@@ -159,21 +183,8 @@ impl StreamingExtractor {
     /// - [`Error::NonFiniteRow`]: NaN or infinity in one of the rows that would have been taken.
     /// - [`Error::FilterOverflow`]: finite rows so large that the filter leaves float64.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
-        let n_axes = self.windows.n_axes;
-        let n_rows = rows.len() / n_axes;
-        if n_rows * n_axes != rows.len() {
-            return Err(Error::Length { what: "wrench", expected: n_rows * n_axes, got: rows.len() });
-        }
         let room = self.place.ahead.saturating_add(self.windows.n_samples - self.place.n_seen);
-        let n_taken = n_rows.min(room);
-        let rows = &rows[..n_taken * n_axes];
-        if let Some(index) = rows.iter().position(|value| !value.is_finite()) {
-            return Err(Error::NonFiniteRow {
-                row: index / n_axes,
-                axis: index % n_axes,
-                value: rows[index],
-            });
-        }
+        let rows = self.windows.taken(rows, room)?;
         let before = self.place;
         self.filter_before.values_mut().copy_from_slice(self.filter.values());
         for chunk in rows.chunks(self.chunk.len()) {
@@ -182,7 +193,7 @@ impl StreamingExtractor {
                 return Err(error);
             }
         }
-        Ok(n_taken)
+        Ok(rows.len() / self.windows.n_axes)
     }
 
     /// Goes on to the next window: rows that it shares with this one stay, the others are forgotten.

@@ -4,6 +4,7 @@ use super::counts::Counts;
 use crate::histogram::Outside;
 use crate::lanes::Path;
 use crate::model::{AddRows, Model};
+use crate::Extractor;
 
 /// Sums over the rest of a window, from every sample on, computed once per stream.
 #[derive(Clone, Debug)]
@@ -40,17 +41,20 @@ pub(super) struct SoFar<'a> {
     pub(super) raw: &'a [f64],
     /// Histograms, and the same as features.
     pub(super) histograms: Option<(&'a Counts, &'a [f64])>,
+    /// What made them.
+    pub(super) extractor: &'a Extractor,
 }
 
 impl Outlook {
-    pub(super) fn new(model: &Model) -> Self {
+    pub(super) fn new(model: &Model, extractor: &Extractor) -> Self {
         let mean = model.raw_mean().map_or(Vec::new(), |mean| {
             suffix_sums(model, |feature| {
                 let mean = mean[feature];
                 move |weight| weight * mean
             })
         });
-        Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits: Limits::new(model) }
+        let limits = Limits::new(model, extractor);
+        Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits }
     }
 
     /// What samples from `n_seen` on are expected to add; nothing for a model that knows no mean.
@@ -81,11 +85,11 @@ impl Outlook {
             }
         }
         if let Some((counts, values)) = so_far.histograms {
-            let spec = model.extractor().spec();
+            let spec = so_far.extractor.spec();
             let unseen = (self.n_samples - so_far.n_seen) as f64;
             for (axis, values) in values.chunks_exact(spec.n_bins).enumerate() {
                 sums.fill(0.0);
-                path.run(AddRows { sums, rows: model.hist_rows(axis), values, scale: 1.0 });
+                path.run(AddRows { sums, rows: model.rows_from(axis * spec.n_bins), values, scale: 1.0 });
                 let counted = counts.axis(axis).iter().map(|count| f64::from(*count)).sum();
                 let future = Future { unseen, counted, density: spec.density, outside: spec.outside };
                 let of_axis = axis * self.lanes..(axis + 1) * self.lanes;
@@ -132,13 +136,13 @@ impl Future {
 
 impl Limits {
     /// `None` for a model with raw features of unknown range.
-    fn new(model: &Model) -> Option<Self> {
+    fn new(model: &Model, extractor: &Extractor) -> Option<Self> {
         let range = model.raw_range();
         if range.is_none() && model.n_raw() > 0 {
             return None;
         }
         let lanes = model.lanes();
-        let spec = model.extractor().spec();
+        let spec = extractor.spec();
         let n_axes = if spec.hfmh { model.n_axes() } else { 0 };
         let (mut bin_low, mut bin_high) =
             (vec![f64::INFINITY; n_axes * lanes], vec![f64::NEG_INFINITY; n_axes * lanes]);
@@ -156,10 +160,9 @@ impl Limits {
             let of_axis = axis * lanes..(axis + 1) * lanes;
             let (low, high) = (&mut bin_low[of_axis.clone()], &mut bin_high[of_axis]);
             for bin in 0..spec.n_bins {
-                let edges =
-                    model.extractor().bins(axis).map(|bins| (bins.edges()[bin], bins.edges()[bin + 1]));
+                let edges = extractor.bins(axis).map(|bins| (bins.edges()[bin], bins.edges()[bin + 1]));
                 let width = edges.filter(|_| spec.density).map_or(1.0, |(left, right)| right - left);
-                let weights = &model.hist_rows(axis)[bin * lanes..];
+                let weights = model.rows_from(axis * spec.n_bins + bin);
                 for ((low, high), weight) in low.iter_mut().zip(high.iter_mut()).zip(weights) {
                     *low = low.min(weight / width);
                     *high = high.max(weight / width);

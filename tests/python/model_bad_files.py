@@ -196,7 +196,11 @@ BAD: dict[str, tuple[bytes, str]] = {
     "metadata a number": (with_metadata(n_samples=5), "metadata 'n_samples' must be a text, got a number"),
     "somebody else's": (with_metadata(format="pt"), "a safetensors file of something else"),
     "no format": (with_metadata(format=None), "a safetensors file of something else"),
-    "future version": (with_metadata(format_version="2"), "update granular_id"),
+    "future version": (with_metadata(format_version="3"), "update granular_id"),
+    "version of multi-band features": (
+        with_metadata(format_version="2"),
+        "feature_spec: 'blocks' is missing",
+    ),
     "version 1.0": (with_metadata(format_version="1.0"), "format_version is '1.0'"),
     "no version": (with_metadata(format_version=None), "must have an entry 'format_version'"),
     **{
@@ -330,7 +334,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "no hash": (with_metadata(feature_spec_sha256=""), "feature_spec does not have the hash"),
     "spec of other bins": (with_spec(n_bins=5), "coef must have shape (3, 20)"),
     "spec without raw": (with_spec(raw=False), "coef must have shape (3, 8)"),
-    "spec without anything": (with_spec(raw=False, hfmh=False), "coef must have shape (3, 0)"),
+    "spec without anything": (with_spec(raw=False, hfmh=False), "at least one of raw and hfmh must be true"),
     "spec no JSON": (with_spec("rate_hz=500"), "feature_spec: is no valid JSON"),
     "spec a list": (with_spec("[]"), "feature_spec: must be a JSON object, got a list"),
     "spec deep": (with_spec('{"raw": ' + DEEP), "recursion limit"),

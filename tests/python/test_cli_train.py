@@ -18,7 +18,7 @@ from granular_id.identifier import Identifier, accuracy_over_time
 from granular_id.recording import Dataset, SampleFlag
 from granular_id.synthetic import synthesize
 
-SMALL = ("--n-bins", 10, "--target-error", 0.2)
+SMALL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -111,19 +111,20 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
         (["--tare-s", "0.1"], "--tare-s is not for models"),
         (["--folds", "1"], "--folds must be at least 2, got 1"),
         (["--C", "0"], "--C must be positive"),
-        (["--coding", "twice"], "coding must be one of"),
+        (["--space", "raw", "--coding", "twice"], "coding must be one of"),
+        (["--coding", "onevsall"], "--coding must be left out with --space best, which chooses it itself"),
         (
             ["--space", "raw", "--block-weights", "unit"],
             "block_weights weigh two blocks|--block-weights weigh",
         ),
         (
-            ["--posterior", "wu_lin_weng", "--coding", "onevsall"],
+            ["--space", "raw", "--posterior", "wu_lin_weng", "--coding", "onevsall"],
             "--posterior wu_lin_weng needs one learner for each",
         ),
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
         (["--figure", "f.doc"], "must end in one of"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
-        (["--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
+        (["--space", "hfmh", "--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
     ],
 )
 def test_bad_options_of_train_end_in_one_line(folder, tmp_path, words, message):
@@ -135,7 +136,7 @@ def test_a_model_too_large_names_ways_out(tmp_path):
     rng = np.random.default_rng(0)
     data = Dataset([recording(rng, k % 3, 0, samples=1600, label=f"m{k:02d}") for k in range(24)])
     save(data, tmp_path / "many.npz")
-    line = refused("train", tmp_path / "many.npz", "-o", tmp_path / "m")
+    line = refused("train", tmp_path / "many.npz", "-o", tmp_path / "m", "--space", "raw+hfmh")
     assert "the model would take 21.8 MiB, more than the 16 MiB of a model file" in line
     assert (
         "ways out: the space 'hfmh' (600 features); shorter recordings, or a lower rate; the coding 'one"

@@ -201,7 +201,7 @@ def test_any_fitted_pipeline_of_ours_can_be_taken_over(data, new):
         (
             (DFT(), ECOCClassifier()),
             TypeError,
-            "must be a fitted pipeline of RawSignal, HFMH or RawHFMH .*got DFT",
+            "must be a fitted pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got DFT",
         ),
         (
             (RawSignal(), RandomForestClassifier(n_estimators=2)),
@@ -246,7 +246,7 @@ def test_samples_of_another_shape_are_refused(data):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"space": "dft"}, "space must be one of 'raw', 'hfmh', 'raw.hfmh', got 'dft'"),
+        ({"space": "dft"}, "space must be one of 'best', .*'raw', 'hfmh', 'raw.hfmh', got 'dft'"),
         ({"space": "raw", "block_weights": "unit"}, "block_weights weigh two blocks"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
         ({"target_error": 0.0, "early": False}, "target_error must lie between 0 and 1, got 0"),

@@ -76,6 +76,8 @@ def test_values_for_json_and_for_other_processes():
         "n_seen": 1600,
         "seconds": 3.2,
         "warnings": ["gap"],
+        "candidates": [],
+        "unknown": None,
     }
 
 

@@ -1,16 +1,70 @@
 //! Models with random weights.
 
-use granular_id::model::{Decoding, Loss, ModelParts, Notes, Tensor};
+use granular_id::model::{Decoding, Fault, Features, Loss, ModelParts, Notes, Tensor};
+use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::{FeatureSpec, Model};
 
 use crate::signals::uniform;
 
 /// One-vs-one, with everything that provisional answers and bounds need.
 pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: FeatureSpec) -> Model {
-    let mut noise = uniform(9);
-    let pairs: Vec<_> = (0..n_classes).flat_map(|a| (a + 1..n_classes).map(move |b| (a, b))).collect();
     let n_raw = if spec.raw { n_samples * n_axes } else { 0 };
     let n_features = n_raw + if spec.hfmh { n_axes * spec.n_bins } else { 0 };
+    random_of(spec.into(), (n_raw, n_features), (n_samples, n_axes), n_classes)
+}
+
+/// The same with multi-band features and scales of its own.
+#[allow(dead_code)] // not in all tests
+pub fn random_banded(n_classes: usize, n_samples: usize, n_axes: usize, spec: MultiBandSpec) -> Model {
+    let mut noise = uniform(10);
+    let mut scales = |n: usize| (0..n).map(|_| 0.5 + noise().abs()).collect::<Vec<_>>();
+    let bands = n_bands(n_samples);
+    let scales = Scales { bands: scales(bands * n_axes), level: scales(n_axes) };
+    let n_features = MultiBand::new(spec, n_samples, n_axes, &scales).unwrap().n_features();
+    let features = Features::MultiBand {
+        spec,
+        band_scales: Tensor::new(vec![bands, n_axes], &scales.bands),
+        level_scales: spec.level.then(|| Tensor::new(vec![n_axes], &scales.level)),
+    };
+    random_of(features, (0, n_features), (n_samples, n_axes), n_classes)
+}
+
+/// A model of two classes and one learner with nothing that a model may lack.
+#[allow(dead_code)] // not in all tests
+pub fn parts_of(
+    features: Features<'_>,
+    coef: &[f64],
+    n_samples: usize,
+    n_axes: usize,
+) -> Result<Model, Fault> {
+    Model::new(ModelParts {
+        features,
+        n_samples,
+        n_axes,
+        coef: Tensor::new(vec![1, coef.len()], coef),
+        intercept: Tensor::new(vec![1], &[0.0]),
+        coding_matrix: Tensor::new(vec![2, 1], &[1.0, -1.0]),
+        classes: vec!["a".to_owned(), "b".to_owned()],
+        loss: Loss::Hinge,
+        decoding: Decoding::LossWeighted,
+        raw_mean: None,
+        raw_low: None,
+        raw_high: None,
+        early: None,
+        sigmoid: None,
+        posterior_weights: None,
+        notes: Notes::of_axes(n_axes),
+    })
+}
+
+fn random_of(
+    features: Features<'_>,
+    (n_raw, n_features): (usize, usize),
+    (n_samples, n_axes): (usize, usize),
+    n_classes: usize,
+) -> Model {
+    let mut noise = uniform(9);
+    let pairs: Vec<_> = (0..n_classes).flat_map(|a| (a + 1..n_classes).map(move |b| (a, b))).collect();
     let n_learners = pairs.len();
     let coef: Vec<f64> = (0..n_learners * n_features).map(|_| noise()).collect();
     let intercept: Vec<f64> = (0..n_learners).map(|_| noise()).collect();
@@ -22,7 +76,7 @@ pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: Fea
     let mean: Vec<f64> = (0..n_raw).map(|_| noise()).collect();
     let low: Vec<f64> = mean.iter().map(|mean| mean - 0.1).collect();
     let high: Vec<f64> = mean.iter().map(|mean| mean + 0.1).collect();
-    let of_raw = |values| spec.raw.then(|| Tensor::new(vec![n_raw], values));
+    let of_raw = |values| (n_raw > 0).then(|| Tensor::new(vec![n_raw], values));
     Model::new(ModelParts {
         n_samples,
         n_axes,
@@ -39,7 +93,7 @@ pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: Fea
         sigmoid: None,
         posterior_weights: None,
         notes: Notes::of_axes(n_axes),
-        spec,
+        features,
     })
     .unwrap()
 }

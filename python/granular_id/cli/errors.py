@@ -57,6 +57,8 @@ OPTIONS = {
     "n_inner": "--inner",
     "target_error": "--target-error",
     "coding": "--coding",
+    "C": "--C",
+    "space": "--space",
     "posterior": "--posterior",
     "direction": "--direction",
     "label": "--label",

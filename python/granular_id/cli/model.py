@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_format
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -71,6 +71,14 @@ def print_model(console: Console, identifier: Identifier, *, brief: bool = False
         console.print(Text(line, style="bold yellow" if "SYNTHETIC" in line else ""), soft_wrap=True)
 
 
+def _plain(spec: Any) -> dict[str, object]:
+    """Say what is extracted, in types that JSON knows."""
+    said = dict(spec.__getnewargs_ex__()[1])
+    said = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in said.items()}
+    bands = getattr(spec, "bands", None)
+    return said if bands is None else said | {"bands": bands, "block_sizes": spec.block_sizes}
+
+
 def _everything(identifier: Identifier) -> dict[str, object]:
     core = identifier.core
     metadata = dict(core.metadata)
@@ -82,7 +90,7 @@ def _everything(identifier: Identifier) -> dict[str, object]:
         },
         "classes": list(identifier.classes),
         "space": identifier.space,
-        "spec": core.spec.__getnewargs_ex__()[1],
+        "spec": _plain(core.spec),
         "n_samples": identifier.n_samples,
         "rate_hz": identifier.rate_hz,
         "lead_s": identifier.lead_s,

@@ -30,6 +30,9 @@ What may be expected of it is measured on recordings that are held out, as stric
 every material has several; else halves in time order; else random folds. The output says which. On the same recordings
 it is found from which margin on an answer may be given before the push is over.
 
+Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the options of its
+histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
+
 PATH is a file or folder of any format, as for `granular-id evaluate`.
 
 Examples:
@@ -38,7 +41,9 @@ Examples:
 
 `granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
 
-`granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest --bin-range auto`
+`granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
+
+`granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
 """
 
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
@@ -47,6 +52,9 @@ METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 class Space(str, Enum):
     """Choices of ``--space``."""
 
+    best = "best"
+    multiband = "multiband"
+    multiband_level = "multiband+level"
     both = "raw+hfmh"
     hfmh = "hfmh"
     raw = "raw"
@@ -69,8 +77,13 @@ def train(
     *,
     output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write (safetensors).")],
     space: Annotated[
-        Space, option("--space", METHOD, "Feature space: those whose scores grow with each sample.")
-    ] = Space.both,
+        Space,
+        option(
+            "--space",
+            METHOD,
+            "best: multi-band features; blocks, whitening and C chosen on recordings held out. raw+hfmh: the paper's.",
+        ),
+    ] = Space.best,
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
     coding: Annotated[
@@ -82,6 +95,12 @@ def train(
     target_error: Annotated[
         float, option("--target-error", ESTIMATE, "Share of early answers that may be wrong.")
     ] = 0.01,
+    coverage: Annotated[
+        float, option("--coverage", ESTIMATE, "Share of recordings whose candidates hold the right material.")
+    ] = 0.9,
+    share_known: Annotated[
+        float, option("--share-known", ESTIMATE, "Share of known materials that is not called unknown.")
+    ] = 0.95,
     early: Annotated[bool, option("--early/--no-early", ESTIMATE, "Allow answers before the end.")] = True,
     folds: Annotated[
         int, option("--folds", ESTIMATE, "Random folds, without sessions and order in time.")
@@ -99,6 +118,9 @@ def train(
     positive("--C", c)
     if not 0 < target_error < 1:
         raise ValueError(f"--target-error must lie between 0 and 1, got {target_error:g}")
+    for name, share in (("--coverage", coverage), ("--share-known", share_known)):
+        if not 0 < share < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, got {share:g}")
     at_least("--folds", folds, 2)
     at_least("--seed", seed, 0)
     method.fits(steps.preparation.rate_hz)
@@ -127,6 +149,8 @@ def train(
         Recipe(**settings),
         early=early,
         target_error=target_error,
+        coverage=coverage,
+        share_known=share_known,
         n_folds=folds,
         threads=method.threads,
         progress=not quiet,

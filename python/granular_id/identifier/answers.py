@@ -13,6 +13,7 @@ from granular_id import _core
 from granular_id.ecoc.posterior import Posterior
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import axes_of, lead_of
+from granular_id.identifier.banded import USUAL_BLOCKS
 from granular_id.recording import Dataset, Recording
 
 __all__ = ["Answers", "probabilities"]
@@ -52,14 +53,19 @@ class Answers:
         return self.core.classes
 
     @property
-    def spec(self) -> FeatureSpec:
-        """What is extracted from a recording."""
+    def spec(self) -> FeatureSpec | _core.MultiBandExtractor:
+        """What is extracted from a recording: samples and counts, or multi-band features with their scales."""
         return self.core.spec
 
     @property
     def space(self) -> str:
-        """Feature space: "raw", "hfmh" or "raw+hfmh"."""
-        return "+".join(name for name in ("raw", "hfmh") if getattr(self.spec, name))
+        """Feature space: "raw", "hfmh", "raw+hfmh", "multiband", or "multiband" with the blocks added or left out."""
+        spec = self.spec
+        if isinstance(spec, FeatureSpec):
+            return "+".join(name for name in ("raw", "hfmh") if getattr(spec, name))
+        left_out = [name for name in USUAL_BLOCKS if name not in spec.blocks]
+        added = [name for name in spec.blocks if name not in USUAL_BLOCKS]
+        return "+".join(["multiband", *added]) + "".join(f"-{name}" for name in left_out)
 
     @property
     def n_samples(self) -> int:
@@ -74,7 +80,7 @@ class Answers:
     @property
     def rate_hz(self) -> float:
         """Sampling rate, Hz."""
-        return self.spec.rate_hz
+        return self.core.rate_hz
 
     @property
     def lead_s(self) -> float | None:

@@ -16,6 +16,7 @@ from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint
 from granular_id.identifier.held_out import margins_of
+from granular_id.identifier.sure import Rules
 from granular_id.recording import Dataset, Recording, SampleFlag
 
 __all__ = ["Batch", "Named", "identify_all"]
@@ -41,6 +42,8 @@ class Named:
         Label of the recording; None where it has none.
     warnings : tuple of str
         What is wrong with samples of the recording.
+    candidates, unknown
+        As of `granular_id.identifier.Decision`.
     """
 
     name: str
@@ -50,6 +53,8 @@ class Named:
     probability: float | None
     truth: str | None
     warnings: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+    unknown: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +101,10 @@ class Batch:
         columns["margin"] = [f"{n.margin:.3f}" for n in self.each]
         if any(n.probability is not None for n in self.each):
             columns["probability"] = [percent(n.probability) for n in self.each]
+        if any(len(n.candidates) > 1 for n in self.each):
+            columns["may be"] = [", ".join(n.candidates) for n in self.each]
+        if any(n.unknown for n in self.each):
+            columns["like"] = ["none" if n.unknown else "" for n in self.each]
         if any(n.truth is not None for n in self.each):
             columns["truth"] = [self._truth(n) for n in self.each]
         if any(n.warnings for n in self.each):
@@ -118,6 +127,8 @@ class Batch:
                     "probability": n.probability,
                     "truth": n.truth,
                     "warnings": list(n.warnings),
+                    "candidates": list(n.candidates),
+                    "unknown": n.unknown,
                     "ranking": [{"label": label, "mean_loss": loss} for label, loss in n.ranking],
                 }
                 for n in self.each
@@ -128,11 +139,16 @@ class Batch:
         """Write one line for each recording, whole or not at all."""
         with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream)
-            writer.writerow(("recording", "label", "margin", "probability", "truth", "warnings"))
+            columns = ("recording", "label", "margin", "probability", "truth", "warnings")
+            writer.writerow((*columns, "candidates", "unknown"))
             for n in self.each:
                 chance = "" if n.probability is None else repr(n.probability)
                 warned = "; ".join(n.warnings)
-                writer.writerow((n.name, n.label, repr(n.margin), chance, n.truth or "", warned))
+                unknown = "" if n.unknown is None else str(n.unknown).lower()
+                maybe = "; ".join(n.candidates)
+                writer.writerow(
+                    (n.name, n.label, repr(n.margin), chance, n.truth or "", warned, maybe, unknown)
+                )
 
     def _truth(self, named: Named) -> str:
         if named.truth is None:
@@ -173,14 +189,26 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
     losses = model.core.losses(scores)
     chances = None if model.core.sigmoid is None else probabilities(model.core, scores)
     margins = margins_of(losses)
+    rules = Rules.of(model.core)
     each = []
     for i, recording in enumerate(data):
         order = np.argsort(losses[i], kind="stable")  # of equal losses the first label, as everywhere
         ranking = tuple((model.classes[k], float(losses[i, k])) for k in order.tolist())
         chance = None if chances is None else float(chances[i, order[0]])
         warned = _warnings(recording)
+        candidates, unknown = rules.candidates(-losses[i]), rules.is_unknown(-losses[i], scores[i])
         each.append(
-            Named(recording.name, ranking[0][0], float(margins[i]), ranking, chance, recording.label, warned)
+            Named(
+                recording.name,
+                ranking[0][0],
+                float(margins[i]),
+                ranking,
+                chance,
+                recording.label,
+                warned,
+                candidates,
+                unknown,
+            )
         )
     simulated = [
         *(["a model of SYNTHETIC recordings"] if model.synthetic else []),

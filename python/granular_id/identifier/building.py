@@ -13,7 +13,7 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id.identifier.early import EarlyRule
 from granular_id.identifier.parts import Parts
-from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.recipe import BANDED, Recipe
 from granular_id.recording import Dataset
 from granular_id.recording.axes import unit_of
 
@@ -131,17 +131,19 @@ def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: i
     ValueError
         Naming ways out.
     """
-    n_samples, n_axes = shape
-    n_raw = n_samples * n_axes if "raw" in recipe.space else 0
-    n_counts = recipe.n_bins * n_axes
-    n_features = n_raw + (n_counts if "hfmh" in recipe.space else 0)
+    n_raw, n_features = recipe.n_features(*shape)
+    n_counts = recipe.n_bins * shape[1]
     n_learners = recipe.n_learners(n_classes)
     size = 8 * (n_learners * (n_features + n_classes + 4) + 3 * n_raw) + _HEADER_BYTES
     if size <= most:
         return
-    ways = [f"the space 'hfmh' ({n_counts} features)", "shorter recordings, or a lower rate"] if n_raw else []
-    ways += [f"the coding 'onevsall' ({n_classes} learners)"] if n_learners > n_classes else []
-    ways += [] if n_raw else ["fewer bins"]
+    is_banded = recipe.space in BANDED
+    ways = [f"the space 'hfmh' ({n_counts} features)"] if n_raw or is_banded else []
+    ways += ["shorter recordings, or a lower rate"] if n_raw else []
+    coding = f"the coding 'onevsall' ({n_classes} learners)"
+    if n_learners > n_classes:
+        ways.append(f"the space 'multiband' with {coding}" if recipe.space == "best" else coding)
+    ways += [] if n_raw or is_banded else ["fewer bins"]
     raise ValueError(
         f"the model would take {size / 2**20:.3g} MiB, more than the {most / 2**20:.3g} MiB of a model file: "
         f"{n_learners} learners for {n_classes} materials, {n_features} features; ways out: {'; '.join(ways)}"

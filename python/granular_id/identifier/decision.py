@@ -61,6 +61,12 @@ class Decision:
         Seconds of signal seen.
     warnings : tuple of str
         What may have spoilt the signal: a gap, saturation, lag.
+    candidates : tuple of str
+        Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
+        Empty for a provisional answer, and for a model without such a rule.
+    unknown : bool or None
+        Whether the signal is like none of the materials that the model knows; None for a provisional answer, and without
+        such a rule.
 
     Examples
     --------
@@ -82,6 +88,8 @@ class Decision:
     n_seen: int = 0
     seconds: float = 0.0
     warnings: tuple[str, ...] = ()
+    candidates: tuple[str, ...] = ()
+    unknown: bool | None = None
 
     def __str__(self) -> str:
         stage = (
@@ -92,6 +100,10 @@ class Decision:
             line += f" ahead of {self.ranking[1][0]}"
         if self.probability is not None:
             line += f", probability {self.probability:.3f}"
+        if len(self.candidates) > 1:
+            line += f"; may be {' or '.join(self.candidates)}"
+        if self.unknown:
+            line += "; like no known material"
         return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
 
     def to_dict(self) -> dict[str, Any]:
@@ -107,4 +119,6 @@ class Decision:
             "n_seen": self.n_seen,
             "seconds": self.seconds,
             "warnings": list(self.warnings),
+            "candidates": list(self.candidates),
+            "unknown": self.unknown,
         }

@@ -22,7 +22,7 @@ def refuse_others(data: Dataset, core: _core.Model) -> None:
     ValueError
         Naming the first such recording, and the step that helps.
     """
-    axes, rate_hz = axes_of(core), core.spec.rate_hz
+    axes, rate_hz = axes_of(core), core.rate_hz
     for recording in data:
         if recording.axes != axes:
             raise ValueError(
@@ -70,7 +70,7 @@ def fitted(
     ValueError
         A recording is too short, has no trigger or too little rest before it; or `lead_s` is neither stated nor known.
     """
-    n, rate_hz = core.n_samples, core.spec.rate_hz
+    n, rate_hz = core.n_samples, core.rate_hz
     lengths = [recording.n_samples for recording in data]
     if begin_at == "auto" and set(lengths) == {n}:
         return data

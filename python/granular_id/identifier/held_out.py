@@ -7,7 +7,7 @@ which margin on an early answer may be trusted.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,8 @@ class HeldOut:
     note : str
         How the partitions were drawn, and what kept stricter ones out.
     partitions : tuple of Partition
+    values, scores : ndarrays, shapes (n, K) and (n, L)
+        Minus the mean losses, and the scores of the learners, of whole recordings; empty where nobody kept them.
     """
 
     n_seen: IntArray
@@ -88,6 +90,8 @@ class HeldOut:
     held_out: str
     note: str
     partitions: tuple[Partition, ...]
+    values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    scores: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def right(self) -> npt.NDArray[np.bool_]:
@@ -178,7 +182,7 @@ def answers_held_out(
     labels, truth = np.unique(data.y, return_inverse=True)
     X = data.X
     n_seen = checkpoints(X.shape[1])
-    winners, margins = [], []
+    winners, margins, values, scores = [], [], [], []
     for partition in partitions:
         core = fitted(partition)
         if tuple(core.classes) != tuple(labels.tolist()):
@@ -188,6 +192,8 @@ def answers_held_out(
         answered = [provisional_answers(core, X[row], n_seen) for row in partition.test.tolist()]
         winners += [winner for winner, _ in answered]
         margins += [margin for _, margin in answered]
+        scores.append(core.scores(X[partition.test]))
+        values.append(-core.losses(scores[-1]))
         tick(f"{protocol_name(protocol, partitions)}: {partition.description}")
     rows = np.concatenate([partition.test for partition in partitions])
     folds = np.concatenate([np.full(p.test.size, k, dtype=np.intp) for k, p in enumerate(partitions)])
@@ -202,6 +208,8 @@ def answers_held_out(
         held_out=protocol_name(protocol, partitions),
         note=note,
         partitions=partitions,
+        values=np.concatenate(values),
+        scores=np.concatenate(scores),
     )
 
 

@@ -17,6 +17,7 @@ from granular_id.identifier.building import MAX_FILE_BYTES, core_of
 from granular_id.identifier.fitting import Begin, fitted, refuse_others
 from granular_id.identifier.parts import parts_of
 from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.sure import Rules
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces.blocks import axis_names, axis_units
@@ -72,6 +73,7 @@ class Identifier(Answers):
         density: bool = False,
         initial: str = "zero",
         block_weights: BlockWeights = None,
+        shrinkage: float | None = None,
         C: float = 1.0,
         coding: str | npt.ArrayLike = "onevsone",
         loss: str = "auto",
@@ -80,6 +82,8 @@ class Identifier(Answers):
         estimate: bool = True,
         early: bool = True,
         target_error: float = 0.01,
+        coverage: float | None = 0.9,
+        share_known: float | None = 0.95,
         n_folds: int = 5,
         random_state: int = 0,
         max_file_bytes: int = MAX_FILE_BYTES,
@@ -92,12 +96,17 @@ class Identifier(Answers):
         ----------
         data : Dataset
             Recordings of equal length and rate with a label each.
-        space : {"raw+hfmh", "hfmh", "raw"}
-            Feature space; the others of the paper do not grow sample by sample.
+        space : {"raw+hfmh", "hfmh", "raw", "best", "multiband", "multiband+level"}
+            Feature space: samples and counts, as in the paper, whose scores grow with each sample; or multi-band
+            features (`granular_id.MultiBand`), without and with the level of the raw signal. ``"best"`` takes these and
+            chooses blocks, whitening and `C` by holding recordings out, sessions where it can
+            (`granular_id.best.BestClassifier`); `trained` says what was chosen.
         cutoff_hz, order, n_bins, bin_range, outside, density, initial, block_weights
             As in `granular_id.RawHFMH`; weights of blocks end in those of the learners.
+        shrinkage : float, optional
+            Whitens multi-band features within classes, see `granular_id.spaces.WithinClassWhitening`.
         C, coding, loss, decoding, posterior
-            As in `granular_id.ECOCClassifier`; `posterior` gives `predict_proba`.
+            As in `granular_id.ECOCClassifier`; `posterior` gives `predict_proba`. ``"best"`` chooses the first four.
         estimate : bool, default True
             Hold recordings out to measure the accuracy: whole sessions where every class has several, else halves
             in time order, else random folds. Costs a training for each partition. Without it there is no early rule.
@@ -105,6 +114,12 @@ class Identifier(Answers):
             Calibrate on them from which margin on an answer may be given before the recording ends.
         target_error : float, default 0.01
             Share of early answers that may be wrong; ``1 / target_error - 1`` recordings at least can show it.
+        coverage : float or None, default 0.9
+            Decisions name candidates, which hold the right material in this share of recordings like those held out,
+            see `granular_id.confidence.conformal_rule`; None: no candidates.
+        share_known : float or None, default 0.95
+            Decisions say whether a recording is like none of the materials, wrongly of the known ones in the rest of
+            this share, see `granular_id.confidence.unknown_rule`; None: they do not.
         n_folds : int, default 5
             Random folds, where neither sessions nor an order in time are known.
         random_state : int, default 0
@@ -138,6 +153,7 @@ class Identifier(Answers):
             density=density,
             initial=initial,
             block_weights=block_weights,
+            shrinkage=shrinkage,
             C=C,
             coding=coding,
             loss=loss,
@@ -151,6 +167,8 @@ class Identifier(Answers):
             estimate=estimate,
             early=early,
             target_error=target_error,
+            coverage=coverage,
+            share_known=share_known,
             n_folds=n_folds,
             max_file_bytes=max_file_bytes,
             threads=threads,
@@ -173,7 +191,9 @@ class Identifier(Answers):
         Parameters
         ----------
         pipeline : Pipeline
-            Fitted: `RawSignal`, `HFMH` or `RawHFMH`, then an `ECOCClassifier` of linear learners, on labels of text.
+            Fitted, on labels of text: `RawSignal`, `HFMH`, `RawHFMH` or `MultiBand`; then steps that scale, whiten or
+            project (`BlockScaler`, `WithinClassWhitening`, `StandardScaler` ...), if any; then an `ECOCClassifier` of
+            linear learners or a `BestClassifier`.
         rate_hz : float, optional
             Rate of the recordings, Hz, where the feature space does not know it (`RawSignal` need not).
         axes : sequence of str, optional
@@ -213,7 +233,7 @@ class Identifier(Answers):
         wanted = (parts.n_samples, parts.n_axes)
         if raw is not None and raw.shape[1:] != wanted:
             raise ValueError(f"samples must have shape (n, {wanted[0]}, {wanted[1]}), got {raw.shape}")
-        raw = raw if parts.spec.raw else None
+        raw = raw if parts.takes_samples else None
         return cls(core_of(parts, axes=names, units=units, lead_s=lead_s, samples=raw))
 
     @classmethod
@@ -234,7 +254,12 @@ class Identifier(Answers):
         ValueError
             (`granular_id._core.ModelFileError`) The file is no model, is damaged or too large: the first fault.
         """
-        return cls(_core.Model.read(path, max_file_bytes=max_file_bytes))
+        core = _core.Model.read(path, max_file_bytes=max_file_bytes)
+        try:
+            Rules.of(core)
+        except (TypeError, ValueError) as fault:
+            raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None
+        return cls(core)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model into one file (safetensors), whole or not at all.

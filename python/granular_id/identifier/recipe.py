@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
+from granular_id import _core
+from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import design
 from granular_id.evaluation.describe import describe_estimator
-from granular_id.spaces import HFMH, RawHFMH, RawSignal
+from granular_id.identifier.banded import blocks_of
+from granular_id.spaces import HFMH, BlockScaler, RawHFMH, RawSignal, WithinClassWhitening
 from granular_id.spaces.hfmh import DEFAULT_RANGE, BinRange
+from granular_id.spaces.multiband import MultiBand
 from granular_id.spaces.weights import BlockWeights
 
-__all__ = ["SPACES", "Recipe"]
+__all__ = ["BANDED", "GROWING", "SPACES", "Recipe"]
 
-SPACES = ("raw", "hfmh", "raw+hfmh")
+GROWING = ("raw", "hfmh", "raw+hfmh")
 """Feature spaces of which scores grow with each sample: a linear score of samples and counts, nothing else."""
+
+BANDED = ("best", "multiband", "multiband+level")
+"""Those of multi-band features, which are computed anew when an answer is asked for."""
+
+SPACES = (*BANDED, *GROWING)
+"""All feature spaces of a model."""
+
+_OF_HISTOGRAMS = ("cutoff_hz", "order", "n_bins", "bin_range", "outside", "density", "initial")
+_CHOSEN_BY_BEST = ("C", "coding", "loss", "decoding", "shrinkage")
 
 
 @dataclass(frozen=True)
@@ -28,21 +41,26 @@ class Recipe:
 
     Parameters
     ----------
-    space : {"raw+hfmh", "hfmh", "raw"}
-        Feature space. Others need the whole recording before they know a first feature.
+    space : {"raw+hfmh", "hfmh", "raw", "best", "multiband", "multiband+level"}
+        Feature space. The first three grow with each sample. ``"multiband"`` are the features of
+        `granular_id.MultiBand`, each block of the same weight; with the level of the raw signal they know the zero
+        of the sensor too. ``"best"`` chooses blocks, whitening and `C` by holding recordings of the training out, see
+        `granular_id.best.BestClassifier`.
     cutoff_hz, order, n_bins, bin_range, outside, density, initial
-        As in `granular_id.HFMH`; without effect on ``"raw"``.
+        As in `granular_id.HFMH`; without effect on ``"raw"``, refused with multi-band features.
     block_weights : None, "unit" or two numbers
         Of ``"raw+hfmh"``, as in `granular_id.RawHFMH`; they end in the weights of the model.
+    shrinkage : float, optional
+        Of `granular_id.spaces.WithinClassWhitening` between multi-band features and classifier. None: no whitening.
     C, coding, loss, decoding, posterior
-        As in `granular_id.ECOCClassifier`.
+        As in `granular_id.ECOCClassifier`; ``"best"`` chooses all but `posterior` itself.
     random_state : int
         Draws random codings and the folds of `posterior`.
 
     Raises
     ------
     ValueError
-        An unknown space (the message names those that work), or weights of blocks for a space of one block.
+        An unknown space (the message names those that work), or a setting that is not for the space.
 
     Examples
     --------
@@ -60,6 +78,7 @@ class Recipe:
     density: bool = False
     initial: str = "zero"
     block_weights: BlockWeights = None
+    shrinkage: float | None = None
     C: float = 1.0
     coding: str | npt.ArrayLike = "onevsone"
     loss: str = "auto"
@@ -70,8 +89,19 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.space not in SPACES:
             raise ValueError(
-                f"space must be one of {', '.join(map(repr, SPACES))}, got {self.space!r}: an identifier answers "
-                "while samples arrive, which needs scores that are linear in samples and counts"
+                f"space must be one of {', '.join(map(repr, SPACES))}, got {self.space!r}: an identifier computes its "
+                "features while samples arrive"
+            )
+        unused = _CHOSEN_BY_BEST if self.space == "best" else () if self.space in BANDED else ("shrinkage",)
+        if self.space in BANDED:
+            unused = (*_OF_HISTOGRAMS, *unused)
+        given = [name for name in unused if not _same(getattr(self, name), _default(name))]
+        if given:
+            chooses = self.space == "best" and given[0] in _CHOSEN_BY_BEST
+            raise ValueError(
+                f"{given[0]} must be left out with space={self.space!r}, which "
+                f"{'chooses it itself' if chooses else 'has no use for it'}; other spaces are "
+                f"{', '.join(repr(space) for space in SPACES if space != self.space)}"
             )
         if self.block_weights is not None and self.space != "raw+hfmh":
             raise ValueError(
@@ -83,16 +113,18 @@ class Recipe:
         """Return the feature space, not fitted, for recordings of a rate."""
         if self.space == "raw":
             return RawSignal(rate_hz=rate_hz)
-        options: dict[str, Any] = {
-            name: getattr(self, name)
-            for name in ("cutoff_hz", "order", "n_bins", "bin_range", "outside", "density", "initial")
-        }
+        blocks = blocks_of(self.space)
+        if blocks is not None:
+            return MultiBand(rate_hz=rate_hz, blocks=blocks)
+        options: dict[str, Any] = {name: getattr(self, name) for name in _OF_HISTOGRAMS}
         if self.space == "hfmh":
             return HFMH(rate_hz=rate_hz, **options)
         return RawHFMH(rate_hz=rate_hz, block_weights=self.block_weights, **options)
 
-    def classifier(self, *, posterior: bool = True) -> ECOCClassifier:
+    def classifier(self, *, posterior: bool = True) -> ECOCClassifier | BestClassifier:
         """Return the classifier, not fitted; without `posterior` even where the settings ask for one."""
+        if self.space == "best":
+            return BestClassifier(optional_blocks=("level",), random_state=self.random_state)
         return ECOCClassifier(
             C=self.C,
             coding=self.coding,
@@ -103,20 +135,45 @@ class Recipe:
         )
 
     def pipeline(self, rate_hz: float, *, posterior: bool = True, threads: int | None = None) -> Pipeline:
-        """Return feature space and classifier as one pipeline, not fitted; no number depends on `threads`."""
-        features = self.features(rate_hz).set_params(threads=threads)
-        return Pipeline([("features", features), ("classifier", self.classifier(posterior=posterior))])
+        """Return feature space, scaling and classifier as one pipeline, not fitted; no number depends on `threads`.
+
+        A step with a parameter ``blocks`` wants the columns of each block there, once the features know them:
+        `granular_id.identifier.training.fit_pipeline` sees to it.
+        """
+        steps: list[tuple[str, Any]] = [("features", self.features(rate_hz).set_params(threads=threads))]
+        if self.space in BANDED and self.space != "best":
+            steps.append(("scaling", BlockScaler()))
+            if self.shrinkage is not None:
+                steps.append(("whitening", WithinClassWhitening(self.shrinkage)))
+        return Pipeline([*steps, ("classifier", self.classifier(posterior=posterior))])
 
     def n_learners(self, n_classes: int) -> int:
         """Count the binary learners that `coding` makes of so many classes."""
         return int(design(self.coding, n_classes, np.random.default_rng(0)).shape[1])
 
+    def n_features(self, n_samples: int, n_axes: int) -> tuple[int, int]:
+        """Count raw samples among the features, and all features, of recordings of a size."""
+        blocks = blocks_of(self.space)
+        if blocks is not None:
+            return 0, _core.MultiBandExtractor(n_samples, n_axes, blocks=blocks).n_features
+        n_raw = n_samples * n_axes if "raw" in self.space else 0
+        return n_raw, n_raw + (self.n_bins * n_axes if "hfmh" in self.space else 0)
+
     def to_dict(self, rate_hz: float) -> dict[str, Any]:
         """Return all settings, for recordings of a rate, in types that JSON knows."""
         features = describe_estimator(self.features(rate_hz))
         classifier = describe_estimator(self.classifier())
-        return {
+        settings = {
             "space": self.space,
             "features": {name: value for name, value in features.items() if name != "threads"},
             "classifier": {name: value for name, value in classifier.items() if name != "n_jobs"},
         }
+        return settings if self.shrinkage is None else settings | {"whitening": {"shrinkage": self.shrinkage}}
+
+
+def _default(name: str) -> Any:
+    return next(field.default for field in fields(Recipe) if field.name == name)
+
+
+def _same(value: Any, default: Any) -> bool:
+    return bool(np.array_equal(np.asarray(value, dtype=object), np.asarray(default, dtype=object)))

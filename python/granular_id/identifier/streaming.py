@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id.identifier.decision import Decision
+from granular_id.identifier.sure import Rules
 
 if TYPE_CHECKING:
     from granular_id.identifier.answers import Answers
@@ -23,7 +24,7 @@ class StreamingIdentifier:
 
     The decision about a complete window is that about the same recording as a whole, bit for bit. Before, it is
     provisional: samples that have not arrived count as the mean of the training recordings, and histograms are scaled
-    up to a whole window.
+    up to a whole window. Multi-band features are those of the samples so far, taken as the beginning of a recording.
 
     Parameters
     ----------
@@ -31,9 +32,8 @@ class StreamingIdentifier:
         What to identify with.
     hop : int, optional
         None: one window, from the first row on; push the rows of a capture that begin where the recordings of the
-        training began. Else a window every `hop` samples over a filter that never stops: `next` goes on to the next
-        one. Its first samples then follow others instead of rest, as they did not in training; see
-        ``docs/live/streaming.md``.
+        training began. Else a window every `hop` samples: `next` goes on to the next one. Its first samples then follow
+        others instead of rest, as they did not in training; see ``docs/live/streaming.md``.
 
     Raises
     ------
@@ -42,8 +42,9 @@ class StreamingIdentifier:
 
     Notes
     -----
-    `push` takes under a microsecond per sample and `decision` some ten, whatever came before: allocate the object
-    once, and `reset` it for each push of the robot. It may be used from several threads; calls take their turn.
+    `push` takes under a microsecond per sample and `decision` some ten, with multi-band features some hundred: allocate
+    the object once, and `reset` it for each push of the robot. It may be used from several threads; calls take their
+    turn.
 
     Examples
     --------
@@ -63,8 +64,9 @@ class StreamingIdentifier:
         if not isinstance(core, _core.Model):
             raise TypeError(f"identifier must be an Identifier, got {type(identifier).__name__}")
         self.core = _core.StreamingIdentifier(core, hop=hop)
-        self._rate_hz = core.spec.rate_hz
+        self._rate_hz = core.rate_hz
         self._has_probabilities = core.sigmoid is not None
+        self._rules = Rules.of(core)
         # warning -> row of the stream at which it was last given
         self._warnings: dict[str, int] = {}
 
@@ -137,7 +139,18 @@ class StreamingIdentifier:
             n_seen,
             n_seen / self._rate_hz,
             warnings,
+            *self._confidence(scores, final=final),
         )
+
+    def _confidence(
+        self, scores: npt.NDArray[np.float64], *, final: bool
+    ) -> tuple[tuple[str, ...], bool | None]:
+        """Candidates of a whole recording, and whether it is like none; the rules say nothing of less."""
+        rules = self._rules
+        if not final or (rules.conformal is None and rules.unknown is None):
+            return (), None
+        values = -self.core.model.losses(scores)[0]
+        return rules.candidates(values), rules.is_unknown(values, scores)
 
     def next(self) -> None:
         """Go on to the next window; rows that it shares with this one stay. Needs `hop` and a complete window."""

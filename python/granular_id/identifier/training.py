@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._blas import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id.best import BestClassifier
 from granular_id.evaluation.complaints import heard_complaints
 from granular_id.evaluation.describe import warnings_in
+from granular_id.evaluation.origins import Origins, origins_of
 from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.identifier.about import described, estimate_of
 from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
+from granular_id.identifier.choosing import chosen_text, posterior_of
 from granular_id.identifier.early import EarlyRule, calibrate, checked_target
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
-from granular_id.identifier.parts import Parts, parts_of
+from granular_id.identifier.parts import parts_of
 from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.sure import KEY, rules_of
 from granular_id.recording import Dataset
-from granular_id.recording._values import checked_index
+from granular_id.recording._values import checked_index, checked_number
 from granular_id.recording.axes import unit_of
+from granular_id.spaces import block_sizes
 
-__all__ = ["Training", "train"]
+__all__ = ["Training", "fit_pipeline", "train"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -61,6 +67,8 @@ def train(
     estimate: bool = True,
     early: bool = True,
     target_error: float = 0.01,
+    coverage: float | None = 0.9,
+    share_known: float | None = 0.95,
     n_folds: int = 5,
     max_file_bytes: int = MAX_FILE_BYTES,
     threads: int | None = None,
@@ -72,7 +80,7 @@ def train(
     ----------
     recipe : Recipe
         Settings of features and classifier.
-    data, estimate, early, target_error, n_folds, max_file_bytes, threads, progress
+    data, estimate, early, target_error, coverage, share_known, n_folds, max_file_bytes, threads, progress
         As in `granular_id.Identifier.fit`.
 
     Returns
@@ -85,6 +93,9 @@ def train(
         As `granular_id.Identifier.fit`, and before anything is trained.
     """
     target_error = checked_target(target_error)
+    for name, share in (("coverage", coverage), ("share_known", share_known)):
+        if share is not None and not 0 < checked_number(share, name) < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, got {share:g}")
     if checked_index(n_folds, "n_folds") < 2:
         raise ValueError(f"n_folds must be at least 2, got {n_folds}")
     if not isinstance(data, Dataset):
@@ -104,16 +115,27 @@ def train(
         ticker = Ticker(1 + (0 if drawn is None else len(drawn.each)), callback)
         # The bits of a model must not depend on how many threads multiply its matrices.
         with single_threaded_blas():
-            parts = _fitted(recipe, X, y, rate_hz, posterior=True, threads=threads)
-            ticker.tick("all recordings")
+            origins = origins_of(data)
+            pipeline = recipe.pipeline(rate_hz, threads=threads)
+            classifier = fit_pipeline(pipeline, X, y, origins)[-1]
+            parts = parts_of(pipeline, rate_hz)
+            if recipe.posterior is not None and isinstance(classifier, BestClassifier):
+                parts = replace(parts, posterior=posterior_of(classifier, y, recipe.posterior))
+            choice = getattr(classifier, "choice_", None)
+            ticker.tick(
+                "all recordings" if choice is None else f"all recordings, chosen: {chosen_text(choice)}"
+            )
             if drawn is not None:
-                held = answers_held_out(data, drawn, _of_rows(recipe, data, threads), tick=ticker.tick)
+                of_rows = _of_rows(recipe, data, origins, threads)
+                held = answers_held_out(data, drawn, of_rows, tick=ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     trained = {
         **described(data, recipe),
         "estimate": None if held is None else estimate_of(held, tuple(classes)),
         "why_no_estimate": why_none,
         "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
+        **({} if choice is None else {"choice": choice.to_dict()}),
+        **_confidence(held, tuple(classes), parts.coding_matrix, coverage, share_known),
         # What may mislead a reader of the estimate.
         "notes": [*([] if held is None else warnings_in(data)), *complaints],
     }
@@ -125,30 +147,66 @@ def train(
         trained=trained,
         training_sha256=fingerprint(data, trained["settings"]),
         coding=recipe.coding if isinstance(recipe.coding, str) else "",
-        samples=X if parts.spec.raw else None,
+        samples=X if parts.takes_samples else None,
         rule=rule,
     )
     return Training(core, trained, held, rule, why_none)
 
 
-def _of_rows(recipe: Recipe, data: Dataset, threads: int | None) -> Callable[[Partition], _core.Model]:
+def fit_pipeline(
+    pipeline: Pipeline,
+    X: FloatArray,
+    y: npt.NDArray[np.str_],
+    origins: Origins | None = None,
+    rows: npt.NDArray[np.intp] | None = None,
+) -> Pipeline:
+    """Fit a pipeline in place; steps that ask are told blocks of columns, sessions and order.
+
+    Parameters
+    ----------
+    pipeline : Pipeline
+        Feature space, steps behind it, classifier.
+    X : ndarray, shape (n, T, C)
+    y : ndarray, shape (n,)
+    origins : Origins, optional
+        Of all recordings.
+    rows : ndarray of int, shape (n,), optional
+        Which of them are X; default: all.
+    """
+    features, *steps = (step for _, step in pipeline.steps)
+    values = features.fit(X, y).transform(X)
+    sizes = block_sizes(features)
+    for step in steps:
+        if sizes is not None and step.get_params().get("blocks", ...) is None:
+            step.set_params(blocks=sizes)
+    known: dict[str, Any] = {}
+    if origins is not None:
+        known = origins.fit_arguments(steps[-1], np.arange(len(y)) if rows is None else rows)
+    Pipeline(pipeline.steps[1:]).fit(values, y, **{f"classifier__{name}": v for name, v in known.items()})
+    return pipeline
+
+
+def _confidence(
+    held: HeldOut | None,
+    classes: tuple[str, ...],
+    coding: npt.NDArray[np.int8],
+    coverage: float | None,
+    share_known: float | None,
+) -> dict[str, Any]:
+    if held is None or (coverage is None and share_known is None):
+        return {}
+    return {KEY: rules_of(held, classes, coding, coverage=coverage, share_known=share_known)}
+
+
+def _of_rows(
+    recipe: Recipe, data: Dataset, origins: Origins, threads: int | None
+) -> Callable[[Partition], _core.Model]:
     """Return the function that trains on the rows of a partition."""
 
     def fitted(partition: Partition) -> _core.Model:
         X, y = data.X[partition.train], data.y[partition.train]
-        parts = _fitted(recipe, X, y, data.rate_hz, posterior=False, threads=threads)
-        return core_of(parts, axes=data.axes, samples=X if parts.spec.raw else None)
+        pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
+        parts = parts_of(fit_pipeline(pipeline, X, y, origins, partition.train), data.rate_hz)
+        return core_of(parts, axes=data.axes, samples=X if parts.takes_samples else None)
 
     return fitted
-
-
-def _fitted(
-    recipe: Recipe,
-    X: FloatArray,
-    y: npt.NDArray[np.str_],
-    rate_hz: float,
-    *,
-    posterior: bool,
-    threads: int | None,
-) -> Parts:
-    return parts_of(recipe.pipeline(rate_hz, posterior=posterior, threads=threads).fit(X, y), rate_hz)

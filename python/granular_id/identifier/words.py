@@ -6,8 +6,11 @@ from collections.abc import Mapping
 from textwrap import shorten
 from typing import Any
 
+from granular_id import _core
+from granular_id.features import FeatureSpec
 from granular_id.identifier.answers import Answers
 from granular_id.identifier.early import outcome_text
+from granular_id.identifier.sure import Rules
 
 __all__ = ["description", "promises"]
 
@@ -34,12 +37,14 @@ def description(model: Answers) -> list[str]:
     lines = [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {lead}",
-        f"features: {model.space}, {core.n_features} numbers{_histogram(spec)}",
+        f"features: {model.space}, {core.n_features} numbers{_content(spec)}",
+        *_bands(spec),
         f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
         f"{'' if core.sigmoid is None else ', probabilities by ' + core.metadata['posterior']}",
         f"size: {size / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
     ]
+    lines += _choice(trained.get("choice"))
     counts = trained.get("recordings", {})
     if counts:
         each = sorted(set(counts.values()))
@@ -71,6 +76,7 @@ def promises(model: Answers) -> list[str]:
     else:
         lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
     lines.append(f"early answers: {_early(model, trained.get('early'))}")
+    lines += _confidence(Rules.of(model.core))
     notes = trained.get("notes", [])
     lines += [note if note.startswith("warning: ") else f"note: {note}" for note in notes[:_MOST_NOTES]]
     if len(notes) > _MOST_NOTES:
@@ -78,7 +84,25 @@ def promises(model: Answers) -> list[str]:
     return lines
 
 
-def _histogram(spec: Any) -> str:
+def _confidence(rules: Rules) -> list[str]:
+    """Say what candidates and refusals are worth."""
+    lines = []
+    if rules.conformal is not None:
+        (level,) = rules.conformal.levels[-1:]
+        lines.append(
+            f"candidates: hold the right material of {100 * level:g} % of recordings like those held out"
+        )
+        lines += [f"  {note}" for note in rules.conformal.notes]
+    if rules.unknown is not None:
+        share = 100 * rules.unknown.share_known
+        lines.append(f"unknown materials: refused, with {100 - share:.3g} % of recordings of the known ones")
+        lines += [f"  {note}" for note in rules.unknown.notes]
+    return lines
+
+
+def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:
+    if not isinstance(spec, FeatureSpec):
+        return ": " + ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items())
     if not spec.hfmh:
         return ""
     ranges = spec.bin_range
@@ -86,6 +110,33 @@ def _histogram(spec: Any) -> str:
         "ranges of each axis" if isinstance(ranges[0], tuple) else f"{ranges[0]:g} to {ranges[1]:g} N and N m"
     )
     return f"; histogram of {spec.n_bins} bins, {within}, above {spec.cutoff_hz:g} Hz"
+
+
+def _bands(spec: FeatureSpec | _core.MultiBandExtractor) -> list[str]:
+    """Give the edges of each band, and its typical size per axis in the training recordings."""
+    if isinstance(spec, FeatureSpec):
+        return []
+    lines = ["  band, Hz: typical size of each axis, N and N m"]
+    for number, ((low, high, *_), scales) in enumerate(zip(spec.bands, spec.scales, strict=True)):
+        edges = "all but the mean" if number == 0 else f"{low:.3g} to {high:.3g}"
+        lines.append(f"  {edges}: {' '.join(f'{scale:.2g}' for scale in scales)}")
+    if "level" in spec.blocks:
+        lines.append(f"  level: {' '.join(f'{scale:.2g}' for scale in spec.level_scales)}")
+    return lines
+
+
+def _choice(choice: Mapping[str, Any] | None) -> list[str]:
+    """Say what was chosen of how many, on what."""
+    if not choice:
+        return []
+    tried, chosen = len(choice["machines"]), choice["chosen"]
+    lines = [f"chosen: {'; '.join(chosen)} ({len(chosen)} of {tried} tried)", f"  on {choice['note']}"]
+    reached = choice["accuracy_on_the_folds_that_chose"]
+    if reached is not None:
+        lines.append(
+            f"  {100 * reached:.1f} % there, on the recordings that chose it: not what to expect of new ones"
+        )
+    return lines
 
 
 def _accuracy(estimate: Mapping[str, Any]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from granular_id._core import AXES
+from granular_id.features import FeatureSpec
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.held_out import N_CHECKPOINTS
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
@@ -132,13 +133,15 @@ class LiveIdentifier:
         self._views = Views([]) if views is None else views
         self._reader = stream.buffer.reader(from_oldest=True)
         self._answer = StreamingIdentifier(model)
-        self._n_looks = 0
+        self._n_looks = self._n_moments = 0
+        # Multi-band features are computed anew for each answer, others have grown with the rows.
+        self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
         self._always = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
         capture = self.new_capture()
         self._builder = SnapshotBuilder(
             info.rate_hz,
-            model.spec,
+            model.spec if isinstance(model.spec, FeatureSpec) else None,
             model.classes,
             n_samples=model.n_samples,
             source=info.name,
@@ -164,7 +167,8 @@ class LiveIdentifier:
         Parameters
         ----------
         on_decision : callable, optional
-            Called with the provisional decision whenever rows of the push have come in.
+            Called with each new provisional decision: whenever rows of the push have come in, with multi-band features
+            at most as often as the early rule is looked at.
 
         Returns
         -------
@@ -173,15 +177,16 @@ class LiveIdentifier:
         """
         capture, warned = self.new_capture(), set[str]()
         self._answer.reset()
-        self._n_looks = 0
+        self._n_looks = self._n_moments = 0
         self._builder.begin_capture()
         decision: Decision | None = None
         steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
         with closing(steps):
             for step in steps:
-                decision = self._take(step, capture, warned) or decision
-                if len(step.rows) and decision is not None and on_decision is not None:
-                    on_decision(decision)
+                new = self._take(step, capture, warned)
+                if new is not None and on_decision is not None:
+                    on_decision(new)
+                decision = new or decision
                 if self._early and decision is not None and self._is_answer(decision):
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
@@ -221,9 +226,13 @@ class LiveIdentifier:
 
     def _is_answer(self, decision: Decision) -> bool:
         """Whether a decision may be given before the end: settled, or sure at a moment that the rule looks at."""
-        n_looks = decision.n_seen * N_CHECKPOINTS // self.model.n_samples
+        n_looks = self._moment(decision.n_seen)
         due, self._n_looks = n_looks > self._n_looks, n_looks
         return decision.settled or (due and decision.sure)
+
+    def _moment(self, n_seen: int) -> int:
+        """Count the moments that have passed at which the rule for early answers was calibrated."""
+        return n_seen * N_CHECKPOINTS // self.model.n_samples
 
     def _take(self, step: Step, capture: Capture, warned: set[str]) -> Decision | None:
         self._builder.rows(step.block)
@@ -236,7 +245,9 @@ class LiveIdentifier:
             if warning not in warned:
                 warned.add(warning)
                 self._answer.warn(warning)
-        return self._answer.decision()
+        moment = self._moment(self._answer.n_seen)
+        is_due, self._n_moments = moment > self._n_moments, moment
+        return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
 
     def _finished(self, capture: Capture, decision: Decision | None) -> Push:
         truth = self.stream.truth

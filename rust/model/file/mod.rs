@@ -9,8 +9,14 @@ mod read;
 mod spec;
 mod write;
 
-/// The version of the format.
-pub(super) const VERSION: &str = "1";
+/// Versions of the format that are read, as it says in a fault.
+pub(super) const VERSIONS: &str = "1 and 2";
+
+/// The version of a file with samples and histograms: older readers understand it.
+const ADDITIVE: &str = "1";
+
+/// The version of a file with multi-band features.
+const MULTIBAND: &str = "2";
 
 /// What the metadata calls the format.
 const FORMAT: &str = "granular_id.identifier";

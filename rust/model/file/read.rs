@@ -7,7 +7,8 @@ use std::path::Path;
 use safetensors::SafeTensors;
 use sha2::{Digest, Sha256};
 
-use super::{header, json, spec, FORMAT, MAX_FILE_BYTES, VERSION};
+use super::{header, json, spec, ADDITIVE, FORMAT, MAX_FILE_BYTES, MULTIBAND};
+use crate::model::extraction::Features;
 use crate::model::fault::{Fault, FileFault};
 use crate::model::loss::{Decoding, Loss};
 use crate::model::notes::{take, Entries, Notes};
@@ -18,8 +19,16 @@ use crate::number_table::shown;
 
 /// The tensors of every model, then those that it may have.
 pub(super) const REQUIRED: [&str; 3] = ["coding_matrix", "coef", "intercept"];
-pub(super) const OPTIONAL: [&str; 6] =
-    ["early", "posterior_weights", "raw_high", "raw_low", "raw_mean", "sigmoid"];
+pub(super) const OPTIONAL: [&str; 8] = [
+    "band_scales",
+    "early",
+    "level_scales",
+    "posterior_weights",
+    "raw_high",
+    "raw_low",
+    "raw_mean",
+    "sigmoid",
+];
 
 /// The entries of the metadata, all of which every model has, but for the format and its version.
 const ENTRIES: [&str; 15] = [
@@ -48,7 +57,7 @@ impl Model {
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, Fault> {
         check_size(bytes.len() as u64, max_file_bytes)?;
         let mut entries = header::metadata(header::text(bytes)?)?;
-        check_format(&mut entries)?;
+        let version = version(&mut entries)?;
         if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
             return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
         }
@@ -58,7 +67,7 @@ impl Model {
             return Err(Fault::Hash);
         }
         let parts = ModelParts {
-            spec: spec::read(&spec_text)?,
+            features: features(version, &spec_text, &tensors)?,
             n_samples: count(&mut entries, "n_samples")?,
             n_axes: count(&mut entries, "n_axes")?,
             coef: tensors.required("coef")?,
@@ -110,16 +119,31 @@ fn check_size(bytes: u64, max: usize) -> Result<(), Fault> {
     }
 }
 
-/// Is it a model at all, and of the version that is read here?
-fn check_format(entries: &mut Entries) -> Result<(), Fault> {
+/// The version of a model file, if it is one that is read here.
+fn version(entries: &mut Entries) -> Result<&'static str, Fault> {
     if entries.remove("format").as_deref() != Some(FORMAT) {
         return Err(Fault::Foreign { what: "this is a safetensors file of something else" });
     }
     let version = take(entries, "format_version")?;
-    if version != VERSION {
-        return Err(Fault::Version { got: shown(version.as_bytes()) });
+    let known = [ADDITIVE, MULTIBAND].into_iter().find(|known| *known == version);
+    known.ok_or_else(|| Fault::Version { got: shown(version.as_bytes()) })
+}
+
+/// What is extracted, as a version of the format says it.
+fn features<'a>(version: &str, text: &str, tensors: &Tensors<'a>) -> Result<Features<'a>, Fault> {
+    if version == MULTIBAND {
+        return Ok(Features::MultiBand {
+            spec: spec::read_multiband(text)?,
+            band_scales: tensors.required("band_scales")?,
+            level_scales: tensors.optional("level_scales")?,
+        });
     }
-    Ok(())
+    for name in ["band_scales", "level_scales"] {
+        if tensors.optional(name)?.is_some() {
+            return Err(Fault::Alone { name, needed: "multi-band features" });
+        }
+    }
+    Ok(Features::Additive(spec::read(text)?))
 }
 
 /// SHA-256 of a text in hexadecimal digits.

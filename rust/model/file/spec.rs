@@ -6,8 +6,12 @@ use super::json::{self, Json};
 use crate::features::Initial;
 use crate::histogram::Outside;
 use crate::model::fault::Fault;
+use crate::multiband::{Block, MultiBandSpec};
 use crate::names::listed;
 use crate::FeatureSpec;
+
+/// Which definition of bands and blocks is meant: a model of another one would see other numbers.
+const DEFINITION: usize = 1;
 
 /// The specification as one line, names in order.
 pub(super) fn write(spec: &FeatureSpec) -> String {
@@ -44,6 +48,35 @@ pub(super) fn read(text: &str) -> Result<FeatureSpec, Fault> {
     };
     object.end()?;
     Ok(spec)
+}
+
+/// Multi-band features as one line, names in order.
+pub(super) fn write_multiband(spec: &MultiBandSpec) -> String {
+    let named = Block::NAMED.into_iter().filter(|(_, block)| spec.wants(*block));
+    let blocks: Vec<_> = named.map(|(name, _)| name).collect();
+    json!({ "blocks": blocks, "multiband": DEFINITION, "rate_hz": spec.rate_hz }).to_string()
+}
+
+/// The multi-band features that a text describes, nothing left out and nothing added.
+pub(super) fn read_multiband(text: &str) -> Result<MultiBandSpec, Fault> {
+    let mut object = json::object("feature_spec", text)?;
+    let wanted = format!("a list of blocks in the order {}", Block::NAMED.map(|(name, _)| name).join(", "));
+    let [coupling, quantiles, envelope, spectrum, level] = object.take("blocks", &wanted, blocks)?;
+    object.take("multiband", "1, the definition that is known here", |value| {
+        count(value).filter(|definition| *definition == DEFINITION)
+    })?;
+    let rate_hz = object.take("rate_hz", "a number", Json::number)?;
+    object.end()?;
+    Ok(MultiBandSpec { rate_hz, coupling, quantiles, envelope, spectrum, level })
+}
+
+/// Which blocks a list names, if it does so once each and in order.
+fn blocks(value: Json) -> Option<[bool; 5]> {
+    let Json::List(list) = value else { return None };
+    let names: Vec<_> = list.into_iter().map(Json::text).collect::<Option<_>>()?;
+    let has = Block::NAMED.map(|(block, _)| names.iter().any(|name| name == block));
+    let in_order = Block::NAMED.iter().zip(has).filter(|(_, has)| *has).map(|((name, _), _)| *name);
+    names.iter().map(String::as_str).eq(in_order).then_some(has)
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole and small enough to be exact

@@ -3,7 +3,8 @@
 use serde_json::{json, Map, Value};
 
 use super::read::{hash, OPTIONAL, REQUIRED};
-use super::{json, spec, FORMAT, LENGTH_BYTES, MAX_HEADER_BYTES, VERSION};
+use super::{json, spec, ADDITIVE, FORMAT, LENGTH_BYTES, MAX_HEADER_BYTES, MULTIBAND};
+use crate::model::extraction::Extraction;
 use crate::model::fault::Fault;
 use crate::model::trained::Model;
 
@@ -37,14 +38,17 @@ impl Model {
     /// The header, filled up with blanks so that the numbers behind it are aligned.
     fn header(&self) -> String {
         let mut entries = self.notes.entries();
-        let spec = spec::write(self.extractor.spec());
+        let (version, spec) = match &self.extraction {
+            Extraction::Additive { extractor, .. } => (ADDITIVE, spec::write(extractor.spec())),
+            Extraction::MultiBand(multiband) => (MULTIBAND, spec::write_multiband(multiband.spec())),
+        };
         let own = [
             ("classes", json::list(&self.classes)),
             ("decoding", self.decoding.name().to_owned()),
             ("feature_spec_sha256", hash(&spec)),
             ("feature_spec", spec),
             ("format", FORMAT.to_owned()),
-            ("format_version", VERSION.to_owned()),
+            ("format_version", version.to_owned()),
             ("loss", self.loss.name().to_owned()),
             ("n_axes", self.n_axes.to_string()),
             ("n_samples", self.n_samples.to_string()),
@@ -83,7 +87,8 @@ impl Model {
             ),
             list(REQUIRED[2], self.intercepts()),
         ];
-        let [early, posterior_weights, raw_high, raw_low, raw_mean, sigmoid] = OPTIONAL;
+        let [band_scales, early, level_scales, posterior_weights, raw_high, raw_low, raw_mean, sigmoid] =
+            OPTIONAL;
         let lists = [
             (posterior_weights, &self.posterior_weights),
             (raw_high, &self.raw_high),
@@ -101,6 +106,13 @@ impl Model {
                     Box::new(move |index| values[index]),
                 ));
             }
+        }
+        if let Some(multiband) = self.multiband() {
+            let scales = multiband.scales();
+            let shape = vec![multiband.n_bands(), self.n_axes];
+            let bands = &scales.bands;
+            tensors.push((band_scales, shape, bands.len(), Box::new(move |index| bands[index])));
+            tensors.extend(multiband.spec().level.then(|| list(level_scales, &scales.level)));
         }
         tensors.sort_by_key(|(name, ..)| *name);
         tensors

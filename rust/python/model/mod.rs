@@ -11,13 +11,14 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
+use super::multiband::PyMultiBandExtractor;
 use super::scalars::{count, word};
 use super::spec::PyFeatureSpec;
-use crate::model::{Decoding, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
+use crate::model::{Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
 use crate::Model;
 pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
-use parts::{labels, notes, Borrowed};
+use parts::{labels, notes, Borrowed, Spec};
 
 /// Samples of the paper's recordings.
 const PAPER_SAMPLES: usize = 1600;
@@ -26,10 +27,11 @@ const PAPER_SAMPLES: usize = 1600;
 ///
 /// Parameters
 /// ----------
-/// spec : FeatureSpec
-///     What is extracted from a recording.
+/// spec : FeatureSpec or MultiBandExtractor
+///     What is extracted from a recording: samples and counts, or multi-band features with their scales.
 /// coef : array_like, shape (L, D)
-///     Weights of L linear learners for D features, in the order of `granular_id.extract_features`.
+///     Weights of L linear learners for D features, in the order of `granular_id.extract_features` or of
+///     `MultiBandExtractor.names`.
 /// intercept : array_like, shape (L,)
 ///     Intercepts.
 /// coding_matrix : array_like, shape (K, L)
@@ -41,9 +43,9 @@ const PAPER_SAMPLES: usize = 1600;
 /// decoding : str, default "loss_weighted"
 ///     Or "loss_based".
 /// n_samples : int, default 1600
-///     Samples of a recording; the default is the paper's.
+///     Samples of a recording; the default is the paper's, or what a `MultiBandExtractor` was made for.
 /// n_axes : int, default 6
-///     Axes of a sample.
+///     Axes of a sample; likewise.
 /// metadata : mapping of str to str, optional
 ///     What describes the model and changes no answer: "axes" and "units" (JSON lists), "coding", "posterior",
 ///     "training_sha256", "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object).
@@ -97,7 +99,7 @@ impl PyModel {
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
     fn new(
-        spec: &Bound<'_, PyFeatureSpec>,
+        spec: &Bound<'_, PyAny>,
         coef: &Bound<'_, PyAny>,
         intercept: &Bound<'_, PyAny>,
         coding_matrix: &Bound<'_, PyAny>,
@@ -114,9 +116,11 @@ impl PyModel {
         sigmoid: Option<&Bound<'_, PyAny>>,
         posterior_weights: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let n_axes =
-            n_axes.map_or(Ok(crate::wrench::AXES.len()), |value| count(value, "n_axes", MAX_AXES))?;
-        let n_samples = n_samples.map_or(Ok(PAPER_SAMPLES), |value| count(value, "n_samples", MAX_WINDOW))?;
+        let spec = Spec::of(spec)?;
+        let (own_samples, own_axes) = spec.shape().unwrap_or((PAPER_SAMPLES, crate::wrench::AXES.len()));
+        let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
+        let n_samples = n_samples.map_or(Ok(own_samples), |value| count(value, "n_samples", MAX_WINDOW))?;
+        spec.check_shape(n_samples, n_axes)?;
         let arrays = [
             ("coef", Some(coef)),
             ("intercept", Some(intercept)),
@@ -135,7 +139,7 @@ impl PyModel {
         let mut next = || tensors.next().flatten();
         let nothing = || Tensor::new(Vec::new(), &[]);
         let parts = ModelParts {
-            spec: spec.get().extractor.spec().clone(),
+            features: spec.features(),
             n_samples,
             n_axes,
             coef: next().unwrap_or_else(nothing),
@@ -195,8 +199,20 @@ impl PyModel {
     }
 
     #[getter]
-    fn spec(&self) -> PyFeatureSpec {
-        PyFeatureSpec { extractor: self.model.extractor().clone() }
+    fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(match self.model.extraction() {
+            Extraction::Additive { extractor, .. } => {
+                Bound::new(py, PyFeatureSpec { extractor: extractor.clone() })?.into_any()
+            }
+            Extraction::MultiBand(multiband) => {
+                Bound::new(py, PyMultiBandExtractor::of(multiband.clone()))?.into_any()
+            }
+        })
+    }
+
+    #[getter]
+    fn rate_hz(&self) -> f64 {
+        self.model.rate_hz()
     }
 
     #[getter]
@@ -304,7 +320,7 @@ impl PyModel {
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
         let parts =
-            (self.spec(), self.coef(py)?, self.intercept(py), self.coding_matrix(py)?, self.classes(py)?);
+            (self.spec(py)?, self.coef(py)?, self.intercept(py), self.coding_matrix(py)?, self.classes(py)?);
         let keywords = PyDict::new(py);
         keywords.set_item("loss", self.loss())?;
         keywords.set_item("decoding", self.decoding())?;

@@ -42,7 +42,7 @@ use crate::BatchShape;
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "MultiBandExtractor", module = "granular_id._core")]
 pub(super) struct PyMultiBandExtractor {
-    design: MultiBand,
+    pub(super) design: MultiBand,
     /// Of the last single recording, for the next one.
     spare: Mutex<Option<Workspace>>,
 }
@@ -213,6 +213,11 @@ impl PyMultiBandExtractor {
 }
 
 impl PyMultiBandExtractor {
+    /// One that is designed already.
+    pub(super) fn of(design: MultiBand) -> Self {
+        Self { design, spare: Mutex::new(None) }
+    }
+
     fn each<'py>(
         &self,
         recordings: &Bound<'py, PyAny>,

@@ -38,7 +38,8 @@ use crate::stream::StreamingIdentifier;
 /// Notes
 /// -----
 /// Scores of a complete window are those of `Model.scores`, bit for bit. Before, samples that have not arrived count as
-/// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``.
+/// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are
+/// those of the rows so far, computed when an answer is asked for.
 ///
 /// All memory is allocated by the constructor. One object may be used from several threads: calls take their turn.
 ///
@@ -115,7 +116,7 @@ impl PyStreamingIdentifier {
         // Copies first: nothing of Python's is made while the stream is locked.
         let (scores, losses, first_row, rest) = {
             let mut stream = self.locked(py);
-            let first_row = stream.stream().first_row();
+            let first_row = stream.first_row();
             let at = stream.standing()?;
             let rest = (at.margin, at.is_final, at.is_settled, at.is_sure, at.n_seen);
             (at.scores.to_vec(), at.losses.to_vec(), first_row, rest)
@@ -149,17 +150,17 @@ impl PyStreamingIdentifier {
 
     #[getter]
     fn n_seen(&self, py: Python<'_>) -> usize {
-        self.locked(py).stream().n_seen()
+        self.locked(py).n_seen()
     }
 
     #[getter]
     fn is_complete(&self, py: Python<'_>) -> bool {
-        self.locked(py).stream().is_complete()
+        self.locked(py).is_complete()
     }
 
     #[getter]
     fn first_row(&self, py: Python<'_>) -> u64 {
-        self.locked(py).stream().first_row()
+        self.locked(py).first_row()
     }
 
     #[getter]

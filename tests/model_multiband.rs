@@ -1,0 +1,298 @@
+//! Models of multi-band features: scores of a plain twin, streams against whole recordings, and their files.
+
+// Results are exact.
+#![allow(clippy::float_cmp)]
+
+use std::sync::Arc;
+
+use granular_id::model::{Fault, Features, MAX_FILE_BYTES, MAX_MULTIBAND_AXES};
+use granular_id::multiband::MultiBandSpec;
+use granular_id::stream::StreamingIdentifier;
+use granular_id::{Error, Model};
+use proptest::prelude::*;
+
+#[path = "twins/models.rs"]
+#[allow(dead_code)] // the additive ones
+mod models;
+#[path = "twins/signals.rs"]
+#[allow(dead_code)] // strategies of filters
+mod signals;
+
+use models::random_banded;
+use signals::{bits, uniform};
+
+fn noise(seed: u64, n: usize) -> Vec<f64> {
+    let mut noise = uniform(seed);
+    (0..n).map(|_| 3.0 * noise()).collect()
+}
+
+/// Any selection of blocks but none.
+fn spec() -> impl Strategy<Value = MultiBandSpec> {
+    (1..32_u8).prop_map(|bits| {
+        let has = |place: u8| bits >> place & 1 == 1;
+        MultiBandSpec {
+            rate_hz: 500.0,
+            coupling: has(0),
+            quantiles: has(1),
+            envelope: has(2),
+            spectrum: has(3),
+            level: has(4),
+        }
+    })
+}
+
+/// Scores of the beginning of a recording in the order of addition that is promised, one number at a time.
+fn twin(model: &Model, rows: &[f64]) -> Vec<f64> {
+    let multiband = model.multiband().unwrap();
+    let mut features = vec![0.0; multiband.n_features()];
+    multiband.extract_into(rows, &mut multiband.workspace(), &mut features).unwrap();
+    let score = |learner: usize| {
+        let mut sum = 0.0;
+        for (j, value) in features.iter().enumerate().filter(|(_, value)| **value != 0.0) {
+            sum += model.coef(learner, j) * value;
+        }
+        model.intercepts()[learner] + sum
+    };
+    (0..model.n_learners()).map(score).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn batch_stream_and_twin_agree_in_every_bit(
+        spec in spec(),
+        n_classes in 2..6_usize,
+        (n_samples, n_axes) in (4..300_usize, 1..7_usize),
+        n in 1..6_usize,
+        blocks in prop::collection::vec(0..50_usize, 1..9),
+        seed in 0..1000_u64,
+    ) {
+        let model = Arc::new(random_banded(n_classes, n_samples, n_axes, spec));
+        let wrench = noise(seed, n * n_samples * n_axes);
+        let scores = model.scores(&wrench, n, 2).unwrap();
+        prop_assert_eq!(bits(&scores), bits(&model.scores(&wrench, n, 1).unwrap()));
+        let again = Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES).unwrap();
+        prop_assert_eq!(&again, &*model);
+        prop_assert_eq!(again.to_bytes(), model.to_bytes());
+        prop_assert_eq!(bits(&again.scores(&wrench, n, 1).unwrap()), bits(&scores));
+        let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
+        let recordings = wrench.chunks_exact(n_samples * n_axes).zip(scores.chunks_exact(model.n_learners()));
+        for (recording, scores) in recordings {
+            prop_assert_eq!(bits(scores), bits(&twin(&model, recording)));
+            stream.reset();
+            let mut taken = 0;
+            for size in blocks.iter().copied().chain([1]).cycle() {
+                let rows = &recording[taken * n_axes..(taken + size).min(n_samples) * n_axes];
+                taken += stream.push(rows).unwrap();
+                if taken == n_samples {
+                    break;
+                }
+                if taken > 0 && size > 20 {
+                    let so_far = twin(&model, &recording[..taken * n_axes]);
+                    prop_assert_eq!(bits(stream.scores().unwrap()), bits(&so_far));
+                }
+                let standing = stream.standing().unwrap();
+                prop_assert!(!standing.is_final && !standing.is_settled);
+            }
+            prop_assert_eq!(bits(stream.scores().unwrap()), bits(scores));
+            let wanted = model.identify(recording).unwrap();
+            let standing = stream.standing().unwrap();
+            prop_assert_eq!(bits(standing.losses), bits(&wanted.losses));
+            prop_assert_eq!((standing.best, standing.is_final, standing.is_settled), (wanted.best, true, true));
+        }
+    }
+
+    #[test]
+    fn every_window_of_a_stream_is_a_recording(
+        (n_samples, hop) in (8..80_usize, 1..120_usize),
+        block in 1..40_usize,
+        seed in 0..1000_u64,
+    ) {
+        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
+        let rows = noise(seed, 2 * 400);
+        let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
+        let (mut taken, mut windows) = (0, 0);
+        while taken < 400 {
+            taken += stream.push(&rows[2 * taken..2 * (taken + block).min(400)]).unwrap();
+            if stream.is_complete() {
+                let first = windows * hop;
+                prop_assert_eq!(stream.first_row(), first as u64);
+                let wanted = model.scores(&rows[2 * first..2 * (first + n_samples)], 1, 1).unwrap();
+                prop_assert_eq!(bits(stream.scores().unwrap()), bits(&wanted));
+                stream.advance().unwrap();
+                windows += 1;
+            }
+        }
+        prop_assert_eq!(windows, (400 - n_samples) / hop + 1);
+    }
+}
+
+/// 200 recordings of the paper's size in rows and blocks.
+#[test]
+fn recordings_of_the_papers_size_differ_in_no_bit() {
+    let model = Arc::new(random_banded(11, 1600, 6, MultiBandSpec::default()));
+    let wrench = noise(1, 200 * 9600);
+    let wanted = model.scores(&wrench, 200, 2).unwrap();
+    let mut stream = StreamingIdentifier::new(model, None).unwrap();
+    for (k, (recording, wanted)) in wrench.chunks_exact(9600).zip(wanted.chunks_exact(55)).enumerate() {
+        for block in recording.chunks(6 * (1 + k % 40)) {
+            stream.push(block).unwrap();
+        }
+        assert!(bits(stream.scores().unwrap()) == bits(wanted), "recording {k}");
+        stream.reset();
+    }
+}
+
+#[test]
+fn before_the_first_row_there_are_intercepts_and_a_refused_row_changes_nothing() {
+    let model = Arc::new(random_banded(3, 16, 2, MultiBandSpec::default()));
+    let rows = noise(4, 32);
+    let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
+    assert_eq!(stream.scores().unwrap(), model.intercepts());
+    stream.push(&rows[..12]).unwrap();
+    let before = stream.scores().unwrap().to_vec();
+    let error = stream.push(&[0.0, 0.0, 0.0, f64::INFINITY]).unwrap_err();
+    assert_eq!(error, Error::NonFiniteRow { row: 1, axis: 1, value: f64::INFINITY });
+    assert!(matches!(stream.push(&[0.0; 3]), Err(Error::Length { what: "wrench", expected: 2, got: 3 })));
+    assert!(matches!(stream.advance(), Err(Error::NoHop)));
+    assert_eq!(stream.scores().unwrap(), before);
+    assert_eq!(stream.push(&rows[12..]).unwrap(), 10);
+    assert_eq!(stream.scores().unwrap(), model.identify(&rows).unwrap().scores);
+    stream.reset();
+    assert_eq!(stream.scores().unwrap(), model.intercepts());
+}
+
+#[test]
+fn values_too_large_and_wrong_sizes_are_errors() {
+    let model = random_banded(3, 16, 2, MultiBandSpec::default());
+    let mut wrench = noise(5, 64);
+    wrench[40] = 1e200;
+    assert!(matches!(model.scores(&wrench, 2, 1), Err(Error::TooLoud { recording: 1, .. })));
+    wrench[3] = f64::NAN;
+    assert!(matches!(
+        model.scores(&wrench, 2, 1),
+        Err(Error::NonFinite { recording: 0, sample: 1, axis: 1, .. })
+    ));
+    assert_eq!(model.scores(&wrench, 1, 1), Err(Error::Length { what: "wrench", expected: 32, got: 64 }));
+    assert!(matches!(model.scores(&[], 0, 1), Err(Error::Empty { what: "wrench", .. })));
+    assert_eq!(model.scores(&noise(5, 32), 1, 0), Err(Error::Threads { threads: 0 }));
+    assert!(matches!(StreamingIdentifier::new(Arc::new(model), Some(0)), Err(Error::Hop)));
+}
+
+#[test]
+fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
+    let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
+    let good = random_banded(3, 5, 1, spec).to_bytes();
+    for len in 0..good.len() {
+        assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
+    }
+    let wrench = [0.25, -1.0, 2.0, 0.0, 1.0];
+    let mut read = 0;
+    for place in 0..good.len() {
+        for change in [1, 0x20, 0x80, 0xff] {
+            let mut bytes = good.clone();
+            bytes[place] ^= change;
+            let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
+            assert_eq!(Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES), Ok(model.clone()));
+            match model.identify(&wrench) {
+                Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
+                Err(error) => {
+                    assert!(matches!(error, Error::Score { .. } | Error::TooLoud { .. }), "{error}")
+                }
+            }
+            read += 1;
+        }
+    }
+    assert!(read > 100); // weights, scales and labels can be many things
+}
+
+/// What a small file with other sizes in its header is refused for.
+fn fault_of(change: impl FnOnce(String) -> String) -> Fault {
+    let model = random_banded(2, 8, 1, MultiBandSpec { level: true, ..MultiBandSpec::default() });
+    let good = model.to_bytes();
+    let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
+    let header = change(std::str::from_utf8(&good[8..end]).unwrap().to_owned());
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(header.bytes());
+    bytes.extend(&good[end..]);
+    Model::from_bytes(&bytes, MAX_FILE_BYTES).unwrap_err()
+}
+
+#[test]
+fn a_small_file_asks_for_no_large_recording() {
+    let with = |from: &'static str, to: &'static str| {
+        move |header: String| {
+            assert_eq!(header.matches(from).count(), 1, "{from} in {header}");
+            header.replace(from, to)
+        }
+    };
+    assert!(matches!(
+        fault_of(with("\"n_samples\":\"8\"", "\"n_samples\":\"1048576\"")),
+        Fault::Shape { name: "band_scales", .. }
+    ));
+    let both = |header: String| {
+        header
+            .replace("\"n_samples\":\"8\"", "\"n_samples\":\"1048576\"")
+            .replace("\"n_axes\":\"1\"", "\"n_axes\":\"2\"")
+    };
+    assert!(matches!(fault_of(both), Fault::Count { most: 1_048_576, .. }));
+    assert!(matches!(
+        fault_of(with("\"n_axes\":\"1\"", "\"n_axes\":\"200\"")),
+        Fault::Count { most: MAX_MULTIBAND_AXES, got: 200, .. }
+    ));
+    assert!(matches!(
+        fault_of(with("\"format_version\":\"2\"", "\"format_version\":\"1\"")),
+        Fault::Alone { name: "band_scales", .. }
+    ));
+    assert!(matches!(fault_of(with("coupling", "coupler")), Fault::Hash));
+}
+
+#[test]
+fn features_that_do_not_fit_are_faults() {
+    let parts = |features: Features<'static>| {
+        let model = random_banded(2, 8, 1, MultiBandSpec::default());
+        let coef: Vec<f64> = (0..model.n_features()).map(|feature| model.coef(0, feature)).collect();
+        models::parts_of(features, &coef, 8, 1).unwrap_err()
+    };
+    let spec = MultiBandSpec::default();
+    let one = granular_id::multiband::n_bands(8);
+    let good: &'static [f64] = vec![1.0; one].leak();
+    let tensor = |shape: Vec<usize>, values: &'static [f64]| granular_id::model::Tensor::new(shape, values);
+    let banded = |spec, band_scales, level_scales| Features::MultiBand { spec, band_scales, level_scales };
+    assert!(matches!(
+        parts(banded(spec, tensor(vec![one + 1, 1], good), None)),
+        Fault::Shape { name: "band_scales", .. }
+    ));
+    for value in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-200] {
+        let mut scales = vec![1.0; one];
+        scales[one - 1] = value;
+        let fault = parts(banded(spec, tensor(vec![one, 1], scales.leak()), None));
+        let known = match &fault {
+            Fault::Entry { key, .. } => *key == "band_scales",
+            Fault::NonFinite { name, .. } => *name == "band_scales",
+            Fault::Spec(Error::Scale { .. }) => value == 1e-200,
+            _ => false,
+        };
+        assert!(known, "{value}: {fault}");
+    }
+    let level = MultiBandSpec { level: true, ..spec };
+    let scales = || tensor(vec![one, 1], good);
+    assert_eq!(parts(banded(level, scales(), None)), Fault::MissingTensor { name: "level_scales" });
+    assert!(matches!(
+        parts(banded(spec, scales(), Some(tensor(vec![1], &[1.0])))),
+        Fault::Alone { name: "level_scales", .. }
+    ));
+    assert!(matches!(
+        parts(banded(level, scales(), Some(tensor(vec![2], &[1.0, 1.0])))),
+        Fault::Shape { name: "level_scales", .. }
+    ));
+    assert!(matches!(
+        parts(banded(level, scales(), Some(tensor(vec![1], &[0.0])))),
+        Fault::Entry { key: "level_scales", .. }
+    ));
+    let none = MultiBandSpec { coupling: false, quantiles: false, envelope: false, spectrum: false, ..spec };
+    assert!(matches!(parts(banded(none, scales(), None)), Fault::Spec(Error::NoBlocks { .. })));
+    let slow = MultiBandSpec { rate_hz: -1.0, ..spec };
+    assert_eq!(parts(banded(slow, scales(), None)), Fault::Spec(Error::Rate { rate_hz: -1.0 }));
+}

@@ -1,0 +1,237 @@
+"""Models of multi-band features: the labels of their pipelines, the same bits from streams, what was chosen."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+import multiband_twin as twin
+from cli_cases import ended_well, refused, saved
+from evaluation_cases import LABELS, make_data
+from granular_id import ECOCClassifier, FeatureSpec
+from granular_id.best import BestClassifier
+from granular_id.evaluation.origins import origins_of
+from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.identifier.banded import USUAL_BLOCKS
+from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.training import fit_pipeline
+from granular_id.identifier.words import description
+from granular_id.spaces import BlockScaler, WithinClassWhitening
+from granular_id.spaces.multiband import MultiBand
+
+
+@pytest.fixture(scope="module")
+def data():
+    return make_data(8)
+
+
+@pytest.fixture(scope="module")
+def new():
+    return make_data(5, seed=9)
+
+
+@pytest.fixture(scope="module")
+def best(data):
+    return Identifier.fit(data, "best", target_error=0.2, posterior="wu_lin_weng")
+
+
+def same_answers(identifier, pipeline, X):
+    """Labels equal; scores within the rounding of folding scaling and whitening into weights."""
+    assert identifier.predict(X).tolist() == pipeline.predict(X).tolist()
+    want = pipeline[-1].binary_scores(pipeline[:-1].transform(X))
+    np.testing.assert_allclose(identifier.scores(X), want, rtol=0, atol=1e-9 * (1 + np.abs(want).max()))
+
+
+@pytest.mark.parametrize(
+    ("space", "settings"),
+    [
+        ("multiband", {}),
+        ("multiband", {"coding": "onevsall", "loss": "linear", "C": 0.1}),
+        ("multiband+level", {"shrinkage": 1e-3}),
+        ("best", {}),
+    ],
+)
+def test_labels_and_scores_are_those_of_the_pipeline(data, new, space, settings):
+    identifier = Identifier.fit(data, space, estimate=False, **settings)
+    pipeline = Recipe(space=space, **settings).pipeline(500.0)
+    same_answers(identifier, fit_pipeline(pipeline, data.X, data.y, origins_of(data)), new.X)
+    assert identifier.classes == LABELS
+    assert identifier.space == (space if space != "best" else identifier.space)
+
+
+def test_pipelines_are_taken_over_whatever_scales_in_between(data, new):
+    for steps in (
+        [BlockScaler(), WithinClassWhitening(), ECOCClassifier()],
+        [StandardScaler(), ECOCClassifier(C=0.1)],
+        [ECOCClassifier(C=1e-3)],
+        [BlockScaler(), BestClassifier(n_folds=2)],
+    ):
+        pipeline = make_pipeline(MultiBand(), *steps).fit(data.X, data.y)
+        same_answers(Identifier.from_classifier(pipeline), pipeline, new.X)
+    with pytest.raises(TypeError, match="got MultiBand, MultiBand, ECOCClassifier"):
+        Identifier.from_classifier(make_pipeline(MultiBand(), MultiBand(), ECOCClassifier()))
+
+
+def test_features_are_those_of_the_definition(data, new):
+    identifier = Identifier.fit(data, "multiband+level", estimate=False)
+    spec, core = identifier.spec, identifier.core
+    scales, levels = twin.learned_scales(data.X)
+    np.testing.assert_allclose(spec.scales, scales, rtol=1e-9)
+    np.testing.assert_allclose(spec.level_scales, levels, rtol=1e-9)
+    rows = np.array([twin.features(x, scales, levels) for x in new.X])
+    np.testing.assert_allclose(rows @ core.coef.T + core.intercept, identifier.scores(new.X), atol=1e-6)
+
+
+def test_scores_add_up_in_the_order_that_the_file_promises(best, new):
+    core = best.core
+    for x in new.X[:3]:
+        sums = np.zeros(core.n_learners)
+        for weights, value in zip(core.coef.T, core.spec.extract(x), strict=True):
+            sums += weights * value
+        assert np.array_equal(core.intercept + sums, core.scores(x)[0])
+
+
+@pytest.mark.parametrize("size", [1, 7, 80])
+def test_a_stream_gives_the_bits_of_the_batch(best, new, size):
+    stream = StreamingIdentifier(best)
+    for k, x in enumerate(new.X[:4]):
+        stream.reset()
+        for start in range(0, len(x), size):
+            stream.push(x[start : start + size])
+            early = stream.decision()
+            assert early.settled == early.final == (stream.n_seen == len(x))
+        assert np.array_equal(stream.core.scores(), best.scores(new.X[k : k + 1])[0])
+        whole = best.identify(x)
+        assert (early.label, early.ranking, early.probability) == (
+            whole.label,
+            whole.ranking,
+            whole.probability,
+        )
+
+
+def test_a_provisional_answer_is_that_of_the_beginning(best, new):
+    stream, x = StreamingIdentifier(best), new.X[0]
+    stream.push(x[:33])
+    features = best.spec.extract(x[:33])
+    np.testing.assert_allclose(
+        stream.core.scores(), best.core.coef @ features + best.core.intercept, rtol=1e-9, atol=1e-9
+    )
+
+
+def test_windows_of_a_stream_are_recordings(best, new):
+    signal = np.concatenate(new.X[:3])
+    stream = StreamingIdentifier(best, hop=30)
+    taken = windows = 0
+    while taken < len(signal):
+        taken += stream.push(signal[taken : taken + 11])
+        if stream.is_complete:
+            first = stream.core.first_row
+            window = signal[first : first + best.n_samples]
+            assert np.array_equal(stream.core.scores(), best.scores(window)[0])
+            stream.next()
+            windows += 1
+    assert windows == (240 - 80) // 30 + 1
+
+
+def test_a_file_gives_back_the_same_model(best, new, tmp_path):
+    best.save(tmp_path / "m.safetensors")
+    same = Identifier.load(tmp_path / "m.safetensors")
+    assert same.core == best.core
+    assert same.spec == best.spec
+    assert (same.trained, same.space, same.rate_hz) == (best.trained, best.space, 500.0)
+    for other in (same, pickle.loads(pickle.dumps(best))):
+        assert np.array_equal(other.scores(new.X), best.scores(new.X))
+        assert np.array_equal(other.predict_proba(new.X), best.predict_proba(new.X))
+
+
+def test_the_same_training_gives_the_same_bytes(data):
+    one = Identifier.fit(data, "best", threads=1, target_error=0.2).core.to_bytes()
+    assert Identifier.fit(data, "best", threads=2, target_error=0.2).core.to_bytes() == one
+
+
+def test_what_was_chosen_is_known_and_said(best):
+    choice = best.trained["choice"]
+    assert choice["held_out"] == "sessions"
+    assert choice["chosen"]
+    assert len(choice["machines"]) == 8
+    assert best.trained["settings"]["space"] == "best"
+    lines = "\n".join(description(best))
+    assert f"chosen: {choice['chosen'][0]}" in lines
+    assert f"{len(choice['chosen'])} of 8 tried" in lines
+    assert "band, Hz: typical size of each axis" in lines
+    assert "  123 to 245: " in lines or "  122 to 245: " in lines
+    assert "480 quantiles" in lines or "quantiles" in lines
+
+
+def test_probabilities_of_the_chosen_machines_come_from_recordings_held_out(best, new):
+    chances = best.predict_proba(new.X)
+    np.testing.assert_allclose(chances.sum(axis=1), 1)
+    assert (chances >= 0).all()
+    assert np.mean(np.array(best.classes)[chances.argmax(axis=1)] == best.predict(new.X)) > 0.8
+
+
+def test_blocks_that_no_learner_hears_are_not_computed(data):
+    space = MultiBand(blocks=(*USUAL_BLOCKS, "level")).fit(data.X)
+    classifier = ECOCClassifier().fit(space.transform(data.X), data.y)
+    start = sum(space.block_sizes_.values()) - space.block_sizes_["level"]
+    deaf = BestClassifier(n_folds=2).fit(space.transform(data.X), data.y)
+    deaf.coef_[:, start:] = 0.0
+    identifier = Identifier.from_classifier(make_pipeline(space, deaf))
+    assert identifier.space == "multiband"
+    assert identifier.core.n_features == start
+    assert np.array_equal(identifier.core.coef, deaf.coef_[:, :start])
+    both = Identifier.from_classifier(make_pipeline(space, classifier))
+    assert both.space == "multiband+level"
+    assert both.core.n_features == classifier.coef_.shape[1]
+
+
+def test_settings_of_other_spaces_are_refused(data):
+    for settings, message in (
+        ({"space": "best", "C": 2.0}, "C must be left out with space='best', which chooses it itself"),
+        ({"space": "best", "coding": "onevsall"}, "coding must be left out with space='best', which chooses"),
+        ({"space": "best", "shrinkage": 0.1}, "shrinkage must be left out with space='best'"),
+        (
+            {"space": "multiband", "n_bins": 7},
+            "n_bins must be left out with space='multiband', which has no use",
+        ),
+        ({"space": "multiband", "bin_range": "auto"}, "bin_range must be left out with"),
+        ({"space": "multiband", "block_weights": "unit"}, "block_weights weigh two blocks"),
+        ({"space": "hfmh", "shrinkage": 0.1}, "shrinkage must be left out with space='hfmh'"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            Identifier.fit(data, **settings)
+
+
+def test_a_model_too_large_for_its_file_names_ways_out(data):
+    with pytest.raises(
+        ValueError, match=r"ways out: the space 'hfmh' .* the space 'multiband' with the coding"
+    ):
+        Identifier.fit(data, "best", max_file_bytes=10_000)
+
+
+def test_too_loud_and_too_short_recordings_are_refused_by_name(best):
+    with pytest.raises(ValueError, match="recording 1"):
+        best.predict(np.stack([np.zeros((80, 6)), np.full((80, 6), 1e200)]))
+    with pytest.raises(ValueError, match=r"wrench must have shape \(80, 6\)"):
+        best.predict(np.zeros((79, 6)))
+
+
+def test_the_command_line_trains_chooses_and_tells(tmp_path, data):
+    folder, file = saved(data, tmp_path / "data"), tmp_path / "m.safetensors"
+    out = ended_well("train", folder, "-o", file, "--target-error", 0.2)
+    assert "accuracy, held-out sessions: " in out
+    said = ended_well("model", "info", file, "--json", tmp_path / "m.json")
+    assert "features: multiband" in said
+    assert "chosen: " in said
+    known = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert known["trained"]["choice"]["chosen"]
+    assert len(known["spec"]["scales"]) == len(known["spec"]["bands"])
+    assert "named rightly" in ended_well("identify", file, folder)
+    line = refused("train", folder, "-o", tmp_path / "n", "--C", "3")
+    assert "--C must be left out with --space best" in line
+    paper = ended_well("train", folder, "-o", tmp_path / "p", "--space", "raw+hfmh", "--target-error", 0.2)
+    assert "accuracy, held-out sessions: " in paper
+    assert isinstance(Identifier.load(tmp_path / "p").spec, FeatureSpec)

@@ -1,0 +1,134 @@
+"""Candidates and refusals of a model: kept in its file, checked when read, the same from streams and batches."""
+
+import json
+
+import numpy as np
+import pytest
+
+from evaluation_cases import LABELS, make_data
+from granular_id import FeatureSpec
+from granular_id._core import Model, ModelFileError
+from granular_id.confidence import ConformalRule, UnknownRule
+from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.identifier.batch import identify_all
+from granular_id.identifier.sure import KEY, Rules
+from granular_id.identifier.words import promises
+
+
+@pytest.fixture(scope="module")
+def data():
+    return make_data(8)
+
+
+@pytest.fixture(scope="module")
+def identifier(data):
+    return Identifier.fit(data, "hfmh", coverage=0.8, share_known=0.9, target_error=0.2)
+
+
+def changed(core, trained):
+    return Model(
+        core.spec,
+        core.coef,
+        core.intercept,
+        core.coding_matrix,
+        core.classes,
+        n_samples=core.n_samples,
+        metadata={**core.metadata, "posterior": "", "trained": json.dumps(trained)},
+    )
+
+
+def test_rules_are_set_on_the_recordings_held_out_and_come_back(identifier, tmp_path):
+    rules = Rules.of(identifier.core)
+    assert rules.conformal.levels == (0.8,)
+    assert rules.conformal.n_calibration == (32,)
+    assert rules.unknown.share_known == 0.9
+    assert rules.conformal.classes == rules.unknown.classes == LABELS
+    assert rules.conformal.held_out == "held-out sessions"
+    identifier.save(tmp_path / "m.safetensors")
+    assert Rules.of(Identifier.load(tmp_path / "m.safetensors").core) == rules
+
+
+def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier, data):
+    rules, stream = Rules.of(identifier.core), StreamingIdentifier(identifier)
+    values = identifier.decision_function(data.X)
+    for k, x in enumerate(data.X[:6]):
+        stream.reset()
+        stream.push(x[:40])
+        early = stream.decision()
+        assert (early.candidates, early.unknown) == ((), None)
+        stream.push(x[40:])
+        decision = stream.decision()
+        assert decision.candidates == rules.conformal.names(values[k], at_least_one=True)
+        assert decision.unknown == (not rules.unknown.knows(values[k]))
+        assert decision.candidates[0] == decision.label
+        assert decision.to_dict()["candidates"] == list(decision.candidates)
+        assert identifier.identify(x).candidates == decision.candidates
+
+
+def test_batches_say_the_same_as_decisions(identifier, data):
+    batch = identify_all(identifier, data)
+    for named, x in zip(batch, data.X, strict=True):
+        decision = identifier.identify(x)
+        assert (named.candidates, named.unknown) == (decision.candidates, decision.unknown)
+    assert batch.to_dict()["recordings"][0]["candidates"] == list(batch.each[0].candidates)
+
+
+def test_a_signal_like_nothing_known_is_said_to_be(identifier):
+    loud = np.random.default_rng(0).normal(0, 0.5, (80, 6)) * [1, 0, 0, 0, 0, 1]
+    decision = identifier.identify(loud)
+    assert decision.unknown == ("like no known material" in str(decision))
+
+
+def test_a_model_without_rules_says_nothing(data):
+    plain = Identifier.fit(data, "hfmh", coverage=None, share_known=None, target_error=0.2)
+    assert KEY not in plain.trained
+    decision = plain.identify(data[0])
+    assert (decision.candidates, decision.unknown) == ((), None)
+    assert KEY not in Identifier.fit(data, "hfmh", estimate=False).trained
+    only = Identifier.fit(data, "hfmh", coverage=None, target_error=0.2)
+    assert list(only.trained[KEY]) == ["unknown"]
+
+
+def test_what_they_are_worth_is_said(identifier):
+    lines = promises(identifier)
+    assert "candidates: hold the right material of 80 % of recordings like those held out" in lines
+    assert "unknown materials: refused, with 10 % of recordings of the known ones" in lines
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda rules: [], "confidence must hold rules named conformal and unknown"),
+        (lambda rules: {"other": {}}, "confidence must hold rules named"),
+        (lambda rules: {"conformal": {}}, "must have format 'granular-id conformal rule 1'"),
+        (lambda rules: {"unknown": {**rules["unknown"], "more": 1}}, "unknown parts: more"),
+        (lambda rules: {"conformal": {**rules["conformal"], "levels": ["0.9"]}}, "must hold finite numbers"),
+        (
+            lambda rules: {"conformal": {**rules["conformal"], "classes": ["a", "b", "c", "d"]}},
+            "the rule is for other classes than the model",
+        ),
+    ],
+)
+def test_rules_that_are_none_are_refused_when_the_file_is_read(identifier, tmp_path, change, message):
+    trained = {**identifier.trained, KEY: change(identifier.trained[KEY])}
+    file = tmp_path / "m.safetensors"
+    file.write_bytes(changed(identifier.core, trained).to_bytes())
+    with pytest.raises(ModelFileError, match=message) as caught:
+        Identifier.load(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_shares_out_of_range_are_refused_before_anything_is_trained(data):
+    for name in ("coverage", "share_known"):
+        for value in (0.0, 1.0, -1):
+            with pytest.raises(ValueError, match=f"{name} must lie between 0 and 1"):
+                Identifier.fit(data, **{name: value})
+        with pytest.raises(TypeError, match=name):
+            Identifier.fit(data, **{name: "much"})
+
+
+def test_stored_rules_are_those_of_the_library(identifier):
+    stored = identifier.trained[KEY]
+    assert ConformalRule.from_dict(stored["conformal"]).to_dict() == stored["conformal"]
+    assert UnknownRule.from_dict(stored["unknown"]).to_dict() == stored["unknown"]
+    assert isinstance(identifier.spec, FeatureSpec)
