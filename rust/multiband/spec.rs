@@ -37,7 +37,8 @@ impl Block {
     pub const fn least_samples(self, n_axes: usize) -> usize {
         match self {
             Self::Coupling => super::coupling::least_samples(n_axes),
-            Self::Envelope | Self::Spectrum => 4,
+            Self::Envelope => 4,
+            Self::Spectrum => super::spectrum::LEAST_SAMPLES,
             Self::Quantiles | Self::Level => 1,
         }
     }

@@ -14,6 +14,9 @@ const BINS: usize = 40;
 /// Frequencies per bin at least; the logarithm of fewer is mostly chance.
 const MIN_WIDTH: usize = 3;
 
+/// Samples from which on there are more bins than octaves. A coarser spectrum only repeats the envelope.
+pub(super) const LEAST_SAMPLES: usize = 18;
+
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
 

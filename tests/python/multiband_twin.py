@@ -21,6 +21,7 @@ PROBABILITIES = (0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98)
 BINS_PER_OCTAVE, LOWEST, HIGHEST = 16, -6, 8  # of the histogram: 2**-6 to 2**8 of the scale
 STRETCHES = 4
 SPECTRUM_BINS = 40
+SPECTRUM_SAMPLES = 18  # from here on there are more bins than octaves
 MIN_WIDTH = 3  # frequencies per bin; the logarithm of fewer is mostly chance
 LEVEL_STRETCHES = 16
 BLOCKS = ("coupling", "quantiles", "envelope", "spectrum", "level")
@@ -177,7 +178,7 @@ def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None):
             out += [quantiles(y, s) for y, s in zip(signals, scales, strict=True)]
         elif block == "envelope" and n_samples >= STRETCHES:
             out += [envelope(y, s) for y, s in zip(signals, scales, strict=True)]
-        elif block == "spectrum" and n_samples >= STRETCHES:
+        elif block == "spectrum" and n_samples >= SPECTRUM_SAMPLES:
             out.append(spectrum(x, scales[0], n_samples))
         elif block == "level":
             out.append(level(x, level_scale))

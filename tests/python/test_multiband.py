@@ -130,7 +130,7 @@ def test_bands_and_frequencies_in_hertz(n_samples, rate_hz):
         assert np.isclose(high, twin.TOP * rate_hz / 2 / 2**k)
         assert np.isclose(low, high / 2)
         assert rate == rate_hz / 2 ** max(k - 1, 0)
-    at = np.array(twin.spectrum_edges(n_samples)) if n_samples >= 4 else np.array([0])
+    at = np.array(twin.spectrum_edges(n_samples)) if n_samples >= twin.SPECTRUM_SAMPLES else np.array([0])
     middles = (at[:-1] + at[1:] - 1) / 2 * rate_hz / n_samples
     np.testing.assert_allclose(extractor.frequencies_hz, middles)
 
@@ -164,3 +164,9 @@ def test_pickles_and_compares():
     np.testing.assert_array_equal(copy.extract(X), extractor.extract(X))
     assert extractor != MultiBandExtractor(50, 3)
     assert extractor != "extractor"
+
+
+def test_the_spectrum_of_short_recordings_is_finer_than_their_octaves_or_absent():
+    finer = [len(twin.spectrum_edges(n)) - 1 > twin.n_octaves(n) for n in range(4, 4000)]
+    assert all(finer[twin.SPECTRUM_SAMPLES - 4 :])
+    assert not finer[twin.SPECTRUM_SAMPLES - 5]
