@@ -15,12 +15,11 @@ from granular_id import ECOCClassifier, FeatureSpec
 from granular_id.best import BestClassifier
 from granular_id.evaluation.origins import origins_of
 from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.banded import USUAL_BLOCKS
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import fit_pipeline
 from granular_id.identifier.words import description
 from granular_id.spaces import BlockScaler, WithinClassWhitening
-from granular_id.spaces.multiband import MultiBand
+from granular_id.spaces.multiband import USUAL_BLOCKS, MultiBand
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ def test_one_constant_axis_among_others():
     X = signals(120, 4)
     X[:, :, 2] = 7.0
     extractor = learned(X)
-    # Its scale is a billionth of it, so that what filters leave by rounding shows in the definition; here there is none.
+    # Its scale is a billionth of it, so that rounding in the filters shows in the definition; here there is none.
     np.testing.assert_allclose(extractor.extract(X), expected(extractor, X), rtol=1e-9, atol=1e-3)
     X[:, :, 2] = 0.0
     assert_close(learned(X).extract(X), expected(learned(X), X))

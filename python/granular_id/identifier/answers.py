@@ -13,8 +13,8 @@ from granular_id import _core
 from granular_id.ecoc.posterior import Posterior
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import axes_of, lead_of
-from granular_id.identifier.banded import USUAL_BLOCKS
 from granular_id.recording import Dataset, Recording
+from granular_id.spaces.multiband import USUAL_BLOCKS
 
 __all__ = ["Answers", "probabilities"]
 

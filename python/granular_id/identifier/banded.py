@@ -6,16 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS
 
-__all__ = ["ALL_BLOCKS", "USUAL_BLOCKS", "blocks_of", "without_silent_blocks"]
+__all__ = ["blocks_of", "without_silent_blocks"]
 
 FloatArray = npt.NDArray[np.float64]
-
-USUAL_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
-"""Blocks of the space "multiband"."""
-
-ALL_BLOCKS = (*USUAL_BLOCKS, "level")
-"""Those of "multiband+level", and what "best" chooses from."""
 
 
 def blocks_of(space: str) -> tuple[str, ...] | None:

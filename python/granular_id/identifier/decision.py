@@ -65,8 +65,8 @@ class Decision:
         Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
         Empty for a provisional answer, and for a model without such a rule.
     unknown : bool or None
-        Whether the signal is like none of the materials that the model knows; None for a provisional answer, and without
-        such a rule.
+        Whether the signal is like none of the materials that the model knows; None for a provisional answer, and
+        without such a rule.
 
     Examples
     --------

@@ -20,11 +20,15 @@ from granular_id._core import MultiBandExtractor
 from granular_id.spaces.base import RecordingTransformer, check_rate
 from granular_id.spaces.blocks import FeatureBlock
 
-__all__ = ["FrequencyBand", "MultiBand"]
+__all__ = ["ALL_BLOCKS", "USUAL_BLOCKS", "FrequencyBand", "MultiBand"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
+USUAL_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
+"""Blocks that know as little as possible of the session."""
+
+ALL_BLOCKS = (*USUAL_BLOCKS, "level")
+"""Every block, in the order of the features."""
 
 # A scale below this share of the whole signal is rounding, not signal.
 _ROUNDING = 1e-9
@@ -133,7 +137,7 @@ class MultiBand(RecordingTransformer):
     dropped_: str
 
     def __init__(
-        self, *, rate_hz: float = 500.0, blocks: Sequence[str] = _BLOCKS, threads: int | None = None
+        self, *, rate_hz: float = 500.0, blocks: Sequence[str] = USUAL_BLOCKS, threads: int | None = None
     ) -> None:
         self.rate_hz = rate_hz
         self.blocks = blocks
@@ -211,7 +215,7 @@ def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
 
 
 def _dropped(extractor: MultiBandExtractor) -> str:
-    """What recordings of so few samples do not have."""
+    """Say what recordings of so few samples do not have."""
     sizes, n_axes = extractor.block_sizes, extractor.n_axes
     parts = [f"the {name} block" for name in extractor.blocks if name not in sizes]
     if "coupling" in sizes:

@@ -17,7 +17,7 @@ from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.fourier import DFT
 from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH
 from granular_id.spaces.histogram import RawHistogram
-from granular_id.spaces.multiband import MultiBand
+from granular_id.spaces.multiband import ALL_BLOCKS, MultiBand
 from granular_id.spaces.permutation import TimePermutation
 from granular_id.spaces.raw import RangeNormalizer, RawSignal
 from granular_id.spaces.tare import Tare
@@ -88,8 +88,8 @@ def feature_spaces(
     -------
     dict of str to FeatureSpace
         Those of the paper's table, best first: "raw+hfmh", "norm-raw+hfmh", "norm-raw", "hfmh", "raw+dft",
-        "norm-raw+dft", "dft", "raw", "pca+rica", "pca", "raw-histogram". Then ours, "multiband", and the control
-        "time-permuted".
+        "norm-raw+dft", "dft", "raw", "pca+rica", "pca", "raw-histogram". Then ours, "multiband" and
+        "best", which bring their own classifier, and the control "time-permuted".
 
     Notes
     -----
@@ -105,6 +105,8 @@ def feature_spaces(
     >>> [name for name, space in spaces.items() if space.control]
     ['time-permuted']
     """
+    from granular_id.best import BestClassifier  # noqa: PLC0415 (it stands on this package)
+
     filter_and_bins: dict[str, Any] = {
         "rate_hz": rate_hz,
         "cutoff_hz": cutoff_hz,
@@ -153,7 +155,15 @@ def feature_spaces(
             "multiband",
             MultiBand(rate_hz=rate_hz, threads=threads),
             None,
-            note="statistics of octave bands, not in the paper",
+            note="statistics of octave bands, blocks of equal weight; not in the paper",
+            classifier=BestClassifier(shrinkages=(None,), relative_costs=(1.0,)),
+        ),
+        FeatureSpace(
+            "best",
+            MultiBand(rate_hz=rate_hz, blocks=ALL_BLOCKS, threads=threads),
+            None,
+            note="multi-band; blocks, whitening and C chosen on recordings held out; not in the paper",
+            classifier=BestClassifier(optional_blocks=("level",)),
         ),
         FeatureSpace(
             "time-permuted",
