@@ -6,8 +6,8 @@ peers then filter, count and predict; ours has done so while the rows came, and 
 alternate, so that a change in the machine's speed meets all alike. The answers of all are compared.
 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
-weights have left the caches. `bands`: the same for a model of multi-band features, which computes all of them when it is
-asked; its answers are compared with those of its own whole recordings.
+weights have left the caches. `bands`: the same for a model of multi-band features, which computes all of them when it
+is asked; its answers are compared with those of its own whole recordings.
 """
 
 from __future__ import annotations
