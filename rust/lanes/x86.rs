@@ -99,7 +99,8 @@ impl Isa for X86 {
         let mut columns = [[0.0; 4]; 4];
         // SAFETY: AVX2 is there (see `X86`); every pointer is the start of an array of four.
         unsafe {
-            let [r0, r1, r2, r3] = [0, 1, 2, 3].map(|row: usize| _mm256_loadu_pd(rows[row].as_ptr()));
+            let (r0, r1) = (_mm256_loadu_pd(rows[0].as_ptr()), _mm256_loadu_pd(rows[1].as_ptr()));
+            let (r2, r3) = (_mm256_loadu_pd(rows[2].as_ptr()), _mm256_loadu_pd(rows[3].as_ptr()));
             let (a, b) = (_mm256_unpacklo_pd(r0, r1), _mm256_unpackhi_pd(r0, r1));
             let (c, d) = (_mm256_unpacklo_pd(r2, r3), _mm256_unpackhi_pd(r2, r3));
             _mm256_storeu_pd(columns[0].as_mut_ptr(), _mm256_permute2f128_pd::<0x20>(a, c));

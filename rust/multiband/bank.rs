@@ -1,7 +1,7 @@
 //! From a recording to the signals of its bands.
 
 use super::bands::{halved, halvings, n_octaves, Filters};
-use super::octave::{halve, run, Coefficients, Memory, Rows, BACK, ROWS};
+use super::octave::{halve, run, Coefficients, Line, Memory, Rows, BACK, ROWS};
 use super::quad::{spread, Quad, QUAD};
 use crate::error::{Error, Result};
 use crate::lanes::Isa;
@@ -140,108 +140,101 @@ impl Bank {
         for (place, halvings) in work.places.iter_mut().zip(rates) {
             place.len = halved(n_seen, halvings);
         }
+        for axis in (0..self.n_axes).step_by(QUAD) {
+            match self.n_axes - axis {
+                1 => self.quad::<I, 1>(recording, axis, means, work),
+                2 => self.quad::<I, 2>(recording, axis, means, work),
+                3 => self.quad::<I, 3>(recording, axis, means, work),
+                _ => self.quad::<I, QUAD>(recording, axis, means, work),
+            }
+        }
+    }
+
+    /// `N` axes from `axis` on.
+    #[inline(always)]
+    fn quad<I: Isa, const N: usize>(
+        &self,
+        recording: &[f64],
+        axis: usize,
+        means: &[f64],
+        work: &mut BankWork,
+    ) {
         let BankWork { values, places, level, rows } = work;
         let first = aligned(values);
-        let values = &mut values[first..];
-        for axis in (0..self.n_axes).step_by(QUAD) {
-            let n_axes = (self.n_axes - axis).min(QUAD);
-            let mut target = Target { values, places, axis, n_axes };
-            let input = Input { recording, all_axes: self.n_axes, axis, n_axes };
-            self.first_level::<I>(input, Quad::load(&means[axis..][..n_axes]), level, rows, &mut target);
-            for octave in 2..self.octaves {
-                let n_rows = target.places[1 + octave].len;
-                self.further_level::<I>(1 + octave, &mut level[..n_rows], rows, &mut target);
+        let mut target = Target::<N> { values: &mut values[first..], places, axis };
+        let c = &self.coefficients;
+        self.first_level::<I, N>(recording, Quad::load::<N>(&means[axis..]), level, rows, &mut target);
+        for octave in 2..self.octaves {
+            let n_rows = target.places[1 + octave].len;
+            let level = &mut level[..n_rows];
+            let mut memory = Memory::REST;
+            rows.rest();
+            for start in (0..n_rows).step_by(ROWS) {
+                let n = (n_rows - start).min(ROWS);
+                rows.input[BACK..][..n].copy_from_slice(&level[start..][..n]);
+                run::<false>(c, &mut memory, rows, n);
+                target.write::<I>(1 + octave, start, n, &rows.octave, c.octave.gain);
+                halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
+                rows.turn();
             }
         }
     }
 
     /// Band 0 and the octaves that are sampled at the full rate; what lies below them goes to `level`.
     #[inline(always)]
-    fn first_level<I: Isa>(
+    fn first_level<I: Isa, const N: usize>(
         &self,
-        input: Input<'_>,
+        recording: &[f64],
         mean: Quad,
         level: &mut [Quad],
         rows: &mut Rows,
-        target: &mut Target<'_>,
-    ) {
-        let c = &self.coefficients;
-        let (mut memory, first) = (Memory::REST, input.row(0));
-        rows.rest();
-        let n_rows = target.places[0].len;
-        for start in (0..n_rows).step_by(ROWS) {
-            let n = (n_rows - start).min(ROWS);
-            for t in 0..n {
-                let x = input.row(start + t).minus(first);
-                rows.input[BACK + t] = x;
-                rows.top[t] = x.minus(mean);
-            }
-            target.write::<I>(0, start, &rows.top[..n]);
-            if self.octaves == 0 {
-                continue;
-            }
-            run::<true>(c, &mut memory, rows, n);
-            target.write::<I>(1, start, &rows.top[..n]);
-            target.write::<I>(2, start, &rows.octave[..n]);
-            halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
-            rows.turn();
-        }
-    }
-
-    /// The octave of a level at a lower rate; what lies below it replaces the level.
-    #[inline(always)]
-    fn further_level<I: Isa>(
-        &self,
-        band: usize,
-        level: &mut [Quad],
-        rows: &mut Rows,
-        target: &mut Target<'_>,
+        target: &mut Target<'_, N>,
     ) {
         let c = &self.coefficients;
         let mut memory = Memory::REST;
         rows.rest();
-        for start in (0..level.len()).step_by(ROWS) {
-            let n = (level.len() - start).min(ROWS);
-            rows.input[BACK..][..n].copy_from_slice(&level[start..][..n]);
-            run::<false>(c, &mut memory, rows, n);
-            target.write::<I>(band, start, &rows.octave[..n]);
+        let first = Quad::load::<N>(&recording[target.axis..]);
+        for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
+            let (start, n) = (block * ROWS, samples.len() / self.n_axes);
+            for (sample, (input, centred)) in
+                samples.chunks_exact(self.n_axes).zip(rows.input[BACK..].iter_mut().zip(&mut rows.centred))
+            {
+                *input = Quad::load::<N>(&sample[target.axis..]).minus(first);
+                *centred = input.minus(mean);
+            }
+            target.spread::<I>(0, start, n, &rows.centred, Quad::all(1.0));
+            if self.octaves == 0 {
+                continue;
+            }
+            run::<true>(c, &mut memory, rows, n);
+            target.write::<I>(1, start, n, &rows.top, c.top.gain);
+            target.write::<I>(2, start, n, &rows.octave, c.octave.gain);
             halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
             rows.turn();
         }
     }
 }
 
-/// Some neighbouring axes of a time-major recording.
-#[derive(Clone, Copy)]
-struct Input<'a> {
-    recording: &'a [f64],
-    all_axes: usize,
-    axis: usize,
-    n_axes: usize,
-}
-
-impl Input<'_> {
-    #[inline(always)]
-    fn row(&self, t: usize) -> Quad {
-        Quad::load(&self.recording[t * self.all_axes + self.axis..][..self.n_axes])
-    }
-}
-
-/// The same axes of all bands.
-struct Target<'a> {
+/// `N` axes of all bands, from `axis` on.
+struct Target<'a, const N: usize> {
     values: &'a mut [f64],
     places: &'a [Place],
     axis: usize,
-    n_axes: usize,
 }
 
-impl Target<'_> {
-    /// Writes samples of a band from sample `t` on; a band that the recording is too short for is left out.
+impl<const N: usize> Target<'_, N> {
+    /// Writes `n` samples of a band from sample `t` on.
     #[inline(always)]
-    fn write<I: Isa>(&mut self, band: usize, t: usize, quads: &[Quad]) {
+    fn write<I: Isa>(&mut self, band: usize, t: usize, n: usize, line: &Line, gain: Quad) {
+        self.spread::<I>(band, t, n, &line[BACK..], gain);
+    }
+
+    /// The same from quads without earlier ones in front. A band that the recording is too short for is left out.
+    #[inline(always)]
+    fn spread<I: Isa>(&mut self, band: usize, t: usize, n: usize, quads: &[Quad], gain: Quad) {
         if let Some(place) = self.places.get(band) {
             let values = &mut self.values[place.start + self.axis * place.stride + t..];
-            spread::<I>(quads, self.n_axes, place.stride, values);
+            spread::<I, N>(quads, gain, n, place.stride, values);
         }
     }
 }

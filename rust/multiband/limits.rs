@@ -17,37 +17,51 @@ pub(super) fn limits(scales: &Scales, n_axes: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Means of the axes of a time-major recording, counted from its first sample; false where a value is NaN, infinite or beyond the limit of its axis.
+/// Means of the axes of a time-major recording, counted from its first sample; false where a value is NaN, infinite or
+/// beyond the limit of its axis.
 #[inline(always)]
 pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64]) -> bool {
-    let n_axes = limits.len();
     let mut within = true;
-    for axis in (0..n_axes).step_by(QUAD) {
-        let lanes = (n_axes - axis).min(QUAD);
-        let first = Quad::load(&recording[axis..][..lanes]);
-        // Four sums side by side: one would wait for itself at every row.
-        let mut sums = [Quad::ZERO; 4];
-        let mut largest = [Quad::ZERO; 4];
-        let mut each = recording.chunks_exact(4 * n_axes);
-        for four in &mut each {
-            for i in 0..4 {
-                let x = Quad::load(&four[i * n_axes + axis..][..lanes]);
-                sums[i] = sums[i].plus(x.minus(first));
-                largest[i] = largest[i].largest(x);
-            }
-        }
-        for (i, row) in each.remainder().chunks_exact(n_axes).enumerate() {
-            let x = Quad::load(&row[axis..][..lanes]);
+    for axis in (0..limits.len()).step_by(QUAD) {
+        within &= match limits.len() - axis {
+            1 => quad_within::<1>(recording, axis, limits, means),
+            2 => quad_within::<2>(recording, axis, limits, means),
+            3 => quad_within::<3>(recording, axis, limits, means),
+            _ => quad_within::<QUAD>(recording, axis, limits, means),
+        };
+    }
+    within
+}
+
+/// `N` axes from `axis` on.
+#[inline(always)]
+fn quad_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], means: &mut [f64]) -> bool {
+    let n_axes = limits.len();
+    let first = Quad::load::<N>(&recording[axis..]);
+    // Four sums side by side: one would wait for itself at every row.
+    let mut sums = [Quad::ZERO; 4];
+    let mut largest = [Quad::ZERO; 4];
+    let fours = recording.chunks_exact(4 * n_axes);
+    let rest = fours.remainder();
+    for four in fours {
+        for i in 0..4 {
+            let x = Quad::load::<N>(&four[i * n_axes + axis..]);
             sums[i] = sums[i].plus(x.minus(first));
             largest[i] = largest[i].largest(x);
         }
-        let n = (recording.len() / n_axes) as f64;
-        let sum = sums[0].plus(sums[1]).plus(sums[2].plus(sums[3]));
-        for lane in 0..lanes {
-            // NaN is never the larger one of two, but it stays in a sum.
-            within &= sum.0[lane].is_finite() && largest.iter().all(|l| l.0[lane] <= limits[axis + lane]);
-            means[axis + lane] = sum.0[lane] / n;
-        }
+    }
+    for (i, row) in rest.chunks_exact(n_axes).enumerate() {
+        let x = Quad::load::<N>(&row[axis..]);
+        sums[i] = sums[i].plus(x.minus(first));
+        largest[i] = largest[i].largest(x);
+    }
+    let n = (recording.len() / n_axes) as f64;
+    let sum = sums[0].plus(sums[1]).plus(sums[2].plus(sums[3]));
+    let mut within = true;
+    for lane in 0..N {
+        // NaN is never the larger one of two, but it stays in a sum.
+        within &= sum.0[lane].is_finite() && largest.iter().all(|l| l.0[lane] <= limits[axis + lane]);
+        means[axis + lane] = sum.0[lane] / n;
     }
     within
 }

@@ -18,7 +18,7 @@ pub(super) const BACK: usize = 4;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wide {
     pairs: [[Quad; 2]; 2],
-    gain: Quad,
+    pub(super) gain: Quad,
 }
 
 impl Wide {
@@ -42,95 +42,112 @@ impl Coefficients {
     }
 }
 
-/// The last two outputs of each half of a filter, latest first.
-pub(super) type Past = [[Quad; 2]; 2];
+/// What one half of a filter has given last.
+#[derive(Clone, Copy, Debug)]
+struct Half {
+    latest: Quad,
+    before: Quad,
+}
 
-/// What a level remembers from one block to the next.
+impl Half {
+    const REST: Self = Self { latest: Quad::ZERO, before: Quad::ZERO };
+}
+
+/// What a level remembers from one block to the next, apart from rows.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Memory {
-    top: Past,
-    octave: Past,
-    halving: Past,
+    /// First halves of the filters; what the second ones have given is found in the rows.
+    top: Half,
+    octave: Half,
+    halving: Half,
 }
 
 impl Memory {
     /// As if the first sample had lasted for ever: signals are counted from it, so that it is zero.
-    pub(super) const REST: Self = {
-        let silence = [[Quad::ZERO; 2]; 2];
-        Self { top: silence, octave: silence, halving: silence }
-    };
+    pub(super) const REST: Self = Self { top: Half::REST, octave: Half::REST, halving: Half::REST };
 }
 
-/// One block of a level: room for `BACK` earlier rows, then the block.
+/// Room for `BACK` earlier rows, then a block.
+pub(super) type Line = [Quad; BACK + ROWS];
+
+/// One block of a level; outputs without the gain of their filter.
 #[derive(Clone, Debug)]
 pub(super) struct Rows {
-    pub(super) input: [Quad; BACK + ROWS],
-    /// Poles of the low-pass only.
-    pub(super) smooth: [Quad; BACK + ROWS],
-    /// Before the filters run: the input without its mean.
-    pub(super) top: [Quad; ROWS],
-    pub(super) octave: [Quad; ROWS],
+    pub(super) input: Line,
+    /// The low-pass, without its zeros.
+    pub(super) smooth: Line,
+    pub(super) top: Line,
+    pub(super) octave: Line,
+    /// The input of the first level without its mean.
+    pub(super) centred: [Quad; ROWS],
 }
 
 impl Rows {
     pub(super) fn new() -> Self {
         let silence = [Quad::ZERO; BACK + ROWS];
-        Self { input: silence, smooth: silence, top: [Quad::ZERO; ROWS], octave: [Quad::ZERO; ROWS] }
+        Self { input: silence, smooth: silence, top: silence, octave: silence, centred: [Quad::ZERO; ROWS] }
     }
 
     /// Forgets what came before.
     #[inline(always)]
     pub(super) fn rest(&mut self) {
-        self.input[..BACK].fill(Quad::ZERO);
-        self.smooth[..BACK].fill(Quad::ZERO);
+        for line in [&mut self.input, &mut self.smooth, &mut self.top, &mut self.octave] {
+            line[..BACK].fill(Quad::ZERO);
+        }
     }
 
     /// Keeps the last rows in front of the next block.
     #[inline(always)]
     pub(super) fn turn(&mut self) {
-        self.input.copy_within(ROWS.., 0);
-        self.smooth.copy_within(ROWS.., 0);
+        for line in [&mut self.input, &mut self.smooth, &mut self.top, &mut self.octave] {
+            line.copy_within(ROWS.., 0);
+        }
     }
 }
 
-/// One sample through half a filter without zeros.
+/// Half a filter without its zeros. What is known early comes first: only one product and one difference wait for the
+/// sample before.
 #[inline(always)]
-fn resonate([a1, a2]: &[Quad; 2], [y1, y2]: &mut [Quad; 2], x: Quad) -> Quad {
-    // What is known early comes first: only one product and one difference wait for the sample before.
-    let y = x.minus(a2.times(*y2)).minus(a1.times(*y1));
-    (*y2, *y1) = (*y1, y);
-    y
+fn resonate([a1, a2]: &[Quad; 2], latest: Quad, before: Quad, x: Quad) -> Quad {
+    x.minus(a2.times(before)).minus(a1.times(latest))
 }
 
-/// One sample through a band-pass; `rise` is what the input has gained over two samples.
+/// One row through a filter: `x` through the first half, then the second, whose last two outputs are given.
+///
+/// For a band-pass `x` is what the input has gained over two rows; the gain of the first half goes to the second.
 #[inline(always)]
-fn band_pass(filter: &Wide, past: &mut Past, rise: Quad) -> Quad {
-    let [first, second] = past;
-    let before = first[1];
-    let rise = resonate(&filter.pairs[0], first, rise).minus(before);
-    resonate(&filter.pairs[1], second, rise)
+fn filter<const BAND: bool>(filter: &Wide, half: &mut Half, x: Quad, latest: Quad, before: Quad) -> Quad {
+    let y = resonate(&filter.pairs[0], half.latest, half.before, x);
+    let x = if BAND { y.minus(half.before) } else { y };
+    *half = Half { latest: y, before: half.latest };
+    resonate(&filter.pairs[1], latest, before, x)
 }
 
 /// `n_rows` rows through all filters of a level; `TOP` on the first one, which has two octaves.
 #[inline(always)]
 pub(super) fn run<const TOP: bool>(c: &Coefficients, memory: &mut Memory, rows: &mut Rows, n_rows: usize) {
     let Memory { mut top, mut octave, mut halving } = *memory;
-    for t in 0..n_rows.min(ROWS) {
-        let x = rows.input[BACK + t];
-        let rise = x.minus(rows.input[BACK + t - 2]);
+    // The latest rows stay in registers. Earlier ones are read back, for which there is time; registers are few.
+    let (mut top_row, mut octave_row) = (rows.top[BACK - 1], rows.octave[BACK - 1]);
+    let mut smooth_row = rows.smooth[BACK - 1];
+    for t in BACK..BACK + n_rows.min(ROWS) {
+        let x = rows.input[t];
+        let rise = x.minus(rows.input[t - 2]);
         if TOP {
-            rows.top[t] = band_pass(&c.top, &mut top, rise).times(c.top.gain);
+            top_row = filter::<true>(&c.top, &mut top, rise, top_row, rows.top[t - 2]);
+            rows.top[t] = top_row;
         }
-        rows.octave[t] = band_pass(&c.octave, &mut octave, rise).times(c.octave.gain);
-        let half = resonate(&c.halving.pairs[0], &mut halving[0], x);
-        rows.smooth[BACK + t] = resonate(&c.halving.pairs[1], &mut halving[1], half);
+        octave_row = filter::<true>(&c.octave, &mut octave, rise, octave_row, rows.octave[t - 2]);
+        rows.octave[t] = octave_row;
+        smooth_row = filter::<false>(&c.halving, &mut halving, x, smooth_row, rows.smooth[t - 2]);
+        rows.smooth[t] = smooth_row;
     }
     *memory = Memory { top, octave, halving };
 }
 
 /// Every second row after the low-pass, from row 0 of the block on.
 #[inline(always)]
-pub(super) fn halve(c: &Coefficients, smooth: &[Quad; BACK + ROWS], out: &mut [Quad]) {
+pub(super) fn halve(c: &Coefficients, smooth: &Line, out: &mut [Quad]) {
     let (gain, four, six) = (c.halving.gain, Quad::all(4.0), Quad::all(6.0));
     for (rows, out) in smooth.windows(BACK + 1).step_by(2).zip(out) {
         let outer = rows[0].plus(rows[4]);

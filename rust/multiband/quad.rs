@@ -55,33 +55,34 @@ impl Quad {
         self
     }
 
-    /// Up to four neighbouring values; the rest is zero.
+    /// The first `N` of some values; the rest is zero.
     #[inline(always)]
-    pub(super) fn load(values: &[f64]) -> Self {
-        Self(match *values {
-            [] => [0.0; QUAD],
-            [a] => [a, 0.0, 0.0, 0.0],
-            [a, b] => [a, b, 0.0, 0.0],
-            [a, b, c] => [a, b, c, 0.0],
-            [a, b, c, d, ..] => [a, b, c, d],
-        })
+    pub(super) fn load<const N: usize>(values: &[f64]) -> Self {
+        let mut quad = Self::ZERO;
+        let values = &values[..N];
+        for l in 0..N {
+            quad.0[l] = values[l];
+        }
+        quad
     }
 }
 
-/// Writes quads as samples of `n_axes` neighbouring axes, each `stride` values after the one before. There must be room
-/// for whole fours of samples.
+/// Writes the first `N` lanes of quads, times `gain`, as samples of `N` axes, each `stride` values after the one before.
+/// There must be room for whole fours of samples, in `quads` as well.
 #[inline(always)]
-pub(super) fn spread<I: Isa>(quads: &[Quad], n_axes: usize, stride: usize, values: &mut [f64]) {
-    let mut first = 0;
-    while first < quads.len() {
-        let mut rows = [[0.0; QUAD]; QUAD];
-        for (row, quad) in rows.iter_mut().zip(&quads[first..]) {
-            *row = quad.0;
+pub(super) fn spread<I: Isa, const N: usize>(
+    quads: &[Quad],
+    gain: Quad,
+    n_samples: usize,
+    stride: usize,
+    values: &mut [f64],
+) {
+    for (first, four) in (0..n_samples).step_by(QUAD).zip(quads.chunks_exact(QUAD)) {
+        let (a, b) = (four[0].times(gain).0, four[1].times(gain).0);
+        let (c, d) = (four[2].times(gain).0, four[3].times(gain).0);
+        let axes = I::transpose4(&[a, b, c, d]);
+        for axis in 0..N {
+            values[axis * stride + first..][..QUAD].copy_from_slice(&axes[axis]);
         }
-        let axes = I::transpose4(&rows);
-        for (axis, samples) in axes.iter().take(n_axes).enumerate() {
-            values[axis * stride + first..][..QUAD].copy_from_slice(samples);
-        }
-        first += QUAD;
     }
 }

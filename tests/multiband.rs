@@ -1,0 +1,158 @@
+//! Multi-band features: the same bits on every path, with any number of threads and in used memory; nothing allocated.
+
+use allocation_counter::measure;
+use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use granular_id::{BatchShape, Error, Path};
+use proptest::prelude::*;
+
+const ALL: MultiBandSpec = MultiBandSpec {
+    rate_hz: 500.0,
+    coupling: true,
+    quantiles: true,
+    envelope: true,
+    spectrum: true,
+    level: true,
+};
+
+fn design(n_samples: usize, n_axes: usize) -> MultiBand {
+    MultiBand::new(ALL, n_samples, n_axes, &Scales::unit(n_bands(n_samples), n_axes)).unwrap()
+}
+
+/// Numbers that look random, around an offset.
+fn noise(len: usize, seed: u64) -> Vec<f64> {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    (0..len).map(|_| 4.0 * next() + 1.0).collect()
+}
+
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn all_paths_threads_and_workspaces_give_the_same_bits() {
+    for (n_samples, n_axes) in [(1, 1), (2, 3), (7, 6), (20, 13), (85, 5), (300, 6), (1600, 6), (1601, 4)] {
+        let design = design(n_samples, n_axes);
+        let shape = BatchShape { n_recordings: 9, n_samples, n_axes };
+        let wrench = noise(9 * n_samples * n_axes, 3);
+        let mut expected = vec![0.0; 9 * design.n_features()];
+        design.extract_batch_on(Path::Baseline, &wrench, shape, 1, &mut expected).unwrap();
+        for path in Path::available() {
+            for threads in [1, 2] {
+                let mut out = vec![f64::NAN; expected.len()];
+                design.extract_batch_on(path, &wrench, shape, threads, &mut out).unwrap();
+                assert_eq!(bits(&out), bits(&expected), "{path:?} {threads} {n_samples} {n_axes}");
+            }
+        }
+        // A workspace that has seen other recordings, whole and begun.
+        let mut work = design.workspace();
+        let mut out = vec![0.0; design.n_features()];
+        for recording in [4, 0, 8] {
+            let rows = &wrench[recording * n_samples * n_axes..][..n_samples * n_axes];
+            design.extract_into(&rows[..n_axes * n_samples.div_ceil(3)], &mut work, &mut out).unwrap();
+            design.extract_into(rows, &mut work, &mut out).unwrap();
+            assert_eq!(bits(&out), bits(&expected[recording * out.len()..][..out.len()]));
+        }
+    }
+}
+
+#[test]
+fn extraction_allocates_nothing() {
+    for (n_samples, n_axes) in [(1, 1), (20, 13), (1600, 6), (1699, 3)] {
+        let design = design(n_samples, n_axes);
+        let rows = noise(n_samples * n_axes, 5);
+        let mut work = design.workspace();
+        let mut out = vec![0.0; design.n_features()];
+        let mut rms = vec![0.0; design.n_bands() * n_axes];
+        design.extract_into(&rows, &mut work, &mut out).unwrap(); // finds out what the machine can do
+        let counted = measure(|| {
+            for n_seen in [n_samples, n_samples.div_ceil(2), 1, n_samples] {
+                design.extract_into(&rows[..n_seen * n_axes], &mut work, &mut out).unwrap();
+                design.rms_into(&rows[..n_seen * n_axes], &mut work, &mut rms).unwrap();
+            }
+        });
+        assert_eq!((counted.count_total, counted.bytes_total), (0, 0), "{n_samples} {n_axes}");
+    }
+}
+
+#[test]
+fn sizes_and_names_agree() {
+    for (n_samples, n_axes) in [(1, 1), (3, 2), (50, 6), (1600, 6), (1600, 13), (100_000, 1)] {
+        let design = design(n_samples, n_axes);
+        let names = design.names();
+        let total: usize = design.block_sizes().iter().map(|(_, size)| size).sum();
+        assert_eq!((names.len(), total), (design.n_features(), design.n_features()));
+        assert!(names.iter().all(|name| !name.contains("__")));
+        assert_eq!(design.bands().len(), design.n_bands());
+    }
+}
+
+#[test]
+fn errors_name_what_is_wrong() {
+    let unit = Scales::unit(n_bands(20), 2);
+    let refused =
+        |spec, n_samples, n_axes, scales| MultiBand::new(spec, n_samples, n_axes, scales).unwrap_err();
+    assert!(matches!(refused(MultiBandSpec { rate_hz: 0.0, ..ALL }, 20, 2, &unit), Error::Rate { .. }));
+    assert!(matches!(refused(ALL, 0, 2, &unit), Error::Empty { .. }));
+    assert!(matches!(refused(ALL, 21, 3, &unit), Error::Length { what: "scales", .. }));
+    let none = MultiBandSpec {
+        coupling: false,
+        quantiles: false,
+        envelope: false,
+        spectrum: true,
+        ..Default::default()
+    };
+    let short = refused(none, 3, 2, &unit);
+    assert_eq!(short, Error::NoBlocks { n_samples: 3, n_axes: 2 });
+    let mut zero = unit.clone();
+    zero.bands[3] = 0.0;
+    let expected = Error::Scale { what: "scales", band: 1, axis: 1, value: 0.0 };
+    assert_eq!(refused(ALL, 20, 2, &zero), expected);
+
+    let design = design(20, 2);
+    let (mut work, mut out) = (design.workspace(), vec![0.0; design.n_features()]);
+    for len in [0, 1, 42] {
+        let error = design.extract_into(&vec![0.0; len], &mut work, &mut out).unwrap_err();
+        assert_eq!(error, Error::Length { what: "rows", expected: 40, got: len });
+    }
+    let error = design.extract_into(&[0.0; 40], &mut work, &mut [0.0]).unwrap_err();
+    assert_eq!(error, Error::Length { what: "out", expected: design.n_features(), got: 1 });
+    let mut rows = [0.0; 40];
+    rows[7] = 1e150;
+    let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
+    assert_eq!(error, Error::TooLoud { recording: 0, largest: 1e150 });
+    rows[11] = f64::NAN;
+    let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
+    assert!(matches!(error, Error::NonFinite { recording: 0, sample: 5, axis: 1, .. }));
+    // A workspace of another shape is replaced.
+    let mut other = self::design(5, 1).workspace();
+    design.extract_into(&[1.0; 40], &mut other, &mut out).unwrap();
+    let shape = BatchShape { n_recordings: 1, n_samples: 20, n_axes: 3 };
+    let error = design.extract_batch(&[0.0; 60], shape, 1, &mut out).unwrap_err();
+    assert_eq!(error, Error::RecordingShape { wanted: (20, 2), got: (20, 3) });
+}
+
+proptest! {
+    #[test]
+    fn finite_signals_have_finite_features_or_are_refused(
+        n_axes in 1_usize..14,
+        exponents in proptest::collection::vec(-320_i32..=308, 1..200),
+        seed in any::<u64>(),
+    ) {
+        let n_samples = exponents.len().div_ceil(n_axes);
+        let design = design(n_samples, n_axes);
+        let mut rows = noise(n_samples * n_axes, seed);
+        for (value, exponent) in rows.iter_mut().zip(&exponents) {
+            *value = (*value - 3.0) / 5.0 * 10.0_f64.powi(*exponent);
+        }
+        let mut out = vec![0.0; design.n_features()];
+        let largest = rows.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        match design.extract_into(&rows, &mut design.workspace(), &mut out) {
+            Ok(()) => prop_assert!(largest <= 1e145 && out.iter().all(|feature| feature.is_finite())),
+            Err(error) => prop_assert_eq!(error, Error::TooLoud { recording: 0, largest }),
+        }
+    }
+}
