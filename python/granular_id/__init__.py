@@ -12,7 +12,7 @@ from granular_id._core import AXES, UNITS, StreamingExtractor, __version__
 from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
-    from granular_id import signal
+    from granular_id import confidence, signal
     from granular_id.best import BestClassifier
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
@@ -90,6 +90,7 @@ __all__ = [
     "WrenchBuffer",
     "__version__",
     "accuracy_over_time",
+    "confidence",
     "evaluate",
     "explain",
     "extract_features",
@@ -151,8 +152,8 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name == "signal":
-        return import_module("granular_id.signal")
+    if name in ("confidence", "signal"):
+        return import_module(f"granular_id.{name}")
     if name not in _LAZY:
         raise AttributeError(f"module 'granular_id' has no attribute {name!r}")
     value = getattr(import_module(f"granular_id.{_LAZY[name]}"), name)

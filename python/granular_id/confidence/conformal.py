@@ -1,8 +1,6 @@
 """Sets of materials that hold the right one as often as was asked for.
 
-Source: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005); Romano, Sesia, Candes,
-"Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative score; Sadinle, Lei, Wasserman,
-"Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the probability score.
+Source: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005).
 """
 
 from __future__ import annotations
@@ -10,28 +8,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id.confidence._stored import Reader
+from granular_id.confidence.nonconformity import KINDS, nonconformity
 
-__all__ = ["KINDS", "ConformalRule", "nonconformity", "rank_of", "rows_needed", "softmax"]
+__all__ = ["ConformalRule", "checked_levels", "rank_of", "rows_needed"]
 
 FloatArray = npt.NDArray[np.float64]
 
 FORMAT = "granular-id conformal rule 1"
-
-KINDS: Mapping[str, str] = MappingProxyType(
-    {
-        "margin": "the best other value minus the own",
-        "probability": "minus the own probability",
-        "cumulative": "the probability of all classes down to the own, the likeliest first",
-    }
-)
-"""How badly a class fits a row, by name."""
 
 _NOT_FINITE = "values must be finite, got NaN or infinity"
 _NAMED = 3
@@ -253,37 +242,6 @@ def checked_levels(levels: Sequence[float]) -> tuple[float, ...]:
     if not found or not all(0 < level < 1 for level in found) or len(set(found)) < len(found):
         raise ValueError(f"levels must be different numbers between 0 and 1, got {tuple(levels)}")
     return tuple(sorted(found))
-
-
-def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArray:
-    """How badly each class fits, by a kind of `KINDS`, for class values (..., K).
-
-    Examples
-    --------
-    >>> nonconformity(np.array([3.0, 1.0, 2.0]), "margin", 1.0).tolist()
-    [-1.0, 2.0, 1.0]
-    """
-    if kind == "margin":
-        order = np.argpartition(values, -2, axis=-1)[..., -2:]
-        two = np.take_along_axis(values, order, axis=-1)
-        margins: FloatArray = two[..., 1:] - values
-        np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
-        return margins
-    shares = softmax(values / temperature)
-    if kind == "probability":
-        return -shares
-    order = np.argsort(-shares, axis=-1, kind="stable")
-    cumulative = np.empty_like(shares)
-    sums = np.take_along_axis(shares, order, axis=-1).cumsum(axis=-1)
-    np.put_along_axis(cumulative, order, sums, axis=-1)
-    return cumulative
-
-
-def softmax(values: FloatArray) -> FloatArray:
-    """Shares (..., K) proportional to the exponentials of values (..., K)."""
-    powers = np.exp(values - values.max(axis=-1, keepdims=True))
-    shares: FloatArray = powers / powers.sum(axis=-1, keepdims=True)
-    return shares
 
 
 def rank_of(n: int, level: float) -> int:

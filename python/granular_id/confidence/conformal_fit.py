@@ -9,15 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from granular_id.confidence.conformal import (
-    KINDS,
-    ConformalRule,
-    checked_levels,
-    nonconformity,
-    rank_of,
-    softmax,
-)
+from granular_id.confidence.conformal import ConformalRule, checked_levels, rank_of
 from granular_id.confidence.held_out import HeldOutScores
+from granular_id.confidence.nonconformity import KINDS, nonconformity, softmax
 
 __all__ = ["LEVELS", "conformal_quantile", "conformal_rule", "fit_temperature"]
 
