@@ -8,9 +8,10 @@ import pytest
 from cli_cases import ended_well, saved
 from granular_id.best import BestClassifier
 from granular_id.cli.explain import _trained
+from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import BlockScaler, FeatureSpace, feature_spaces
+from granular_id.spaces import FeatureSpace, feature_spaces
 from multiband_cases import louder
 
 
@@ -36,12 +37,10 @@ def test_bands_on_the_command_line(data, tmp_path):
     assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
 
 
-def test_blocks_of_statistics_are_scaled_first(data):
-    space = feature_spaces()["multiband"]
-    rows = np.arange(12)
-    model = _trained(data, data.X, data.y, rows, FeatureSpace("own", space.transformer, None), 1.0)
-    assert isinstance(model[1], BlockScaler)
-    assert model[1].block_slices_.keys() == model[0].block_sizes_.keys()
+def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost(data):
+    model = _trained(data, data.X, data.y, np.arange(12), feature_spaces()["hfmh"], 3.0)
+    assert isinstance(model[-1], ECOCClassifier)
+    assert model[-1].C == 3.0
 
 
 def test_the_classifier_of_a_space_chooses_with_sessions_held_out(data):

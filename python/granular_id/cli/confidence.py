@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from rich.console import Console
 
@@ -15,6 +15,10 @@ from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
 from granular_id.cli.settings import at_least, known_spaces, positive
+
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset
+    from granular_id.spaces import FeatureSpace
 
 __all__ = ["confidence"]
 
@@ -54,7 +58,9 @@ def confidence(
     *,
     space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
     block_weights: BlockWeights = Weights.plain,
-    c: Annotated[float, option("--C", "Method", "Box constraint of the support vector machines.")] = 1.0,
+    c: Annotated[
+        float, option("--C", "Method", "Box constraint, where the space has no classifier of its own.")
+    ] = 1.0,
     levels: Annotated[
         str, option("--levels", SURE, "Coverages of the sets, separated by commas.")
     ] = "0.8,0.9,0.95",
@@ -87,16 +93,12 @@ def confidence(
         file_format(figure)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from sklearn.pipeline import make_pipeline  # noqa: PLC0415 (slow to import: --help must not wait)
-
-    from granular_id.cli.render import print_table  # noqa: PLC0415
+    from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import: --help must not wait)
     from granular_id.confidence import assess  # noqa: PLC0415
-    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
 
-    transformer = method.spaces(data.rate_hz, block_weights)[space].transformer
     found = assess(
         data,
-        make_pipeline(transformer, ECOCClassifier(C=c)),
+        _model(data, method.spaces(data.rate_hz, block_weights)[space], c),
         levels=wanted,
         kind=sets.value,
         per_class=per_class,
@@ -123,6 +125,22 @@ def confidence(
 
 
 confidence.__doc__ = TEXT
+
+
+def _model(data: Dataset, space: FeatureSpace, cost: float) -> Any:
+    """Feature space, and its own classifier or the paper's."""
+    from sklearn.base import clone  # noqa: PLC0415 (slow to import: --help must not wait)
+    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
+
+    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
+    from granular_id.spaces import block_sizes, tell_blocks  # noqa: PLC0415
+
+    if space.classifier is None:
+        return make_pipeline(space.transformer, ECOCClassifier(C=cost))
+    classifier = clone(space.classifier)
+    # How many columns a block has follows from the shape of a recording alone: any one says it.
+    tell_blocks(classifier, block_sizes(clone(space.transformer).fit(data.X[:1])))
+    return make_pipeline(space.transformer, classifier)
 
 
 def _shares(name: str, text: str) -> list[float]:

@@ -57,9 +57,7 @@ def explain(
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[
         float,
-        option(
-            "--C", "Method", "Box constraint, where the space has no classifier of its own that chooses it."
-        ),
+        option("--C", "Method", "Box constraint, where the space has no classifier of its own."),
     ] = 1.0,
     figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write all weights and contributions.")] = None,
@@ -121,23 +119,14 @@ def _explained(data: Dataset, space: FeatureSpace, cost: float, first: str, seco
 
 
 def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:
-    """Train the classifier of the space, or the paper's; blocks of statistics are scaled first."""
+    """Train the classifier of the space, or the paper's."""
     from sklearn.base import clone  # noqa: PLC0415 (--help must not wait)
-    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
+    from sklearn.pipeline import Pipeline  # noqa: PLC0415
 
     from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
     from granular_id.evaluation.origins import origins_of  # noqa: PLC0415
-    from granular_id.spaces import BlockScaler, block_sizes  # noqa: PLC0415
+    from granular_id.identifier.training import fit_pipeline  # noqa: PLC0415
 
-    fitted = clone(space.transformer).fit(X[rows], y[rows])
-    features, sizes = fitted.transform(X[rows]), block_sizes(fitted)
-    if space.classifier is None:
-        behind = [] if sizes is None else [BlockScaler(sizes).fit(features)]
-        for step in behind:
-            features = step.transform(features)
-        return make_pipeline(fitted, *behind, ECOCClassifier(C=cost).fit(features, y[rows]))
-    classifier = clone(space.classifier)
-    if sizes is not None and classifier.get_params().get("blocks", ...) is None:
-        classifier.set_params(blocks=sizes)
-    classifier.fit(features, y[rows], **origins_of(data).fit_arguments(classifier, rows))
-    return make_pipeline(fitted, classifier)
+    classifier = ECOCClassifier(C=cost) if space.classifier is None else clone(space.classifier)
+    pipeline = Pipeline([("features", clone(space.transformer)), ("classifier", classifier)])
+    return fit_pipeline(pipeline, X[rows], y[rows], origins_of(data), rows)

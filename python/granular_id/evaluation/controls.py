@@ -104,7 +104,7 @@ def plan_controls(
     spaces : sequence of Space
         Those of the evaluation: labels are shuffled in "raw+hfmh", or in the first.
     classifier : estimator
-        That of the evaluation.
+        That of the evaluation, for spaces without their own.
     bank : GramBank
         Of all recordings.
 
@@ -136,7 +136,7 @@ def plan_controls(
             f"{shuffled.name}, trained on shuffled labels",
             Task(
                 Space("shuffled", shuffled.transformer, None, shuffled.learns),
-                classifier,
+                shuffled.classifier or classifier,
                 bank,
                 shuffled=True,
                 kind="control",

@@ -21,7 +21,7 @@ from granular_id.evaluation.gram_engine import features_of, plan_for
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.task import STAGES, Answer, Answers, SpaceRun, Task
 from granular_id.gram import linear_gram
-from granular_id.spaces import GramPlan, block_sizes
+from granular_id.spaces import GramPlan, block_sizes, tell_blocks
 
 __all__ = ["run_space"]
 
@@ -180,8 +180,7 @@ class _Work:
         self, classifier: Any, train: Floats, targets: Any, sizes: dict[str, int] | None, partition: Partition
     ) -> None:
         """Train; a classifier that asks is told which columns are a block, and where the rows come from."""
-        if sizes is not None and classifier.get_params().get("blocks", ...) is None:
-            classifier.set_params(blocks=sizes)
+        tell_blocks(classifier, sizes)
         known: dict[str, Any] = {}
         if self._task.origins is not None and not self._task.shuffled:  # shuffled labels come from nowhere
             known = self._task.origins.fit_arguments(classifier, partition.train)

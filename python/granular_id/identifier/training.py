@@ -29,7 +29,7 @@ from granular_id.identifier.sure import KEY, rules_of
 from granular_id.recording import Dataset
 from granular_id.recording._values import checked_index, checked_number
 from granular_id.recording.axes import unit_of
-from granular_id.spaces import block_sizes
+from granular_id.spaces import block_sizes, tell_blocks
 
 __all__ = ["Training", "fit_pipeline", "train"]
 
@@ -177,8 +177,7 @@ def fit_pipeline(
     values = features.fit(X, y).transform(X)
     sizes = block_sizes(features)
     for step in steps:
-        if sizes is not None and step.get_params().get("blocks", ...) is None:
-            step.set_params(blocks=sizes)
+        tell_blocks(step, sizes)
     known: dict[str, Any] = {}
     if origins is not None:
         known = origins.fit_arguments(steps[-1], np.arange(len(y)) if rows is None else rows)

@@ -93,13 +93,18 @@ def plan_candidates(
     Raises
     ------
     TypeError, ValueError
-        As `plan_spaces`; no weights, weights that are none, or the same twice.
+        As `plan_spaces`; a space with a classifier of its own; no weights, weights that are none, or the same twice.
     """
     weightings = _checked_weightings(block_weights)
     if spaces is None:
         spaces = DEFAULT_SPACES
     candidates = []
     for k, space in enumerate(plan_spaces(spaces, rate_hz)):
+        if space.classifier is not None:
+            raise ValueError(
+                f"spaces must take the classifier whose cost is chosen here, and {space.name!r} brings its own: "
+                "evaluate() compares it with others"
+            )
         transformer = seeded_clone(space.transformer, np.random.SeedSequence(seed, spawn_key=(5, k)))
         key = _weights_key(transformer)
         if key is None:

@@ -7,7 +7,7 @@ from granular_id.spaces.fourier import DFT
 from granular_id.spaces.gram_plan import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import HFMH, BinRange, RawHFMH
 from granular_id.spaces.histogram import RawHistogram
-from granular_id.spaces.links import block_sizes, feature_blocks
+from granular_id.spaces.links import block_sizes, feature_blocks, tell_blocks
 from granular_id.spaces.multiband import FrequencyBand, MultiBand
 from granular_id.spaces.permutation import TimePermutation
 from granular_id.spaces.raw import RangeNormalizer, RawSignal
@@ -45,5 +45,6 @@ __all__ = [
     "feature_spaces",
     "gram_plan",
     "learns",
+    "tell_blocks",
     "unit_weight",
 ]

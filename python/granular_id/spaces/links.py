@@ -9,7 +9,7 @@ from sklearn.pipeline import Pipeline
 from granular_id.spaces.base import RecordingFilter, real_steps
 from granular_id.spaces.blocks import FeatureBlock
 
-__all__ = ["block_sizes", "feature_blocks"]
+__all__ = ["block_sizes", "feature_blocks", "tell_blocks"]
 
 
 def block_sizes(transformer: Any) -> dict[str, int] | None:
@@ -23,6 +23,29 @@ def block_sizes(transformer: Any) -> dict[str, int] | None:
     steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
     sizes: dict[str, int] | None = getattr(steps[-1], "block_sizes_", None)
     return None if sizes is None else dict(sizes)
+
+
+def tell_blocks(estimator: Any, sizes: dict[str, int] | None) -> None:
+    """Set `blocks` of an estimator that has that parameter and leaves it open, as `BlockScaler` has.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Changed in place; not fitted.
+    sizes : dict of str to int, or None
+        See `block_sizes`; None: nothing to tell.
+
+    Examples
+    --------
+    >>> from granular_id.spaces import BlockScaler, tell_blocks
+    >>> scaler, given = BlockScaler(), BlockScaler([3])
+    >>> for estimator in (scaler, given):
+    ...     tell_blocks(estimator, {"left": 2, "right": 1})
+    >>> scaler.blocks, given.blocks
+    ({'left': 2, 'right': 1}, [3])
+    """
+    if sizes is not None and estimator.get_params().get("blocks", ...) is None:
+        estimator.set_params(blocks=sizes)
 
 
 def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
