@@ -94,8 +94,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Where no two classes have two recordings nothing can be held out, and nothing chosen: the model is then the mean
     of all machines. `choice_` says so. A class with one recording always trains.
 
-    Few constants, and none fitted to accuracies of a test: see the parameters. The accuracy in `choice_` made the
-    choice, and is too good by what the choice won; judge with folds around `fit`, as `granular_id.evaluate` does.
+    The accuracy in `choice_` made the choice, and is too good by what the choice won; judge with folds around `fit`,
+    as `granular_id.evaluate` does.
 
     Examples
     --------

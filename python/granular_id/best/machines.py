@@ -11,6 +11,7 @@ import numpy.typing as npt
 from granular_id.best.candidates import Machine
 from granular_id.ecoc import ECOCClassifier
 from granular_id.gram import linear_gram
+from granular_id.spaces.folding import folded_back
 from granular_id.spaces.scaling import BlockScaler
 from granular_id.spaces.whitening import WithinClassWhitening, whitened_grams
 
@@ -101,21 +102,18 @@ def fitted_line(
     own = np.concatenate(columns)
     scaler = BlockScaler({name: sizes[name] for name in machine.blocks}).fit(X[:, own])
     rows = scaler.transform(X[:, own])
-    whitening = (
-        None if machine.shrinkage is None else WithinClassWhitening(machine.shrinkage).fit(rows, codes)
-    )
-    seen = rows if whitening is None else whitening.transform(rows)
-    gram = _symmetric(linear_gram(seen))
+    steps: list[Any] = [scaler]
+    if machine.shrinkage is not None:
+        steps.append(WithinClassWhitening(machine.shrinkage).fit(rows, codes))
+        rows = steps[-1].transform(rows)
+    gram = _symmetric(linear_gram(rows))
     learners: Any = None
     for cost in (*lower_costs, machine.relative_cost):
         learners = _trained(gram, codes, cost, learners)
-    weights = learners.dual_coef_ @ seen
-    if whitening is not None:
-        weights = whitening.transform(weights)  # it is symmetric: (A x) w = x (A w)
-    weights *= scaler.factor_
+    weights, intercept = folded_back(steps, learners.dual_coef_ @ rows, learners.intercept_)
     coef = np.zeros((len(weights), X.shape[1]))
     coef[:, own] = weights
-    return coef, learners.intercept_ - weights @ scaler.mean_
+    return coef, intercept
 
 
 def _trained(gram: FloatArray, codes: Rows, relative_cost: float, cheaper: Any) -> Any:
