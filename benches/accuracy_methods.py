@@ -30,13 +30,13 @@ from granular_id import spaces
 OURS: dict[str, tuple[str, ...]] = {
     "best": ("best",),
     "multiband+whitening": ("multiband", "BlockScaler", "WithinClassWhitening"),
-    "multiband": ("multiband", "BlockScaler"),
+    "multiband": ("multiband",),
     "raw+hfmh": ("raw+hfmh",),
     "hfmh": ("hfmh",),
     "raw": ("raw",),
 }
-"""Row to a key of `feature_spaces`, and classes of `granular_id.spaces` that follow it; then comes the classifier that
-belongs to the space, or else `ECOCClassifier`."""
+"""Row to a key of `feature_spaces`, and classes of `granular_id.spaces` that follow it. Where none follow comes the
+classifier that belongs to the space, which scales columns itself; else `ECOCClassifier`."""
 
 RIDGE_ALPHAS = np.logspace(-3, 3, 10)
 """Of all ridge classifiers, as aeon's own."""
@@ -177,9 +177,7 @@ class OurFeatures(TransformerMixin, BaseEstimator):
 
     def tell_blocks(self, estimator):
         """Name the blocks of columns to an estimator that asks for them."""
-        sizes = spaces.block_sizes(self.space)
-        if sizes is not None and estimator.get_params().get("blocks", ...) is None:
-            estimator.set_params(blocks=sizes)
+        spaces.tell_blocks(estimator, spaces.block_sizes(self.space))
 
 
 def _our_space(names: tuple[str, ...]) -> Callable[[Setting], Stages]:
@@ -196,7 +194,9 @@ def _our_space(names: tuple[str, ...]) -> Callable[[Setting], Stages]:
             if not hasattr(spaces, name):
                 raise NotAvailableError(f"granular_id.spaces has no {name}")
             steps.append(getattr(spaces, name)())
-        return OurFeatures(space.transformer, steps), space.classifier or gid.ECOCClassifier()
+        # A classifier of a space standardises columns: behind whitening that would undo a part of it.
+        own = None if steps else space.classifier
+        return OurFeatures(space.transformer, steps), own or gid.ECOCClassifier()
 
     return make
 

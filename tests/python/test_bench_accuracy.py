@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+import granular_id as gid
 from bench_accuracy_cases import bench, recordings, saved, split
 from granular_id.best import BestClassifier
 from granular_id.evaluation.statistics import corrected_resampled_t
@@ -140,9 +141,10 @@ def test_a_space_with_blocks_and_a_classifier_of_its_own(bench, monkeypatch):
     assert [blocks for blocks, *_ in told] == [blocks] * 4
     assert set(told[0][1]) == {"s1", "s2", "s3"}
     assert sorted(told[0][2]) == list(range(18))
-    scaled, _ = bench["methods"]._our_space(("best", "BlockScaler"))(bench["methods"].Setting(50.0, 20))
+    scaled, behind = bench["methods"]._our_space(("best", "BlockScaler"))(bench["methods"].Setting(50.0, 20))
     scaled.fit(data.X, data.y)
     assert list(scaled.steps[0].block_slices_) == ["mean", "spread"]
+    assert isinstance(behind, gid.ECOCClassifier)  # its own would scale once more
 
 
 def test_what_is_missing_is_said(bench):
