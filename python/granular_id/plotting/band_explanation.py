@@ -20,6 +20,7 @@ from granular_id.plotting.style import (
     pretty,
     quiet,
     row_names,
+    share_bars,
 )
 
 if TYPE_CHECKING:
@@ -120,21 +121,8 @@ def _turned(axes: Sequence[str]) -> int:
 
 
 def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
-    for row, share in enumerate(shares.values()):
-        panel.barh(row, share, 0.7, color="#0072B2", linewidth=0)
-        panel.annotate(
-            number_text(share, digits),
-            (max(share, 0.0), row),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-            color=INK,
-        )
-    panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    row_names(panel, list(shares))
+    share_bars(panel, shares, ["#0072B2"] * len(shares), digits)
     panel.margins(x=0.35)
-    quiet(panel)
     panel.set_xticks([])
     for side in ("left", "bottom"):
         panel.spines[side].set_visible(False)

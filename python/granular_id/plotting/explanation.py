@@ -16,11 +16,10 @@ from granular_id.plotting.style import (
     INK,
     axis_line,
     new_figure,
-    number_text,
     pretty,
     quiet,
-    row_names,
     save,
+    share_bars,
     short,
 )
 
@@ -164,21 +163,8 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
 
 
 def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
-    for row, (axis, share) in enumerate(shares.items()):
-        panel.barh(row, share, 0.7, color=_line_of(axis)["color"], linewidth=0)
-        panel.annotate(
-            number_text(share, digits),
-            (max(share, 0.0), row),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-            color=INK,
-        )
-    panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    row_names(panel, list(shares))
+    share_bars(panel, shares, [_line_of(axis)["color"] for axis in shares], digits)
     panel.margins(x=0.2)
-    quiet(panel)
     panel.spines["left"].set_visible(False)
 
 

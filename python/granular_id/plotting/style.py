@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,7 @@ __all__ = [
     "row_names",
     "save",
     "share_axis",
+    "share_bars",
     "short",
 ]
 
@@ -86,6 +87,24 @@ def quiet(panel: Any) -> None:
         panel.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         panel.spines[side].set_color(FAINT)
+
+
+def share_bars(panel: Any, shares: Mapping[str, float], colours: Sequence[str], digits: int) -> None:
+    """Draw a horizontal bar for each share, with its name and its number in `digits` digits."""
+    for row, (share, colour) in enumerate(zip(shares.values(), colours, strict=True)):
+        panel.barh(row, share, 0.7, color=colour, linewidth=0)
+        panel.annotate(
+            number_text(share, digits),
+            (max(share, 0.0), row),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+            color=INK,
+        )
+    panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    row_names(panel, list(shares))
+    quiet(panel)
 
 
 def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
