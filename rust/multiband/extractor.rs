@@ -262,6 +262,7 @@ impl MultiBand {
 }
 
 /// Takes the first numbers off a slice.
+#[allow(clippy::mut_mut)] // the slice itself moves on
 fn first<'a>(rest: &mut &'a mut [f64], n: usize) -> &'a mut [f64] {
     let (first, after) = std::mem::take(rest).split_at_mut(n);
     *rest = after;

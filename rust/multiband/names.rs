@@ -29,7 +29,9 @@ impl MultiBand {
         }
         let each = |names: &mut Vec<String>, name: &dyn Fn(usize, &str, &mut Vec<String>)| {
             for band in 0..n_bands {
-                axes.iter().for_each(|axis| name(band, axis, names));
+                for axis in &axes {
+                    name(band, axis, names);
+                }
             }
         };
         if self.quantiles.is_some() {
@@ -45,7 +47,7 @@ impl MultiBand {
             });
         }
         let bins = self.spectrum.as_ref().map_or(0, |spectrum| spectrum.n_features() / axes.len());
-        let stretches = self.level.as_ref().map_or(0, |level| level.stretches());
+        let stretches = self.level.as_ref().map_or(0, super::level::Level::stretches);
         for (what, n) in [("spectrum", bins), ("level", stretches)] {
             for axis in &axes {
                 names.extend((0..n).map(|i| format!("{what}_{axis}_{i:02}")));

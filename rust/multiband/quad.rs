@@ -59,10 +59,7 @@ impl Quad {
     #[inline(always)]
     pub(super) fn load<const N: usize>(values: &[f64]) -> Self {
         let mut quad = Self::ZERO;
-        let values = &values[..N];
-        for l in 0..N {
-            quad.0[l] = values[l];
-        }
+        quad.0[..N].copy_from_slice(&values[..N]);
         quad
     }
 }

@@ -46,6 +46,7 @@ impl Block {
 
 /// What to compute from a recording. The default is all blocks but the level, which tells sessions apart as readily as
 /// materials.
+#[allow(clippy::struct_excessive_bools)] // each is a choice of its own
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MultiBandSpec {
     /// Sampling rate in hertz. It names the bands; no feature depends on it.

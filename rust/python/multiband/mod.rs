@@ -163,7 +163,7 @@ impl PyMultiBandExtractor {
         PyArray1::from_slice(py, &self.design.scales().level)
     }
 
-    /// Features (n, D) of recordings (n, T, C), or (D,) of one (T, C). T may be less than `n_samples`: such a recording
+    /// Features `(n, D)` of recordings `(n, T, C)`, or `(D,)` of one `(T, C)`. T may be less than `n_samples`: such a recording
     /// is taken as the beginning of a whole one.
     #[pyo3(signature = (X, threads=None))]
     #[allow(non_snake_case)] // as scikit-learn calls it
@@ -175,7 +175,7 @@ impl PyMultiBandExtractor {
         self.each(X, threads, Wanted::Features, &[self.design.n_features()])
     }
 
-    /// Root mean square (n, n_bands, C) of each band and axis of recordings (n, T, C), or (n_bands, C) of one.
+    /// Root mean square `(n, n_bands, C)` of each band and axis of recordings `(n, T, C)`, or `(n_bands, C)` of one.
     #[pyo3(signature = (X, threads=None))]
     #[allow(non_snake_case)] // as scikit-learn calls it
     fn band_rms<'py>(
