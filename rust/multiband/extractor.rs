@@ -20,6 +20,10 @@ use crate::lanes::Path;
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
+/// The largest number of values of a recording, an hour and a half of six axes at 500 Hz: bands and transforms take up to
+/// 256 bytes for each, and memory that is not there would end the process.
+const MAX_VALUES: usize = 1 << 24;
+
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
 /// Immutable, shared between threads.
 #[derive(Clone, Debug)]
@@ -57,6 +61,10 @@ impl MultiBand {
         if n_samples > MAX_SAMPLES {
             return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
         }
+        // Before anything of that size is made or counted.
+        if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
+            return Err(Error::TooLarge { n_samples, n_axes });
+        }
         let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
             return Err(Error::NoBlocks { n_samples, n_axes });
@@ -65,7 +73,7 @@ impl MultiBand {
         let bands = bands(n_samples, spec.rate_hz);
         let n_bands = bands.len();
         let lengths: Vec<_> = bands.iter().map(|band| band.n_samples).collect();
-        // Before anything of that size is made: the couplings of many axes are the most by far.
+        // The couplings of many axes are the most by far.
         let pairs = n_axes.checked_mul(n_axes).and_then(|n| n.checked_mul(4 * n_bands));
         if pairs.is_none_or(|pairs| has(Block::Coupling) && pairs > MAX_FEATURES) {
             return Err(Error::TooLarge { n_samples, n_axes });
@@ -241,8 +249,8 @@ impl MultiBand {
         if rows.is_empty() || rows.len() > whole || !rows.len().is_multiple_of(self.n_axes) {
             return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
         }
-        // A workspace of another shape is replaced: a mistake that costs time only.
-        if work.shape != (self.n_samples, self.n_axes) {
+        // A workspace made for something else is replaced: a mistake that costs time only.
+        if !work.suits(self) {
             *work = self.workspace();
         }
         if path.run(Split { design: self, rows, work }) {
@@ -267,4 +275,26 @@ fn first<'a>(rest: &mut &'a mut [f64], n: usize) -> &'a mut [f64] {
     let (first, after) = std::mem::take(rest).split_at_mut(n);
     *rest = after;
     first
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn recordings_too_large_for_any_memory_are_refused() {
+        let unit = Scales::unit(1, 1);
+        for (n_samples, n_axes) in [
+            (usize::MAX, 1),
+            (MAX_SAMPLES, 1),
+            (MAX_VALUES + 1, 1),
+            (MAX_VALUES, 2),
+            (1, MAX_VALUES + 1),
+            (1, usize::MAX / 8 + 1),
+            (MAX_SAMPLES, usize::MAX),
+        ] {
+            let error = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &unit).unwrap_err();
+            assert!(matches!(error, Error::Samples { .. } | Error::TooLarge { .. }), "{error}");
+        }
+    }
 }

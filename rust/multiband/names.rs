@@ -1,13 +1,9 @@
 //! Names of the features.
 
 use super::extractor::MultiBand;
+use super::moments::LAG;
+use super::quantiles::PROBABILITIES;
 use crate::wrench::axis_name;
-
-/// What the quantiles block has of each band and axis.
-const QUANTILES: [&str; 7] = ["q02", "q10", "q25", "q50", "q75", "q90", "q98"];
-
-/// Samples between the two halves of a coupling.
-const LAG: usize = 2;
 
 impl MultiBand {
     /// Names of the features, in order: `b0_coupling_fx_fx ... b0_q02_fx ... b0_envelope_fx_0 ... spectrum_fx_00`.
@@ -36,8 +32,8 @@ impl MultiBand {
         };
         if self.quantiles.is_some() {
             each(&mut names, &|band, axis, names| {
-                let all = QUANTILES.iter().chain(&["logrms"]);
-                names.extend(all.map(|what| format!("b{band}_{what}_{axis}")));
+                names.extend(PROBABILITIES.map(|p| format!("b{band}_q{:02.0}_{axis}", 100.0 * p)));
+                names.push(format!("b{band}_logrms_{axis}"));
             });
         }
         if let Some(envelope) = &self.envelope {

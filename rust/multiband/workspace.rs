@@ -2,6 +2,7 @@
 
 use super::bank::BankWork;
 use super::coupling::CouplingWork;
+use super::extractor::MultiBand;
 use super::quantiles::QuantilesWork;
 use super::spectrum::SpectrumWork;
 
@@ -16,4 +17,55 @@ pub struct Workspace {
     pub(super) coupling: Option<CouplingWork>,
     pub(super) quantiles: Option<QuantilesWork>,
     pub(super) spectrum: Option<SpectrumWork>,
+}
+
+impl Workspace {
+    /// Whether there is room for all that a design computes.
+    pub(super) fn suits(&self, design: &MultiBand) -> bool {
+        let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
+        let needed = [design.coupling.is_some(), design.quantiles.is_some(), design.spectrum.is_some()];
+        self.shape == (design.n_samples(), design.n_axes()) && there.iter().zip(needed).all(|(t, n)| *t || !n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{n_bands, Block, MultiBandSpec, Scales};
+    use super::*;
+
+    /// Every selection of blocks, in memory made for every other one and for another shape.
+    #[test]
+    fn memory_of_another_design_changes_nothing() {
+        let (n_samples, n_axes) = (60, 2);
+        let scales = Scales::unit(n_bands(n_samples), n_axes);
+        let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
+        let designs: Vec<_> = (1..1 << Block::NAMED.len())
+            .map(|blocks| {
+                let has = |place: u8| blocks >> place & 1 == 1;
+                let spec = MultiBandSpec {
+                    rate_hz: 500.0,
+                    coupling: has(0),
+                    quantiles: has(1),
+                    envelope: has(2),
+                    spectrum: has(3),
+                    level: has(4),
+                };
+                MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
+            })
+            .collect();
+        let short = MultiBand::new(MultiBandSpec::default(), 7, n_axes, &Scales::unit(n_bands(7), n_axes));
+        let extract = |design: &MultiBand, mut work: Workspace| {
+            let mut out = vec![f64::NAN; design.n_features()];
+            design.extract_into(&rows, &mut work, &mut out).unwrap();
+            out
+        };
+        let short = short.unwrap();
+        for design in &designs {
+            let own = extract(design, design.workspace());
+            assert!(own.iter().all(|feature| feature.is_finite()));
+            for other in designs.iter().chain([&short]) {
+                assert_eq!(extract(design, other.workspace()), own);
+            }
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Scores of multi-band features: computed from the rows that are there whenever somebody asks.
 
-use super::extractor::Windows;
 use super::window::Window;
+use super::windows::Windows;
 use crate::error::Result;
 use crate::lanes::Path;
 use crate::model::{AddRows, Model};

@@ -1,8 +1,9 @@
 //! Scores of samples and histograms, which grow with each sample.
 
-use super::extractor::{StreamingExtractor, Windows};
+use super::extractor::StreamingExtractor;
 use super::outlook::{Outlook, SoFar};
 use super::settled::Race;
+use super::windows::Windows;
 use crate::error::Result;
 use crate::lanes::Path;
 use crate::model::{AddRows, Model};

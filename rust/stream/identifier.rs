@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::banded::Banded;
-use super::extractor::Windows;
 use super::growing::Growing;
+use super::windows::Windows;
 use crate::error::Result;
 use crate::model::{best_and_margin, Extraction, Model};
 
@@ -150,8 +150,8 @@ impl StreamingIdentifier {
     /// Scores of the learners: those of [`Model::scores`] once the window is complete, provisional before.
     ///
     /// # Errors
-    /// [`Error::Score`](crate::Error::Score) when a score leaves float64, [`Error::Overflow`](crate::Error::Overflow) when
-    /// a feature does.
+    /// [`Error::Score`](crate::Error::Score) when a score leaves float64; [`Error::TooLoud`](crate::Error::TooLoud) when a
+    /// row of the window is too large for multi-band features.
     pub fn scores(&mut self) -> Result<&[f64]> {
         self.refresh()?;
         Ok(&self.scores)

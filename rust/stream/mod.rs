@@ -1,8 +1,9 @@
 //! Features and answers while samples arrive, equal to those of whole recordings bit for bit.
 //!
 //! [`StreamingExtractor`] keeps what the filter remembers and a running histogram, [`StreamingIdentifier`] the sums of the
-//! scores as well; of a model with multi-band features it keeps the rows, and computes when it is asked. All memory is allocated when a stream is made; pushing rows and reading features or answers allocate
-//! nothing, never block and take a bounded time per row.
+//! scores as well; of a model with multi-band features it keeps the rows, and computes when it is asked. All memory is
+//! allocated when a stream is made; pushing rows and reading features or answers allocate nothing, never block and take a
+//! bounded time per row or answer.
 
 mod banded;
 mod counts;
@@ -13,6 +14,8 @@ mod outlook;
 mod raw;
 mod settled;
 mod window;
+mod windows;
 
-pub use extractor::{StreamingExtractor, Windows, MAX_WINDOW};
+pub use extractor::StreamingExtractor;
 pub use identifier::{Standing, StreamingIdentifier};
+pub use windows::{Windows, MAX_WINDOW};

@@ -1,6 +1,6 @@
 //! The rows of a window, side by side as a recording has them.
 
-use super::extractor::Windows;
+use super::windows::Windows;
 use crate::error::{Error, Result};
 
 /// Keeps the rows of a window in the order in which they came. Allocates nothing once it is made.

@@ -53,7 +53,9 @@ impl Model {
     /// The model in the bytes of a file, of at most `max_file_bytes` ([`MAX_FILE_BYTES`] is what [`read`](Self::read)
     /// allows).
     ///
-    /// Memory stays below twice the size of the file and some megabytes for the header and the edges of the histograms.
+    /// Memory stays below twice the size of the file and some megabytes for the header and the edges of the histograms; of
+    /// multi-band features below 512 bytes for each sample of a recording, of which
+    /// [`MAX_MULTIBAND_VALUES`](crate::model::MAX_MULTIBAND_VALUES) are allowed.
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, Fault> {
         check_size(bytes.len() as u64, max_file_bytes)?;
         let mut entries = header::metadata(header::text(bytes)?)?;
