@@ -31,14 +31,17 @@ impl Level {
         out.fill(0.0);
         for stretch in 0..self.stretches {
             let [from, to] = [stretch, stretch + 1].map(|i| i * n_seen / self.stretches);
-            if from == to {
-                continue;
+            let samples = &recording[from * self.n_axes..to * self.n_axes];
+            for row in samples.chunks_exact(self.n_axes) {
+                for (axis, x) in row.iter().enumerate() {
+                    out[axis * self.stretches + stretch] += x;
+                }
             }
-            let cells = out.iter_mut().skip(stretch).step_by(self.stretches);
-            for (axis, (cell, scale)) in cells.zip(scales).enumerate() {
-                let samples = recording[from * self.n_axes..to * self.n_axes].iter().skip(axis);
-                let sum: f64 = samples.step_by(self.n_axes).sum();
-                *cell = libm::asinh(sum / (to - from) as f64 / scale);
+        }
+        for (axis, out) in out.chunks_exact_mut(self.stretches).enumerate() {
+            for (stretch, cell) in out.iter_mut().enumerate() {
+                let [from, to] = [stretch, stretch + 1].map(|i| i * n_seen / self.stretches);
+                *cell = libm::asinh(*cell / (to - from).max(1) as f64 / scales[axis]);
             }
         }
     }
