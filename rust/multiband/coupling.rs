@@ -112,3 +112,64 @@ impl Job for Compute<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::signals::Signals;
+    use super::*;
+
+    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+        let design = Coupling::new(&signals.lengths(), signals.n_axes());
+        let mut out = vec![0.0; design.n_features()];
+        design.compute(path, signals.view(), scales, &mut design.work(), &mut out);
+        out
+    }
+
+    #[test]
+    fn every_path_gives_the_same_bits() {
+        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
+        let all =
+            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
+        assert!(all[0].iter().all(|x| x.is_finite()));
+        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+
+    #[test]
+    fn only_bands_that_are_long_enough() {
+        assert_eq!(Coupling::new(&[1600, 1600, 1600, 800, 400, 200, 100, 50, 25, 13], 6).n_bands(), 8);
+        assert_eq!(Coupling::new(&[10, 9], 1).n_bands(), 1);
+        assert_eq!(Coupling::new(&[49], 6).n_features(), 0);
+    }
+
+    #[test]
+    fn silence_is_the_ridge() {
+        let signals = Signals::from(vec![vec![vec![0.0; 30]; 1]]);
+        let log = libm::log(RIDGE);
+        assert_eq!(compute(Path::Baseline, &signals, &[1.0]), [log, 0.0, log]);
+    }
+
+    #[test]
+    fn a_beginning_too_short_for_moments_is_the_ridge() {
+        let design = Coupling::new(&[100], 1);
+        let signals = Signals::from(vec![vec![vec![5.0; 2]; 1]]);
+        let mut out = [0.0; 3];
+        design.compute(Path::Baseline, signals.view(), &[1.0], &mut design.work(), &mut out);
+        assert_eq!(out, [libm::log(RIDGE), 0.0, libm::log(RIDGE)]);
+    }
+
+    #[test]
+    fn what_overflows_is_not_hidden() {
+        let signals = Signals::from(vec![vec![vec![1e200; 30]; 1]]);
+        assert!(compute(Path::Baseline, &signals, &[1.0]).iter().all(|x| x.is_nan()));
+    }
+
+    #[test]
+    fn more_bands_than_fit_at_a_time() {
+        let signals = Signals::new(&[60; 19], 2);
+        let all = compute(Path::detect(), &signals, &[1.0; 38]);
+        for (band, features) in all.chunks_exact(10).enumerate() {
+            let alone = Signals::from(vec![signals.band(band)]);
+            assert_eq!(features, compute(Path::detect(), &alone, &[1.0; 2]));
+        }
+    }
+}

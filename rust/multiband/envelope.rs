@@ -79,3 +79,40 @@ fn sum_of_squares(signal: &[f64], factor: f64) -> f64 {
     }
     sums.sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::signals::Signals;
+    use super::*;
+
+    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+        let design = Envelope::new(signals.lengths().len(), signals.n_axes());
+        let mut out = vec![0.0; design.n_features()];
+        design.compute(path, signals.view(), scales, &mut out);
+        out
+    }
+
+    #[test]
+    fn every_path_gives_the_same_bits() {
+        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
+        let all =
+            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
+        assert!(all[0].iter().all(|x| x.is_finite()));
+        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+
+    #[test]
+    fn stretches_are_as_equal_as_samples_allow() {
+        // 1, 1, 1 and 2 samples.
+        let signals = Signals::from(vec![vec![vec![2.0, 4.0, 6.0, 8.0, 0.0]]]);
+        let expected = [1.0, 4.0, 9.0, 8.0].map(|energy| libm::log(energy + FLOOR));
+        assert_eq!(compute(Path::Baseline, &signals, &[2.0]), expected);
+    }
+
+    #[test]
+    fn a_stretch_without_samples_has_no_energy() {
+        let signals = Signals::from(vec![vec![vec![3.0]]]);
+        let floor = libm::log(FLOOR);
+        assert_eq!(compute(Path::Baseline, &signals, &[1.0]), [floor, floor, floor, libm::log(9.0 + FLOOR)]);
+    }
+}

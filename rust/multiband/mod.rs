@@ -36,6 +36,8 @@ mod quad;
 mod quantiles;
 mod scales;
 mod spec;
+#[cfg(test)]
+mod signals;
 mod spectrum;
 mod symmetric;
 mod workspace;

@@ -159,3 +159,41 @@ fn add<const TRIANGLE: bool>(sums: &mut Tile, rows: [&[f64]; TILE], columns: [&[
     }
     *sums = local;
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::super::bank::Place;
+    use super::*;
+
+    /// By definition.
+    fn slowly(axes: &[Vec<f64>], scales: &[f64], i: usize, j: usize) -> f64 {
+        let n = axes[0].len();
+        let stacked = |row: usize, t: usize| {
+            let axis = row % axes.len();
+            axes[axis][if row < axes.len() { t } else { t - LAG }] / scales[axis]
+        };
+        (LAG..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / (n - LAG).max(1) as f64
+    }
+
+    proptest! {
+        #[test]
+        fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, seed in any::<u32>()) {
+            let value = |k: usize| ((k as f64 + f64::from(seed)) * 0.731).sin() * if k % 97 == 0 { 1e6 } else { 1.0 };
+            let axes: Vec<Vec<f64>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
+            let scales: Vec<f64> = (0..n_axes).map(|a| 0.5 + a as f64).collect();
+            let values = axes.concat();
+            let places = [Place { start: 0, stride: n, len: n }];
+            let mut seen = 0;
+            let mut moments = Moments::new(n_axes);
+            let mut far = 0;
+            moments.take(BandSignals::new(&values, &places, n_axes), 0, &scales, |i, j, got| {
+                seen += 1;
+                let size = (slowly(&axes, &scales, i, i) * slowly(&axes, &scales, j, j)).sqrt();
+                far += usize::from(i < j || (got - slowly(&axes, &scales, i, j)).abs() > 1e-12 * size);
+            });
+            prop_assert_eq!((seen, far), (n_axes * (2 * n_axes + 1), 0));
+        }
+    }
+}

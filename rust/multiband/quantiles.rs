@@ -38,7 +38,7 @@ pub(super) struct Quantiles {
 /// What one thread needs to compute it. Between recordings all counts are zero.
 #[derive(Clone, Debug)]
 pub(super) struct QuantilesWork {
-    pub(super) counts: Box<[[u32; ROOM]; TURNS]>,
+    counts: Box<[[u32; ROOM]; TURNS]>,
     /// Values in a bin and in all bins before it.
     until: Box<[u32; ROOM]>,
 }
@@ -117,7 +117,7 @@ impl Job for Compute<'_> {
 /// Counts the values of a signal divided by `scale`; returns their mean square, and the first and last bin that may hold
 /// any.
 #[inline(always)]
-pub(super) fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64, (usize, usize)) {
+fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64, (usize, usize)) {
     let inverse = 1.0 / scale;
     let mut squares = Pack::<LANES>::ZERO;
     let (mut least, mut most) =
@@ -199,5 +199,68 @@ impl QuantilesWork {
             let bin = start + behind;
             *out = edges[bin] + within * (edges[bin + 1] - edges[bin]);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::signals::Signals;
+    use super::*;
+
+    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+        let design = Quantiles::new(signals.lengths().len(), signals.n_axes());
+        let mut out = vec![0.0; design.n_features()];
+        let mut work = design.work();
+        design.compute(path, signals.view(), scales, &mut work, &mut out);
+        assert!(work.counts.iter().flatten().all(|count| *count == 0), "counts are left over");
+        out
+    }
+
+    #[test]
+    fn every_path_gives_the_same_bits() {
+        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
+        let all =
+            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
+        assert!(all[0].iter().all(|x| x.is_finite()));
+        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+
+    #[test]
+    fn quantiles_of_one_to_a_thousand() {
+        let signals = Signals::from(vec![vec![(1..=1000).map(|x| f64::from(x) / 10.0).collect()]]);
+        let got = compute(Path::detect(), &signals, &[1.0]);
+        for (got, p) in got.iter().zip(PROBABILITIES) {
+            // No better than a bin is wide.
+            assert!((got.sinh() / (0.1 + 99.9 * p) - 1.0).abs() < 1.0 / 16.0, "{p}: {}", got.sinh());
+        }
+        assert!((got[7] - (333_833.5_f64.sqrt() / 10.0 + FLOOR).ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn linear_within_a_bin() {
+        // All in the bin from 1 to 17/16, ranks 0.56, 0.8, ... of 4.
+        let signals = Signals::from(vec![vec![vec![2.0; 4]]]);
+        let got = compute(Path::Baseline, &signals, &[2.0]);
+        for (got, p) in got.iter().zip(PROBABILITIES) {
+            assert!((got - (1.0 + (p * 3.0 + 0.5) / 64.0).asinh()).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn a_quotient_on_an_edge_is_in_the_outer_bin() {
+        // 3 times the reciprocal of 3 is 1, that of 49 times 49 is less.
+        for scale in [3.0, 49.0, 1e-310, 1e300] {
+            let signals = Signals::from(vec![vec![vec![scale; 100]]]);
+            let got = compute(Path::detect(), &signals, &[scale]);
+            assert!(got[0].sinh() >= 1.0 - 1e-15, "{scale}: {}", got[0].sinh());
+        }
+    }
+
+    #[test]
+    fn silence_and_overflow() {
+        let silence = compute(Path::detect(), &Signals::from(vec![vec![vec![0.0; 50]]]), &[1.0]);
+        assert!(silence[3].abs() < 1e-2 && silence[7] == libm::log(FLOOR));
+        let overflow = compute(Path::detect(), &Signals::from(vec![vec![vec![1e200; 50]]]), &[1.0]);
+        assert_eq!(overflow[7], f64::INFINITY);
     }
 }

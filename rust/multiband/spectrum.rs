@@ -182,3 +182,64 @@ fn pooled(values: &[Complex<LANES>], frequencies: std::ops::Range<usize>) -> [Pa
     }
     sums
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::signals::Signals;
+    use super::*;
+
+    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+        let design = Spectrum::new(signals.lengths()[0], signals.n_axes());
+        let mut out = vec![0.0; design.n_features()];
+        design.compute(path, signals.view(), scales, &mut design.work(), &mut out);
+        out
+    }
+
+    #[test]
+    fn every_path_gives_the_same_bits() {
+        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
+        let all =
+            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
+        assert!(all[0].iter().all(|x| x.is_finite()));
+        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+
+    #[test]
+    fn bins_ascend_to_the_end() {
+        for n in 4..3000 {
+            let edges = edges(n);
+            assert_eq!((edges[0], edges[edges.len() - 1]), (1, n / 2 + 1));
+            assert!(
+                edges.len() == 2 || edges.windows(2).all(|pair| pair[1] - pair[0] >= MIN_WIDTH),
+                "{n}: {edges:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_sine_is_one_peak() {
+        let sine = |t: usize| (2.0 * PI * 100.0 * t as f64 / 1600.0).sin();
+        let signals =
+            Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
+        let got = compute(Path::detect(), &signals, &[1.0; 3]);
+        let edges = edges(1600);
+        let bin = edges.iter().rposition(|edge| *edge <= 100).unwrap();
+        let (first, others) = got.split_at(edges.len() - 1);
+        for (i, power) in first.iter().enumerate() {
+            assert!((i == bin) == (*power > 1.0), "{i} {power}");
+        }
+        assert!(others[..edges.len() - 1].iter().all(|power| (power - FLOOR.ln()).abs() < 1e-9));
+    }
+
+    #[test]
+    fn a_beginning_is_followed_by_zeros() {
+        let design = Spectrum::new(200, 1);
+        let signals = Signals::new(&[77], 1);
+        let (mut short, mut long) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
+        let mut work = design.work();
+        design.compute(Path::detect(), signals.view(), &[1.0], &mut work, &mut short);
+        design.compute(Path::detect(), Signals::new(&[200], 1).view(), &[1.0], &mut work, &mut long);
+        assert!(short.iter().all(|x| x.is_finite()));
+        assert_eq!(long, compute(Path::detect(), &Signals::new(&[200], 1), &[1.0]));
+    }
+}

@@ -230,3 +230,102 @@ impl<const L: usize> Logarithms<L> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    type Matrix = Vec<Vec<f64>>;
+
+    /// A rotation made of many plane ones, by angles that any sequence gives.
+    fn rotation(n: usize, angles: &[f64]) -> Matrix {
+        let mut q: Matrix = (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect();
+        let planes = (0..n).flat_map(|i| (0..i).map(move |j| (i, j)));
+        for ((i, j), angle) in planes.zip(angles.iter().cycle()) {
+            let (s, c) = angle.sin_cos();
+            for row in &mut q {
+                (row[i], row[j]) = (c * row[i] - s * row[j], s * row[i] + c * row[j]);
+            }
+        }
+        q
+    }
+
+    fn compose(q: &Matrix, values: &[f64]) -> Matrix {
+        let entry = |i: usize, j: usize| values.iter().enumerate().map(|(k, v)| q[i][k] * v * q[j][k]).sum();
+        (0..q.len()).map(|i| (0..q.len()).map(|j| entry(i, j)).collect()).collect()
+    }
+
+    fn logarithms<const L: usize>(matrices: &[Matrix; L], floor: f64) -> [Matrix; L] {
+        let n = matrices[0].len();
+        let mut work = Logarithms::<L>::new(n);
+        for (l, matrix) in matrices.iter().enumerate() {
+            for i in 0..n {
+                (0..n).for_each(|j| {
+                    work.matrices[i * n + j].0[l] = if j <= i { matrix[i][j] } else { f64::NAN }
+                });
+            }
+        }
+        work.take(floor);
+        std::array::from_fn(|l| {
+            let entry = |i: usize, j: usize| work.matrices[i.max(j) * n + i.min(j)].0[l];
+            (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
+        })
+    }
+
+    fn largest_difference(a: &Matrix, b: &Matrix) -> f64 {
+        a.iter().flatten().zip(b.iter().flatten()).fold(0.0, |most, (a, b)| (a - b).abs().max(most))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+        #[test]
+        fn logarithms_of_known_eigenvalues(
+            n in 1_usize..27,
+            angles in prop::collection::vec(-3.2..3.2, 1..30),
+            spread in 0.0..21.0,
+            exponents in prop::collection::vec(0.0..1.0, 26),
+        ) {
+            // Up to a billion times the least eigenvalue, which is the floor.
+            let values: Vec<f64> = exponents[..n].iter().map(|x: &f64| 1e-3 * f64::exp(x * spread)).collect();
+            let logs: Vec<f64> = values.iter().map(|v| v.ln()).collect();
+            let q = rotation(n, &angles);
+            let [got, constant] = logarithms(&[compose(&q, &values), compose(&q, &vec![2.0; n])], 1e-3);
+            let rounding = 1e-14 * (f64::exp(spread) + 10.0);
+            prop_assert!(largest_difference(&got, &compose(&q, &logs)) < rounding);
+            prop_assert!(largest_difference(&constant, &compose(&q, &vec![2.0_f64.ln(); n])) < 1e-13);
+        }
+
+        #[test]
+        fn neighbours_change_no_bit(angles in prop::collection::vec(-3.2..3.2, 30), n in 2_usize..14) {
+            let values: Vec<f64> = (0..n).map(|i| 1e-3 * (i as f64).exp2()).collect();
+            let matrix = compose(&rotation(n, &angles), &values);
+            let diagonal = compose(&rotation(n, &[0.0]), &values);
+            let broken = compose(&rotation(n, &[0.0]), &vec![f64::INFINITY; n]);
+            let [alone, _, _] = logarithms(&[matrix.clone(), diagonal.clone(), diagonal.clone()], 1e-3);
+            let [_, beside, lost] = logarithms(&[diagonal, matrix, broken], 1e-3);
+            prop_assert_eq!(alone, beside);
+            prop_assert!(lost.iter().flatten().all(|x| x.is_nan()));
+        }
+    }
+
+    #[test]
+    fn two_by_two() {
+        // Eigenvalues 1 and 3.
+        let [log] = logarithms(&[vec![vec![2.0, 1.0], vec![1.0, 2.0]]], 1e-3);
+        let half = 0.5 * 3.0_f64.ln();
+        assert!(largest_difference(&log, &vec![vec![half; 2]; 2]) < 1e-15);
+    }
+
+    #[test]
+    fn any_size_of_numbers() {
+        for size in [1e-150, 1e150, 1e300] {
+            let [log] = logarithms(&[vec![vec![2.0 * size, size], vec![size, 2.0 * size]]], 1e-200);
+            assert!((log[0][0] - (size.ln() + 0.5 * 3.0_f64.ln())).abs() < 1e-12);
+            assert!((log[0][1] - 0.5 * 3.0_f64.ln()).abs() < 1e-12);
+        }
+        let [log] = logarithms(&[vec![vec![0.0; 3]; 3]], 1e-3);
+        assert_eq!(log[0], [1e-3_f64.ln(), 0.0, 0.0]);
+    }
+}
