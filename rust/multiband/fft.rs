@@ -10,51 +10,8 @@
 
 use std::f64::consts::PI;
 
+use super::butterfly::{Butterfly, Complex, Five, Four, Three, Two};
 use super::pack::Pack;
-
-/// Complex numbers side by side.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(64))]
-pub(super) struct Complex<const L: usize> {
-    pub(super) re: Pack<L>,
-    pub(super) im: Pack<L>,
-}
-
-impl<const L: usize> Complex<L> {
-    pub(super) const ZERO: Self = Self { re: Pack::ZERO, im: Pack::ZERO };
-
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        Self { re: self.re + other.re, im: self.im + other.im }
-    }
-
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        Self { re: self.re - other.re, im: self.im - other.im }
-    }
-
-    #[inline(always)]
-    fn times(self, factor: f64) -> Self {
-        Self { re: self.re * Pack::splat(factor), im: self.im * Pack::splat(factor) }
-    }
-
-    #[inline(always)]
-    fn times_minus_i(self) -> Self {
-        Self { re: self.im, im: -self.re }
-    }
-
-    /// Times one complex number, the same in all lanes.
-    #[inline(always)]
-    fn turned(self, [re, im]: [f64; 2]) -> Self {
-        let (c, s) = (Pack::splat(re), Pack::splat(im));
-        Self { re: self.re * c - self.im * s, im: self.re * s + self.im * c }
-    }
-
-    #[inline(always)]
-    fn conjugate(self) -> Self {
-        Self { re: self.re, im: -self.im }
-    }
-}
 
 /// One pass of Stockham's algorithm: `blocks` transforms of `radix` values for each of `stride` places.
 #[derive(Clone, Debug)]
@@ -111,7 +68,7 @@ fn root(numerator: usize, denominator: usize) -> [f64; 2] {
 fn radices(n: usize) -> Option<Vec<usize>> {
     let (mut rest, mut radices) = (n, Vec::new());
     for radix in [4, 2, 3, 5] {
-        while rest > 1 && rest % radix == 0 {
+        while rest > 1 && rest.is_multiple_of(radix) {
             radices.push(radix);
             rest /= radix;
         }
@@ -188,7 +145,8 @@ impl Smooth {
     fn new(n: usize) -> Self {
         let n_factors = |n: usize| radices(n).map_or(usize::MAX / 2, |radices| radices.len());
         // As square as it gets without splitting a factor.
-        let square = |rows: &usize| n % rows == 0 && n_factors(*rows) + n_factors(n / rows) == n_factors(n);
+        let square =
+            |rows: &usize| n.is_multiple_of(*rows) && n_factors(*rows) + n_factors(n / rows) == n_factors(n);
         let n_rows = if n <= LONGEST { 1 } else { (1..=n.isqrt()).rev().find(square).unwrap_or(1) };
         let n_columns = n / n_rows;
         let factors = (0..n_columns).flat_map(|j| (0..n_rows).map(move |k| root(j * k, n))).collect();
@@ -247,7 +205,7 @@ fn straight<const L: usize>(passes: &[Pass], x: &mut [Complex<L>], y: &mut [Comp
             _ => pass.run::<Five, L, 5>(from, to),
         }
     }
-    passes.len() % 2 == 0
+    passes.len().is_multiple_of(2)
 }
 
 impl Pass {
@@ -279,63 +237,6 @@ impl Pass {
                 }
             }
         }
-    }
-}
-
-/// A transform of so few values that it is written out.
-trait Butterfly<const R: usize> {
-    fn of<const L: usize>(values: [Complex<L>; R]) -> [Complex<L>; R];
-}
-
-struct Two;
-struct Three;
-struct Four;
-struct Five;
-
-impl Butterfly<2> for Two {
-    #[inline(always)]
-    fn of<const L: usize>([a, b]: [Complex<L>; 2]) -> [Complex<L>; 2] {
-        [a.plus(b), a.minus(b)]
-    }
-}
-
-impl Butterfly<3> for Three {
-    #[inline(always)]
-    fn of<const L: usize>([a, b, c]: [Complex<L>; 3]) -> [Complex<L>; 3] {
-        const SIN: f64 = 0.866_025_403_784_438_6;
-        let (sum, difference) = (b.plus(c), b.minus(c).times_minus_i().times(SIN));
-        let middle = a.minus(sum.times(0.5));
-        [a.plus(sum), middle.plus(difference), middle.minus(difference)]
-    }
-}
-
-impl Butterfly<4> for Four {
-    #[inline(always)]
-    fn of<const L: usize>([a, b, c, d]: [Complex<L>; 4]) -> [Complex<L>; 4] {
-        let (even, odd) = (a.plus(c), a.minus(c));
-        let (sum, difference) = (b.plus(d), b.minus(d).times_minus_i());
-        [even.plus(sum), odd.plus(difference), even.minus(sum), odd.minus(difference)]
-    }
-}
-
-impl Butterfly<5> for Five {
-    #[inline(always)]
-    fn of<const L: usize>([a, b, c, d, e]: [Complex<L>; 5]) -> [Complex<L>; 5] {
-        const COS: [f64; 2] = [0.309_016_994_374_947_45, -0.809_016_994_374_947_5];
-        const SIN: [f64; 2] = [0.951_056_516_295_153_5, 0.587_785_252_292_473_1];
-        let (outer, inner) = (b.plus(e), c.plus(d));
-        let (outer_turn, inner_turn) = (b.minus(e).times_minus_i(), c.minus(d).times_minus_i());
-        let first = a.plus(outer.times(COS[0])).plus(inner.times(COS[1]));
-        let second = a.plus(outer.times(COS[1])).plus(inner.times(COS[0]));
-        let first_turn = outer_turn.times(SIN[0]).plus(inner_turn.times(SIN[1]));
-        let second_turn = outer_turn.times(SIN[1]).minus(inner_turn.times(SIN[0]));
-        [
-            a.plus(outer).plus(inner),
-            first.plus(first_turn),
-            second.plus(second_turn),
-            second.minus(second_turn),
-            first.minus(first_turn),
-        ]
     }
 }
 

@@ -27,7 +27,7 @@ const LEAST: f64 = 0.015_5;
 const MOST: f64 = 255.0;
 
 /// The bin of a number; those beyond the outermost bins count there.
-#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 0 to N_BINS
+#[allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_sign_loss)] // 0 to N_BINS
 #[inline(always)]
 pub(super) fn bin(z: f64) -> usize {
     let size = z.abs();
@@ -76,12 +76,12 @@ mod tests {
     #[test]
     fn an_edge_belongs_to_the_outer_bin() {
         let edges = edges();
-        for b in MIDDLE + 1..N_BINS {
-            assert_eq!(bin(edges[b]), b);
-            assert_eq!(bin(edges[b].next_down()), b - 1);
-            assert_eq!(bin(-edges[b]), 2 * MIDDLE - b);
-            assert!(near_edge(edges[b]) && near_edge(edges[b].next_down()));
-            assert!(!near_edge(edges[b] * (1.0 + 1e-12)));
+        for (b, edge) in edges.iter().enumerate().take(N_BINS).skip(MIDDLE + 1) {
+            assert_eq!(bin(*edge), b);
+            assert_eq!(bin(edge.next_down()), b - 1);
+            assert_eq!(bin(-edge), 2 * MIDDLE - b);
+            assert!(near_edge(*edge) && near_edge(edge.next_down()));
+            assert!(!near_edge(edge * (1.0 + 1e-12)));
         }
     }
 

@@ -19,6 +19,7 @@
 mod bands;
 mod bank;
 mod batch;
+mod butterfly;
 mod coupling;
 mod envelope;
 mod extractor;

@@ -64,8 +64,8 @@ impl Moments {
         let count = (n - LAG) as f64;
         for i in 0..n_axes {
             let (x, x_scale) = (signals.axis(band, i), 1.0 / scales[i]);
-            for j in 0..n_axes {
-                let (y, y_scale) = (signals.axis(band, j), 1.0 / scales[j]);
+            for (j, scale) in scales.iter().enumerate() {
+                let (y, y_scale) = (signals.axis(band, j), 1.0 / scale);
                 let add = |sum: f64, range: &std::ops::Range<usize>, lag: usize| {
                     let pairs = x[range.clone()].iter().zip(&y[range.start - lag..]);
                     pairs.fold(sum, |sum, (x, y)| sum + (x * x_scale) * (y * y_scale))
@@ -174,13 +174,13 @@ mod tests {
             let axis = row % axes.len();
             axes[axis][if row < axes.len() { t } else { t - LAG }] / scales[axis]
         };
-        (LAG..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / (n - LAG).max(1) as f64
+        (LAG..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / n.saturating_sub(LAG).max(1) as f64
     }
 
     proptest! {
         #[test]
         fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, seed in any::<u32>()) {
-            let value = |k: usize| ((k as f64 + f64::from(seed)) * 0.731).sin() * if k % 97 == 0 { 1e6 } else { 1.0 };
+            let value = |k: usize| ((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e6 } else { 1.0 };
             let axes: Vec<Vec<f64>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
             let scales: Vec<f64> = (0..n_axes).map(|a| 0.5 + a as f64).collect();
             let values = axes.concat();

@@ -52,6 +52,7 @@ impl Quantiles {
         self.n_bands * self.n_axes * PER_AXIS
     }
 
+    #[allow(clippy::unused_self)] // as the other statistics
     pub(super) fn work(&self) -> QuantilesWork {
         QuantilesWork { counts: Box::new([[0; ROOM]; TURNS]), until: Box::new([0; ROOM]) }
     }
@@ -138,8 +139,8 @@ fn count(signal: &[f64], scale: f64, counts: &mut [[u32; ROOM]; TURNS]) -> (f64,
             squares = squares + z * z;
             least = least.above(z).select(z, least);
             most = z.above(most).select(z, most);
-            for l in 0..LANES {
-                bins[l] = bin(z.0[l]);
+            for (bin_of_z, z) in bins.iter_mut().zip(z.0) {
+                *bin_of_z = bin(z);
             }
         }
         for bins in bins.chunks_exact(TURNS) {
@@ -184,7 +185,9 @@ impl QuantilesWork {
             for i in 0..8 {
                 until[i] = (a[i] + b[i]) + (c[i] + d[i]);
             }
-            [a, b, c, d].into_iter().for_each(|counts| counts.fill(0));
+            for counts in [a, b, c, d] {
+                counts.fill(0);
+            }
         }
         let mut sum = 0;
         for count in &mut *until {

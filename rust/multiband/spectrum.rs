@@ -3,7 +3,8 @@
 use std::f64::consts::PI;
 
 use super::bank::BandSignals;
-use super::fft::{Complex, Fft};
+use super::butterfly::Complex;
+use super::fft::Fft;
 use super::logarithm::{self, Log};
 use super::pack::Pack;
 use crate::lanes::{Isa, Job, Path};

@@ -56,8 +56,8 @@ impl<const L: usize> Logarithms<L> {
             for l in 0..L {
                 log.0[l] = libm::log((value.0[l] / shrink.0[l]).max(floor));
             }
-            // The larger of NaN and a number is the number.
-            *log = *log + (shrink - shrink);
+            // The larger of NaN and a number is the number: NaN has to be put back.
+            *log = *log + shrink * Pack::ZERO;
         }
         for j in 0..n {
             let row = &self.vectors[j * n..][..n];
@@ -261,10 +261,10 @@ mod tests {
         let n = matrices[0].len();
         let mut work = Logarithms::<L>::new(n);
         for (l, matrix) in matrices.iter().enumerate() {
-            for i in 0..n {
-                (0..n).for_each(|j| {
-                    work.matrices[i * n + j].0[l] = if j <= i { matrix[i][j] } else { f64::NAN }
-                });
+            for (i, row) in matrix.iter().enumerate() {
+                for (j, value) in row.iter().enumerate() {
+                    work.matrices[i * n + j].0[l] = if j <= i { *value } else { f64::NAN };
+                }
             }
         }
         work.take(floor);
