@@ -148,6 +148,22 @@ def test_models_without_learners():
     assert set(result.kinds) == {"value_distance", "value", "margin"}
 
 
+def test_models_without_a_limit_are_counted_and_not_drawn():
+    few = leave_one_material_out(*swapped(clouds(n_classes=3, n_each=8)), n_folds=2)
+    assert few.n_unlimited == 6
+    assert [len(values) for values in few.strangeness] == [0, 0]
+    assert "6 models had too few rows" in str(few.table())
+    many = leave_one_material_out(*swapped(clouds(n_classes=3)), n_folds=2)
+    assert many.n_unlimited == 0
+    assert all(np.isfinite(values).all() and len(values) for values in many.strangeness)
+    assert "too few" not in str(many.table())
+
+
+def swapped(rows):
+    X, y = rows
+    return X, ECOCClassifier(), y
+
+
 def test_too_few_rows_refuse_nothing_and_say_so():
     crossed = held_out_scores(ECOCClassifier(), rows_of(*clouds(n_classes=3, n_each=4)))
     rule = unknown_rule(crossed)

@@ -120,11 +120,13 @@ def leave_one_material_out(
             )
         )
     ]
-    spread = tuple(
+    spread = [
         np.concatenate([getattr(one[every[0]], part) for one in found]) for part in ("known", "unknown")
-    )
+    ]
+    known, unknown = (values[np.isfinite(values)] for values in spread)
+    unlimited = sum(bool(np.isnan(one[every[0]].known).any()) for one in found)
     return OpenSetResult(
-        tuple(table), every[0], float(share_known), held_out, rows.synthetic, (spread[0], spread[1])
+        tuple(table), every[0], float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
     )
 
 
@@ -174,7 +176,9 @@ def _outcome(
     known, unknown = strange[is_known], strange[~is_known]
     # Partitions differ in scale: the figure shows distances from the median known row, 1 at the limit.
     middle = np.median(known)
-    scale = rule.threshold - middle if np.isfinite(rule.threshold) and rule.threshold > middle else 1.0
+    scale = float(rule.threshold - middle)
+    if not (np.isfinite(scale) and scale > 0):
+        scale = float("nan")  # without a limit there is nothing to measure by, and nothing is drawn
     figures = (
         area_under_roc(known, unknown),
         false_positives(known, unknown),

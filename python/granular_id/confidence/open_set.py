@@ -76,7 +76,9 @@ class OpenSetResult:
     synthetic : bool
     strangeness : tuple of two ndarrays
         Of tested known and of unknown rows, by the first kind, for figures: 0 is the median known row of a
-        partition, 1 its limit.
+        partition, 1 its limit; rows of models without one are left out.
+    n_unlimited : int
+        Models that had too few rows of known materials for a limit, and refuse nothing.
     """
 
     rows: tuple[OpenSetRow, ...]
@@ -87,6 +89,7 @@ class OpenSetResult:
     strangeness: tuple[FloatArray, FloatArray] = field(
         default=(np.empty(0), np.empty(0)), repr=False, compare=False
     )
+    n_unlimited: int = 0
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -103,12 +106,17 @@ class OpenSetResult:
         own = sorted((row for row in self.rows if row.kind == self.kind), key=lambda row: row.auroc)
         rows = [_cells(row.material, row) for row in own]
         rows.append(self._means("mean", self.kind))
-        notes = (
+        notes: tuple[str, ...] = (
             "known tested rows: accepted, and accepted with the right name; unknown: refused. open set: mean of named "
             "and refused",
             f"limit of {self.kind!r} set to accept {percent(self.share_known)} of cross-fitted known rows",
             f"held out: {self.held_out}",
         )
+        if self.n_unlimited:
+            notes += (
+                f"{self.n_unlimited} models had too few rows to accept {percent(self.share_known)} of the known: they "
+                "refuse nothing",
+            )
         return Table(f"Each material left out{self._mark}", _HEADER, tuple(rows), notes)
 
     def comparison(self) -> Table:
@@ -127,6 +135,7 @@ class OpenSetResult:
             "kind": self.kind,
             "share_known": self.share_known,
             "held_out": self.held_out,
+            "n_unlimited": self.n_unlimited,
             "rows": [{**vars(row), "open_set": row.open_set} for row in self.rows],
         }
 

@@ -89,14 +89,12 @@ def _confidence(rules: Rules) -> list[str]:
     lines = []
     if rules.conformal is not None:
         (level,) = rules.conformal.levels[-1:]
-        lines.append(
-            f"candidates: hold the right material of {100 * level:g} % of recordings like those held out"
-        )
-        lines += [f"  {note}" for note in rules.conformal.notes]
+        promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
+        lines.append(f"candidates: {'; '.join(rules.conformal.notes) or promise}")
     if rules.unknown is not None:
         share = 100 * rules.unknown.share_known
-        lines.append(f"unknown materials: refused, with {100 - share:.3g} % of recordings of the known ones")
-        lines += [f"  {note}" for note in rules.unknown.notes]
+        promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
+        lines.append(f"unknown materials: {'; '.join(rules.unknown.notes) or promise}")
     return lines
 
 

@@ -68,7 +68,8 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
         panel.title.set_color(INK)
         panel.xaxis.label.set_fontsize(8)
         panel.yaxis.label.set_fontsize(8)
-        panel.legend(loc="upper left", edgecolor="none", framealpha=1.0, fontsize=7.5, labelcolor=INK)
+        if panel.get_legend_handles_labels()[0]:
+            panel.legend(loc="upper left", edgecolor="none", framealpha=1.0, fontsize=7.5, labelcolor=INK)
     if confidence.synthetic:
         figure.suptitle("SYNTHETIC recordings", fontsize=10, color=INK)
     save(figure, path)
@@ -131,6 +132,11 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
     found = confidence.open_set
     assert found is not None  # the caller has looked
     known, unknown = found.strangeness
+    panel.set_title("unknown materials")
+    if not (len(known) and len(unknown)):
+        panel.set_axis_off()
+        panel.text(0.5, 0.5, "too few recordings\nfor a limit:\nnothing is refused", ha="center", va="center")
+        return
     low = float(min(known.min(), unknown.min()))
     high = float(max(2.0, np.quantile(unknown, 0.9), np.quantile(known, 0.99)))
     edges = np.linspace(low, high, _N_BINS + 1)
@@ -144,7 +150,6 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
     panel.set_xlim(low, high)
     panel.set_ylim(0.0, 1.3 * panel.get_ylim()[1])
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
-    panel.set_title("unknown materials")
     panel.set_xlabel(
         f"strangeness, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, accepted {100 * found.mean('accepted'):.0f} %, "
         f"refused {100 * found.mean('refused'):.0f} %",
