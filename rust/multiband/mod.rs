@@ -36,9 +36,9 @@ mod pack;
 mod quad;
 mod quantiles;
 mod scales;
-mod spec;
 #[cfg(test)]
 mod signals;
+mod spec;
 mod spectrum;
 mod symmetric;
 mod workspace;
