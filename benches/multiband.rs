@@ -1,5 +1,7 @@
 //! Multi-band features of one recording of 1600 samples on six axes: the whole, the filter bank, and each block.
 
+#![allow(missing_docs)] // the macros of criterion make functions without
+
 use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, Criterion};

@@ -198,7 +198,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
             match model.identify(&wrench) {
                 Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
                 Err(error) => {
-                    assert!(matches!(error, Error::Score { .. } | Error::TooLoud { .. }), "{error}")
+                    assert!(matches!(error, Error::Score { .. } | Error::TooLoud { .. }), "{error}");
                 }
             }
             read += 1;
