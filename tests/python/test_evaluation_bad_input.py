@@ -26,7 +26,7 @@ def cut(data, **labels):
     ("change", "kind", "message"),
     [
         ({"data": np.zeros((4, 5, 6))}, TypeError, "data must be a granular_id.Dataset, got ndarray"),
-        ({"spaces": "wavelets"}, ValueError, "spaces must be among 'paper', .*, got 'wavelets'"),
+        ({"spaces": "wavelets"}, ValueError, "spaces must be among 'all', 'paper', .*, got 'wavelets'"),
         ({"spaces": []}, ValueError, "at least one feature space, got none"),
         ({"spaces": ["raw", "raw"]}, ValueError, "each feature space once"),
         ({"spaces": {"mine": object()}}, TypeError, r"spaces\['mine'\] must have fit and transform"),

@@ -40,7 +40,7 @@ def test_all_spaces_and_controls_over_folds(folder):
     names = in_paper_order(spaces)
     result = evaluate(data, {name: spaces[name] for name in names}, "kfold", progress=False)
     assert [space.name for space in result.spaces] == names
-    assert len(names) == 11
+    assert len(names) == 13
     majority = 20 / 47
     for name in names:
         assert result.mean_accuracy(name) > 0.3
