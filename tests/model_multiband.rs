@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use granular_id::model::{Fault, Features, MAX_FILE_BYTES, MAX_MULTIBAND_AXES};
-use granular_id::multiband::MultiBandSpec;
+use granular_id::multiband::{Block, MultiBandSpec};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
@@ -68,6 +68,8 @@ proptest! {
         blocks in prop::collection::vec(0..50_usize, 1..9),
         seed in 0..1000_u64,
     ) {
+        let fits = |block: Block| spec.wants(block) && n_samples >= block.least_samples(n_axes);
+        prop_assume!(Block::NAMED.iter().any(|(_, block)| fits(*block)));
         let model = Arc::new(random_banded(n_classes, n_samples, n_axes, spec));
         let wrench = noise(seed, n * n_samples * n_axes);
         let scores = model.scores(&wrench, n, 2).unwrap();
