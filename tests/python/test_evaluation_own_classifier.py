@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import json
 
+import numpy as np
 import pytest
+from sklearn.base import clone
 
 from cli_cases import ended_well, refused, saved
 from granular_id.best import BestClassifier
 from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
+from granular_id.evaluation.choice_tables import choice_tables
 from granular_id.evaluation.controls import plan_controls
 from granular_id.evaluation.gram_engine import GramBank
+from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.plan import plan_spaces
 from granular_id.recording import Dataset, Recording
 from granular_id.selection import select
@@ -52,19 +57,81 @@ def test_kept_resumed_stored_and_reported(data, tmp_path, monkeypatch):
         data, OURS, ["paper", "session"], controls=False, checkpoint=tmp_path / "kept", **COUNTS
     )
     n_partitions = sum(len(each) for each in result.partitions.values())
-    assert len(fitted) == len(OURS) * n_partitions
+    assert (
+        len(fitted) == len(OURS) * n_partitions + 1
+    )  # one of all recordings, for the picture of its weights
+    assert set(fitted.pop()["sessions"]) == {"day 0", "day 1", "day 2"}
     assert all(set(known["sessions"]) <= {"day 0", "day 1", "day 2"} for known in fitted)
     held = [len(set(known["sessions"])) for known in fitted]
     assert min(held) == 2  # a session that is tested is not told
     again = evaluate(data, OURS, ["paper", "session"], controls=False, checkpoint=tmp_path / "kept", **COUNTS)
-    assert len(fitted) == len(OURS) * n_partitions  # nothing was trained again
+    assert len(fitted) == len(OURS) * n_partitions + 1  # no partition was trained again
+    assert again.chosen == result.chosen
     for key, said in result.predicted.items():
         assert [one.tolist() for one in again.predicted[key]] == [one.tolist() for one in said]
     result.to_json(tmp_path / "result.json")
     read = EvaluationResult.from_json(tmp_path / "result.json")
     assert read.table() == result.table()
+    assert read.chosen == result.chosen
     settings = {space.name: space.settings for space in read.spaces}
     assert "BestClassifier" in json.dumps(settings["best"]["own_classifier"])
+
+
+def test_what_was_chosen_is_shown_for_each_partition_and_over_all(data):
+    result = evaluate(data, ["raw", *OURS], ["paper", "session"], controls=False, **COUNTS)
+    assert {space for _, space in result.chosen} == {"best"}  # multiband has one machine, and no choice
+    of_each = result.chosen["session", "best"]
+    assert len(of_each) == len(result.partitions["session"])
+    assert all(one.note == "2 folds of whole sessions" for one in of_each)
+    over_all, each = choice_tables(result)
+    assert over_all.header[1:] == ("random partitions", "held-out sessions", "held-out accuracy")
+    for k, row in enumerate(over_all.rows):
+        assert row[0] == f"{k + 1} {of_each[0].machines[k]}"
+        assert row[2] == f"{sum(k in one.chosen for one in of_each)} of 3"
+    assert [row[1] for row in each.rows[2:]] == [" ".join(str(k + 1) for k in one.chosen) for one in of_each]
+    assert over_all.title in result.table()
+    assert each.title in result.table()
+    assert result.portrait.looked_with == "" or result.portrait.looked_at == "best"
+
+
+def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_path):
+    result = evaluate(data, "best", "session", controls=False)
+    seen = result.portrait
+    model = BestClassifier(optional_blocks=["level"])
+    space = clone(plan_spaces("best", data.rate_hz)[0].transformer).fit(data.X)
+    model.set_params(blocks=space.block_sizes_)
+    known = origins_of(data).fit_arguments(model, np.arange(len(data)))
+    features = space.transform(data.X)
+    model.fit(features, data.y, **known)
+    assert all(model.choice_.machines[k].name in seen.looked_with for k in model.choice_.chosen)
+    sizes = np.abs(model.coef_[0]) * features.std(axis=0)
+    shares = dict(
+        zip(space.block_sizes_, np.split(sizes, np.cumsum([*space.block_sizes_.values()])[:-1]), strict=True)
+    )
+    for block in seen.weights:
+        assert block.shares.sum() == pytest.approx(shares[block.name].sum() / sizes.sum(), rel=1e-3)
+    result.report(tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f"One model of best ({seen.looked_with})" in page
+    assert "What best chose in each partition" in page
+
+
+def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
+    result = evaluate(data, "best", "session", controls=False)
+    saved = result.to_dict()
+    for change, message in (
+        ({"chosen": [8]}, "chosen must be among the 8 machines"),
+        ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 machines, got 1"),
+    ):
+        wrong = copy.deepcopy(saved)
+        wrong["spaces"][0]["protocols"]["session"]["chosen"][0].update(change)
+        (tmp_path / "wrong.json").write_text(json.dumps(wrong), encoding="utf-8")
+        with pytest.raises(ValueError, match=message):
+            EvaluationResult.from_json(tmp_path / "wrong.json")
+    saved["spaces"][0]["protocols"]["session"]["chosen"].pop()
+    (tmp_path / "wrong.json").write_text(json.dumps(saved), encoding="utf-8")
+    with pytest.raises(ValueError, match="2 choices, wanted 3"):
+        EvaluationResult.from_json(tmp_path / "wrong.json")
 
 
 def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):

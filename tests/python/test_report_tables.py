@@ -11,9 +11,9 @@ from granular_id.evaluation.tables import (
     controls_table,
     gap_lines,
     percent,
-    plain_text,
     recall_table,
 )
+from granular_id.evaluation.text import plain_text
 from report_cases import small_result
 
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from granular_id.evaluation.choice_tables import choice_tables
 from granular_id.evaluation.tables import (
     PAPER_NOTE,
     Table,
@@ -28,7 +29,7 @@ __all__ = ["print_result", "print_table"]
 
 
 def print_result(console: Console, result: EvaluationResult, space: str | None, *, brief: bool) -> None:
-    """Print accuracies with gaps and notes; unless `brief` controls, comparison, confusion and seconds too.
+    """Print accuracies with gaps and notes; unless `brief` controls, comparison, choices, confusion and seconds too.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def print_result(console: Console, result: EvaluationResult, space: str | None, 
     print_table(console, accuracies, strong=result.synthetic)
     if result.controls:
         print_table(console, controls_table(result))
-    for table in comparison_tables(result)[:1]:
+    for table in (*comparison_tables(result)[:1], *choice_tables(result)):
         print_table(console, table)
     # The matrix of the protocol that flatters least; the report and the figures have all of them.
     protocol = result.strictest or result.protocols[0]

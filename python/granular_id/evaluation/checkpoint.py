@@ -17,13 +17,14 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import made_folder, whole_file
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.partition import Partition
 from granular_id.evaluation.task import STAGES, Answer
 from granular_id.recording import Dataset
 
 __all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]
 
-FORMAT = "granular_id.checkpoint/1"
+FORMAT = "granular_id.checkpoint/2"
 RUN = "run.json"
 """Name of the file that says what a folder belongs to."""
 
@@ -151,6 +152,7 @@ class Checkpoint:
             "n_features": answer.n_features,
             "seconds": answer.seconds,
             "shared_seconds": answer.shared_seconds,
+            "chosen": None if answer.chosen is None else answer.chosen.to_dict(),
         }
         with whole_file(self._path(task, partition)) as draft:
             draft.write_text(json.dumps(saved), encoding="utf-8")
@@ -201,4 +203,5 @@ class Checkpoint:
         seconds, shared = (
             {stage: float(saved[key][stage]) for stage in STAGES} for key in ("seconds", "shared_seconds")
         )
-        return Answer(predicted.astype(np.intp), int(saved["n_features"]), seconds, shared)
+        chosen = None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"])
+        return Answer(predicted.astype(np.intp), int(saved["n_features"]), seconds, shared, chosen)

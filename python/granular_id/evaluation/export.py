@@ -98,6 +98,7 @@ def _space(result: EvaluationResult, space: SpaceSummary) -> dict[str, Any]:
 
 
 def _figures(result: EvaluationResult, space: str, protocol: str) -> dict[str, Any]:
+    chosen = [one.to_dict() for one in result.chosen.get((protocol, space), ())]
     return {
         "accuracy_mean": result.mean_accuracy(space, protocol),
         "accuracy_sd": _finite(result.sd_accuracy(space, protocol)),
@@ -106,6 +107,7 @@ def _figures(result: EvaluationResult, space: str, protocol: str) -> dict[str, A
         "recall": [_finite(share) for share in result.recall(space, protocol).tolist()],
         "confusion": result.confusion(space, protocol).tolist(),
         "predicted": [said.tolist() for said in result.predicted[protocol, space]],
+        **({"chosen": chosen} if chosen else {}),
     }
 
 

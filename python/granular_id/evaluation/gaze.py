@@ -87,7 +87,7 @@ class WeightBlock:
 def weight_blocks(
     X: Floats, y: NDArray[Any], fitted: Any, classifier: BaseEstimator | None = None
 ) -> tuple[WeightBlock, ...]:
-    """Fit one linear model on all recordings and measure its weights.
+    """Measure the weights of one linear model of all recordings.
 
     A picture of the model, not a measure of its quality: nothing is held out.
 
@@ -101,8 +101,9 @@ def weight_blocks(
         Feature space, fitted on these recordings; a pipeline may scale or whiten its columns. Those of a multi-band
         space are scaled with `BlockScaler` where nothing else does.
     classifier : estimator, optional
-        An `ECOCClassifier` lends its coding and C. Default, and for any other or one that needs more than
-        scalar products: ``ECOCClassifier()``. Not changed.
+        One that was fitted on these features, with their weights in `coef_` (L, D), is looked at itself. One that
+        was not is not changed: an `ECOCClassifier` lends its coding and C. Default, and for any other or one that
+        needs more than scalar products: ``ECOCClassifier()``.
 
     Returns
     -------
@@ -127,16 +128,15 @@ def weight_blocks(
     bands = band_columns(space)
     blocks = feature_blocks(space) if bands is None else ()
     plain = np.asarray(space.transform(X), dtype=np.float64)
-    if bands is not None and not scaling:
+    is_fitted = hasattr(classifier, "coef_")
+    if bands is not None and not scaling and not is_fitted:
         # The blocks of the multi-band space have no common unit: no linear model is trained on them as they are.
         scaling = [BlockScaler([bands.of(block=block).size for block in bands.blocks]).fit(plain)]
     features = plain
     for step in scaling:
         features = step.transform(features)
-    usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
-    model = clone(classifier) if usable else ECOCClassifier()
-    model.fit_gram(linear_gram(features, center=features.mean(axis=0)), y)
-    size, influence = _sizes(model.dual_coef_, features, scaling, plain.std(axis=0))
+    weights = classifier.coef_ if is_fitted else _dual_coef(features, y, classifier)  # type: ignore[union-attr]
+    size, influence = _sizes(weights, None if is_fitted else features, scaling, plain.std(axis=0))
     if bands is None:
         return tuple(_block(block, size[block.columns], influence[block.columns]) for block in blocks)
     return tuple(
@@ -165,17 +165,31 @@ def _parted(fitted: Any) -> tuple[Any, list[Any]]:
     return Pipeline([(f"step{number}", step) for number, step in enumerate(steps)]), scaling
 
 
-def _sizes(dual: Floats, features: Floats, scaling: list[Any], spread: Floats) -> tuple[Floats, Floats]:
-    """Mean over learners of the size of each weight, and of its share in the learner's decision."""
+def _dual_coef(features: Floats, y: NDArray[Any], classifier: Any) -> Floats:
+    """Weight of each row in each learner of a linear model of features."""
+    usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
+    model = clone(classifier) if usable else ECOCClassifier()
+    dual: Floats = model.fit_gram(linear_gram(features, center=features.mean(axis=0)), y).dual_coef_
+    return dual
+
+
+def _sizes(
+    learners: Floats, rows: Floats | None, scaling: list[Any], spread: Floats
+) -> tuple[Floats, Floats]:
+    """Mean over learners of the size of each weight, and of its share in the learner's decision.
+
+    `learners` hold weights of scaled features or, where `rows` of them are given, of rows.
+    """
     size, influence = np.zeros(len(spread)), np.zeros(len(spread))
-    for start in range(0, len(dual), _LEARNERS_AT_ONCE):
-        folded, _ = folded_back(scaling, dual[start : start + _LEARNERS_AT_ONCE] @ features)
+    for start in range(0, len(learners), _LEARNERS_AT_ONCE):
+        some = learners[start : start + _LEARNERS_AT_ONCE]
+        folded, _ = folded_back(scaling, some if rows is None else some @ rows)
         weights = np.abs(folded)
         size += weights.sum(axis=0)
         weights *= spread
         total = weights.sum(axis=1, keepdims=True)
         influence += np.divide(weights, total, out=np.zeros_like(weights), where=total > 0).sum(axis=0)
-    return size / len(dual), influence / len(dual)
+    return size / len(learners), influence / len(learners)
 
 
 def _block(block: Any, size: Floats, influence: Floats) -> WeightBlock:

@@ -16,6 +16,7 @@ from granular_id._progress import Ticker
 from granular_id._seeds import seeded_clone
 from granular_id._threads import in_threads
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.complaints import heard_complaints, named_errors
 from granular_id.evaluation.gram_engine import features_of, plan_for
 from granular_id.evaluation.partition import Partition
@@ -102,6 +103,7 @@ def run_space(
         seconds.update(spent)
     return SpaceRun(
         predicted=[answer.predicted for answer in every],
+        chosen=[answer.chosen for answer in every],
         n_features=every[-1].n_features,
         seconds={stage: float(seconds[stage]) for stage in STAGES},
         complaints=tuple(complaints),
@@ -174,7 +176,13 @@ class _Work:
                 with clock("prediction"):
                     predicted = fitted.predict(test)
         codes = np.searchsorted(self._labels, predicted) if self._named else predicted
-        return Answer(np.asarray(codes, dtype=np.intp), n_features, clock.seconds, self._shared_seconds)
+        return Answer(
+            predicted=np.asarray(codes, dtype=np.intp),
+            n_features=n_features,
+            seconds=clock.seconds,
+            shared_seconds=self._shared_seconds,
+            chosen=Chosen.of(fitted),
+        )
 
     def _fit(
         self, classifier: Any, train: Floats, targets: Any, sizes: dict[str, int] | None, partition: Partition

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
+from granular_id._blas import single_threaded_blas
 from granular_id._core import AXES
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.describe import describe_estimator
 from granular_id.evaluation.gaze import WeightBlock, can_look, weight_blocks
+from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.thinning import rounded, thinned, window_starts
 from granular_id.recording import Dataset
-from granular_id.spaces import HFMH
+from granular_id.spaces import HFMH, block_sizes, tell_blocks
 
 __all__ = ["HighPass", "Portrait", "portrait"]
 
@@ -92,6 +95,8 @@ class Portrait:
         Feature space whose model was looked at; None where none of them keeps a link to time, axis and bin.
     weights : tuple of WeightBlock
         Of one linear model, fitted on all recordings in that space; nothing was held out.
+    looked_with : str
+        What that model is, where the space brings its own classifier.
     """
 
     labels: tuple[str, ...]
@@ -106,6 +111,7 @@ class Portrait:
     high_pass: HighPass | None
     looked_at: str | None
     weights: tuple[WeightBlock, ...]
+    looked_with: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
@@ -122,6 +128,7 @@ class Portrait:
             "high_pass": None if self.high_pass is None else self.high_pass.to_dict(),
             "looked_at": self.looked_at,
             "weights": [block.to_dict() for block in self.weights],
+            "looked_with": self.looked_with,
         }
 
     @classmethod
@@ -139,6 +146,7 @@ class Portrait:
             high_pass=None if high_pass is None else HighPass.from_dict(high_pass),
             looked_at=values["looked_at"],
             weights=tuple(WeightBlock.from_dict(block) for block in values["weights"]),
+            looked_with=str(values.get("looked_with", "")),
         )
 
 
@@ -147,6 +155,7 @@ def portrait(
     spaces: Mapping[str, BaseEstimator],
     *,
     classifier: BaseEstimator | None = None,
+    own: Mapping[str, BaseEstimator] | None = None,
 ) -> Portrait:
     """Gather what a report draws beside accuracies.
 
@@ -160,6 +169,8 @@ def portrait(
         paper's settings do.
     classifier : estimator, optional
         See `granular_id.evaluation.gaze.weight_blocks`.
+    own : mapping of str to estimator, optional
+        Classifiers of those spaces that bring one. It is trained and looked at where it is linear in the features.
 
     Returns
     -------
@@ -180,7 +191,7 @@ def portrait(
     X, y, rate_hz = data.X, data.y, data.rate_hz
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
-    looked_at, weights = _weights(X, y, spaces, classifier)
+    looked_at, weights, looked_with = _weights(data, spaces, classifier, own or {})
     return Portrait(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
@@ -194,17 +205,40 @@ def portrait(
         high_pass=_high_pass(X, groups, _histogram_of(spaces, rate_hz)),
         looked_at=looked_at,
         weights=weights,
+        looked_with=looked_with,
     )
 
 
 def _weights(
-    X: Floats, y: NDArray[Any], spaces: Mapping[str, BaseEstimator], classifier: BaseEstimator | None
-) -> tuple[str | None, tuple[WeightBlock, ...]]:
+    data: Dataset,
+    spaces: Mapping[str, BaseEstimator],
+    classifier: BaseEstimator | None,
+    own: Mapping[str, BaseEstimator],
+) -> tuple[str | None, tuple[WeightBlock, ...], str]:
+    X, y = data.X, data.y
     for name, space in spaces.items():
         fitted = clone(space).fit(X, y)
-        if can_look(fitted):  # else its features have no link to the recording: look at the next
-            return name, weight_blocks(X, y, fitted, classifier)
-    return None, ()
+        if not can_look(fitted):  # its features have no link to the recording: look at the next
+            continue
+        if name not in own:
+            return name, weight_blocks(X, y, fitted, classifier), ""
+        trained = clone(own[name])
+        tell_blocks(trained, block_sizes(fitted))
+        with single_threaded_blas():  # as the partitions do: bits must not depend on the number of threads
+            trained.fit(
+                fitted.transform(X), y, **origins_of(data).fit_arguments(trained, np.arange(len(data)))
+            )
+        return name, weight_blocks(X, y, fitted, trained), _words_on(trained)
+    return None, (), ""
+
+
+def _words_on(trained: Any) -> str:
+    """Say which model of a space with its own classifier is looked at."""
+    chosen = Chosen.of(trained)
+    if chosen is not None:
+        names = "; ".join(chosen.machines[k] for k in chosen.chosen)
+        return f"the mean of the machines that were chosen, {len(chosen.chosen)} of {len(chosen.machines)}: {names}"
+    return "" if hasattr(trained, "coef_") else "a linear one, in place of the classifier of the space"
 
 
 def _per_material(X: Floats, groups: list[NDArray[np.intp]], statistic: Any) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import AXES
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.export import FORMAT
 from granular_id.evaluation.partition import PROTOCOLS, Partition
@@ -73,7 +74,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
     }
     if not (partitions and all(partitions.values()) and saved["spaces"]):
         raise ValueError("no space or no partition")
-    predicted = {}
+    predicted, chosen = {}, {}
     for space in saved["spaces"]:
         for protocol, drawn in partitions.items():
             where = f"predictions of {space['name']!r}, {protocol}"
@@ -84,6 +85,11 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
                 _codes(where, codes, partition.test.size, len(labels))
                 for codes, partition in zip(said, drawn, strict=True)
             )
+            choices = space["protocols"][protocol].get("chosen", [])
+            if len(choices) not in (0, len(drawn)):
+                raise ValueError(f"{where}: {len(choices)} choices, wanted {len(drawn)}")
+            if choices:
+                chosen[protocol, space["name"]] = tuple(map(Chosen.from_dict, choices))
     wall_s = saved["wall_s"]
     return {
         "spaces": tuple(_space(one) for one in saved["spaces"]),
@@ -101,6 +107,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "command": str(saved["command"]),
         "controls": tuple(Control.from_dict(one) for one in saved["controls"]),
         "portrait": None if saved["portrait"] is None else _portrait(saved["portrait"]),
+        "chosen": chosen,
         "wall_s": math.nan if wall_s is None else float(wall_s),
     }
 

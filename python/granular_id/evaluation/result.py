@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from granular_id._files import write_json
 from granular_id.evaluation import export, restore, tables
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.compare import compare
 from granular_id.evaluation.comparison import MIN_PARTITIONS, Comparison
 from granular_id.evaluation.controls import Control
@@ -22,6 +23,7 @@ from granular_id.evaluation.portrait import Portrait
 from granular_id.evaluation.protocol_names import are_blocks
 from granular_id.evaluation.statistics import corrected_interval
 from granular_id.evaluation.summary import Prediction, SpaceSummary
+from granular_id.evaluation.text import plain_text
 
 __all__ = ["EvaluationResult", "Prediction", "SpaceSummary"]
 
@@ -62,6 +64,8 @@ class EvaluationResult:
         What could have been answered without the method; empty when they were not asked for.
     portrait : Portrait or None
         How the recordings look, for a report.
+    chosen : mapping of (str, str) to tuple of Chosen
+        (protocol, space) to what the classifier of the space chose in each partition, of spaces that choose.
     wall_s : float
         Seconds that passed from start to end, controls included; after a resumed run, those of its last part.
     """
@@ -81,6 +85,7 @@ class EvaluationResult:
     command: str = ""
     controls: tuple[Control, ...] = ()
     portrait: Portrait | None = None
+    chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
 
     @property
@@ -237,8 +242,8 @@ class EvaluationResult:
                         )
 
     def table(self) -> str:
-        """Tables of accuracies, gaps and seconds as plain text."""
-        return tables.plain_text(self)
+        """Tables of accuracies, gaps, choices and seconds as plain text."""
+        return plain_text(self)
 
     def __str__(self) -> str:
         return self.table()

@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
 from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._seeds import seeded_clone
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
 from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
@@ -39,6 +40,7 @@ from granular_id.spaces import FeatureSpace
 __all__ = ["evaluate"]
 
 Codes = NDArray[np.intp]
+T = TypeVar("T")
 
 
 def evaluate(
@@ -195,7 +197,13 @@ def evaluate(
         predicted={
             (protocol, name): said
             for name, run in runs.items()
-            for protocol, said in _by_protocol(run, partitions).items()
+            for protocol, said in _by_protocol(run.predicted, partitions).items()
+        },
+        chosen={
+            (protocol, name): tuple(one for one in said if one is not None)
+            for name, run in runs.items()
+            for protocol, said in _by_protocol(run.chosen, partitions).items()
+            if None not in said
         },
         labels=tuple(labels.tolist()),
         truth=truth.astype(np.intp),
@@ -227,7 +235,7 @@ def _judged(
     if check.task is None:
         return judge(check, {}, partitions, truth)
     try:
-        predicted = _by_protocol(ask(check.task), partitions)
+        predicted = _by_protocol(ask(check.task).predicted, partitions)
     except ValueError as error:
         # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
         return judge(replace(check, task=None, why_not=str(error)), {}, partitions, truth)
@@ -235,10 +243,10 @@ def _judged(
 
 
 def _by_protocol(
-    run: SpaceRun, partitions: Mapping[str, Sequence[Partition]]
-) -> dict[str, tuple[Codes, ...]]:
-    """Deal the predictions of all partitions out to their protocols."""
-    said = iter(run.predicted)
+    of_all: Sequence[T], partitions: Mapping[str, Sequence[Partition]]
+) -> dict[str, tuple[T, ...]]:
+    """Deal what was said in all partitions out to their protocols."""
+    said = iter(of_all)
     return {name: tuple(next(said) for _ in drawn) for name, drawn in partitions.items()}
 
 
@@ -264,7 +272,9 @@ def _portrait(
     if isinstance(model, ECOCClassifier):
         # All recordings together may overlap where the training rows of no partition did.
         model.set_params(hard_margin=False)
-    return portrait(data, unmixed, classifier=model)
+    seed = np.random.SeedSequence(result.settings["seed"], spawn_key=(3,))
+    own = {s.name: seeded_clone(s.classifier, seed) for s in planned if s.classifier is not None}
+    return portrait(data, unmixed, classifier=model, own=own)
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:

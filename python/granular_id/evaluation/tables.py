@@ -27,8 +27,8 @@ __all__ = [
     "confusion_table",
     "controls_table",
     "gap_lines",
+    "marked",
     "mistakes_table",
-    "plain_text",
     "recall_table",
     "seconds_table",
     "shows_paper",
@@ -151,7 +151,7 @@ def controls_table(result: EvaluationResult, space: str | None = None) -> Table:
         for control in result.controls
     )
     notes = tuple(f"{control.name}: {control.what}. {control.verdict}" for control in result.controls)
-    title = f"Controls beside the method, {method} (chance {percent(result.chance)}){_marked(result)}"
+    title = f"Controls beside the method, {method} (chance {percent(result.chance)}){marked(result)}"
     return Table(title, header, (first, *rows), notes)
 
 
@@ -182,7 +182,7 @@ def confusion_table(result: EvaluationResult, space: str, protocol: str) -> Tabl
             zip(result.labels, shares.tolist(), counts.tolist(), strict=True)
         )
     )
-    title = f"Confusion of {space}, {protocol} protocol, in percent of the true class{_marked(result)}"
+    title = f"Confusion of {space}, {protocol} protocol, in percent of the true class{marked(result)}"
     return Table(title, header, rows)
 
 
@@ -195,7 +195,7 @@ def recall_table(result: EvaluationResult, space: str) -> Table:
         (result.labels[k], *(percent(float(recall[k])) for recall in recalls.values()))
         for k in order.tolist()
     )
-    return Table(f"Recall of {space}{_marked(result)}", ("class", *names), rows)
+    return Table(f"Recall of {space}{marked(result)}", ("class", *names), rows)
 
 
 def mistakes_table(result: EvaluationResult, space: str, protocol: str, limit: int = 10) -> Table:
@@ -210,7 +210,7 @@ def mistakes_table(result: EvaluationResult, space: str, protocol: str, limit: i
             break
         share = f"{wrong[k, m]} of {tested[k]}"
         rows.append((result.labels[k], result.labels[m], share, percent(float(wrong[k, m] / tested[k]))))
-    title = f"Most frequent mistakes of {space}, {protocol} protocol{_marked(result)}"
+    title = f"Most frequent mistakes of {space}, {protocol} protocol{marked(result)}"
     notes = () if rows else ("none: every tested recording was named rightly",)
     return Table(title, ("true", "named", "recordings", "of the class"), tuple(rows), notes)
 
@@ -226,13 +226,6 @@ def comparison_tables(result: EvaluationResult, space: str | None = None) -> tup
     return tuple(
         result.comparison(protocol).table(of=space or result.best_space(protocol)) for protocol in shown
     )
-
-
-def plain_text(result: EvaluationResult) -> str:
-    """Accuracies with gaps and notes, controls, comparisons, then seconds."""
-    controls = (controls_table(result),) if result.controls else ()
-    parts = (accuracy_table(result), *controls, *comparison_tables(result), seconds_table(result))
-    return "\n\n".join(map(str, parts))
 
 
 def _columns(result: EvaluationResult, protocol: str) -> list[str]:
@@ -269,7 +262,8 @@ def shows_paper(result: EvaluationResult) -> bool:
     return same and any(space.paper_accuracy is not None for space in result.spaces)
 
 
-def _marked(result: EvaluationResult) -> str:
+def marked(result: EvaluationResult) -> str:
+    """Return what ends a title where recordings are synthetic, else nothing."""
     return " (SYNTHETIC recordings)" if result.synthetic else ""
 
 

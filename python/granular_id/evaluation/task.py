@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.origins import Origins
 from granular_id.evaluation.partition import Partition
@@ -67,12 +68,15 @@ class Answer:
         Of this partition alone.
     shared_seconds : mapping of str to float
         Of what all partitions of the space share.
+    chosen : Chosen or None
+        What a classifier that chooses took.
     """
 
     predicted: Codes
     n_features: int
     seconds: dict[str, float]
     shared_seconds: dict[str, float]
+    chosen: Chosen | None = None
 
 
 class Answers(Protocol):
@@ -87,9 +91,10 @@ class Answers(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun:
-    """Predictions of one space, one array per partition, what they took, and what did not converge."""
+    """Predictions and choices of one space, one per partition, what they took, and what did not converge."""
 
     predicted: list[Codes]
+    chosen: list[Chosen | None]
     n_features: int
     seconds: dict[str, float]
     complaints: tuple[str, ...] = ()

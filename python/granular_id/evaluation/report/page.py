@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from granular_id._files import check_target, whole_file
+from granular_id.evaluation.choice_tables import choice_tables
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.report.pictures import Picture, pictures
 from granular_id.evaluation.report.words import gap_of, split_notes
@@ -90,6 +91,7 @@ def html(result: EvaluationResult) -> str:
             ),
             controls=controls_table(result, space),
             comparisons=[_in_words(table, result) for table in comparison_tables(result, space)],
+            choices=choice_tables(result),
             mistakes=_in_words(mistakes_table(result, space, judged), result),
             recalls=recall_table(result, space),
             seconds=seconds_table(result),

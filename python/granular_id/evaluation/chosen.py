@@ -1,0 +1,74 @@
+"""What a classifier that chooses its own preparation took, as that of ``"best"`` does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+__all__ = ["Chosen"]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The choice of one fitted classifier, reduced to what a reader asks for.
+
+    Attributes
+    ----------
+    machines : tuple of str
+        Names of all that were tried.
+    chosen : tuple of int
+        Which of them make up the model.
+    accuracies : tuple of float
+        Mean of each machine over the folds that chose, inside the training rows; empty where there were no folds.
+    together : float or None
+        That of the chosen ones together, on the same folds: too good by what the choice won.
+    note : str
+        What the folds were.
+    """
+
+    machines: tuple[str, ...]
+    chosen: tuple[int, ...]
+    accuracies: tuple[float, ...]
+    together: float | None
+    note: str
+
+    @classmethod
+    def of(cls, classifier: Any) -> Chosen | None:
+        """Return what a fitted classifier chose in its `choice_`; None where it had nothing to choose from.
+
+        Examples
+        --------
+        >>> from sklearn.datasets import load_iris
+        >>> from granular_id.best import BestClassifier
+        >>> fitted = BestClassifier(relative_costs=[1.0], n_folds=2).fit(*load_iris(return_X_y=True))
+        >>> Chosen.of(fitted).machines
+        ('all blocks, plain, C 1', 'all blocks, whitened 0.001, C 1')
+        """
+        choice = getattr(classifier, "choice_", None)
+        if choice is None or len(choice.machines) < 2:
+            return None
+        return cls(
+            machines=tuple(machine.name for machine in choice.machines),
+            chosen=tuple(choice.chosen),
+            accuracies=tuple(choice.accuracies.mean(axis=0).tolist()) if len(choice.accuracies) else (),
+            together=float(choice.accuracy) if choice.joint.size else None,
+            note=choice.note,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain lists, numbers and text."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Chosen:
+        """Make one from what `to_dict` gave; a TypeError or ValueError where parts do not fit together."""
+        machines = tuple(map(str, saved["machines"]))
+        chosen = tuple(saved["chosen"])
+        accuracies = tuple(map(float, saved["accuracies"]))
+        together = None if saved["together"] is None else float(saved["together"])
+        if not chosen or not set(chosen) <= set(range(len(machines))):
+            raise ValueError(f"chosen must be among the {len(machines)} machines, got {chosen}")
+        if len(accuracies) not in (0, len(machines)):
+            raise ValueError(f"wanted an accuracy of each of {len(machines)} machines, got {len(accuracies)}")
+        return cls(machines, chosen, accuracies, together, str(saved["note"]))
