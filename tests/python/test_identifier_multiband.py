@@ -17,7 +17,7 @@ from granular_id.evaluation.origins import origins_of
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import fit_pipeline
-from granular_id.identifier.words import description
+from granular_id.identifier.words import description, promises
 from granular_id.spaces import BlockScaler, WithinClassWhitening
 from granular_id.spaces.multiband import USUAL_BLOCKS, MultiBand
 
@@ -157,9 +157,17 @@ def test_what_was_chosen_is_known_and_said(best):
     assert choice["chosen"]
     assert len(choice["machines"]) == 8
     assert best.trained["settings"]["space"] == "best"
+    said = promises(best)
+    assert any(f"{len(choice['chosen'])} of 8 machines tried, on {choice['note']}" in line for line in said)
+    elsewhere = choice["in_partitions"]
+    assert len(elsewhere) == best.trained["estimate"]["n_partitions"]
+    for machine in choice["machines"]:
+        (line,) = (line for line in said if line[4:].startswith(f"{machine['name']} "))
+        assert line.startswith("  > ") == (machine["name"] in choice["chosen"])
+        assert f" {100 * np.mean(machine['accuracies']):.1f} % " in line
+        times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+        assert line.endswith(f" {times} of {len(elsewhere)}")
     lines = "\n".join(description(best))
-    assert f"chosen: {choice['chosen'][0]}" in lines
-    assert f"{len(choice['chosen'])} of 8 tried" in lines
     assert "band, Hz: typical size of each axis" in lines
     assert "  123 to 245: " in lines or "  122 to 245: " in lines
     assert "480 quantiles" in lines or "quantiles" in lines
@@ -224,7 +232,11 @@ def test_the_command_line_trains_chooses_and_tells(tmp_path, data):
     assert "accuracy, held-out sessions: " in out
     said = ended_well("model", "info", file, "--json", tmp_path / "m.json")
     assert "features: multiband" in said
-    assert "chosen: " in said
+    assert "chosen (>): " in said
+    chosen = said[said.index("chosen (>)") : said.index("early answers")]
+    assert chosen in out
+    assert len(chosen.splitlines()) == 2 + 8 + 1
+    assert "note: recordings of 80 samples are too short for couplings of axes in the lowest" in out
     known = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
     assert known["trained"]["choice"]["chosen"]
     assert len(known["spec"]["scales"]) == len(known["spec"]["bands"])

@@ -20,10 +20,10 @@ from granular_id.evaluation.origins import Origins, origins_of
 from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.identifier.about import described, estimate_of
 from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
-from granular_id.identifier.choosing import chosen_text, posterior_of
 from granular_id.identifier.early import EarlyRule, calibrate, checked_target
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
 from granular_id.identifier.parts import parts_of
+from granular_id.identifier.posterior import posterior_of
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.sure import KEY, rules_of
 from granular_id.recording import Dataset
@@ -34,6 +34,9 @@ from granular_id.spaces import block_sizes, tell_blocks
 __all__ = ["Training", "fit_pipeline", "train"]
 
 FloatArray = npt.NDArray[np.float64]
+
+_OF_PARTITIONS = ("chosen", "note", "accuracy_on_the_folds_that_chose")
+"""What a model keeps of the choices of the models that its estimate comes from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,11 +125,10 @@ def train(
             if recipe.posterior is not None and isinstance(classifier, BestClassifier):
                 parts = replace(parts, posterior=posterior_of(classifier, y, recipe.posterior))
             choice = getattr(classifier, "choice_", None)
-            ticker.tick(
-                "all recordings" if choice is None else f"all recordings, chosen: {chosen_text(choice)}"
-            )
+            ticker.tick("all recordings")
+            choices: list[dict[str, Any]] = []
             if drawn is not None:
-                of_rows = _of_rows(recipe, data, origins, threads)
+                of_rows = _of_rows(recipe, data, origins, threads, choices)
                 held = answers_held_out(data, drawn, of_rows, tick=ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     trained = {
@@ -134,8 +136,9 @@ def train(
         "estimate": None if held is None else estimate_of(held, tuple(classes)),
         "why_no_estimate": why_none,
         "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
-        **({} if choice is None else {"choice": choice.to_dict()}),
+        **({} if choice is None else {"choice": {**choice.to_dict(), "in_partitions": choices}}),
         **_confidence(held, tuple(classes), parts.coding_matrix, coverage, share_known),
+        "left_out": getattr(pipeline[0], "dropped_", ""),
         # What may mislead a reader of the estimate.
         "notes": [*([] if held is None else warnings_in(data)), *complaints],
     }
@@ -198,14 +201,21 @@ def _confidence(
 
 
 def _of_rows(
-    recipe: Recipe, data: Dataset, origins: Origins, threads: int | None
+    recipe: Recipe, data: Dataset, origins: Origins, threads: int | None, choices: list[dict[str, Any]]
 ) -> Callable[[Partition], _core.Model]:
-    """Return the function that trains on the rows of a partition."""
+    """Return the function that trains on the rows of a partition, and adds what it chose to `choices`."""
 
     def fitted(partition: Partition) -> _core.Model:
         X, y = data.X[partition.train], data.y[partition.train]
         pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
-        parts = parts_of(fit_pipeline(pipeline, X, y, origins, partition.train), data.rate_hz)
+        fit_pipeline(pipeline, X, y, origins, partition.train)
+        choice = getattr(pipeline[-1], "choice_", None)
+        if choice is not None:
+            known = choice.to_dict()
+            choices.append(
+                {"partition": partition.description, **{name: known[name] for name in _OF_PARTITIONS}}
+            )
+        parts = parts_of(pipeline, data.rate_hz)
         return core_of(parts, axes=data.axes, samples=X if parts.takes_samples else None)
 
     return fitted

@@ -44,7 +44,6 @@ def description(model: Answers) -> list[str]:
         f"size: {size / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
     ]
-    lines += _choice(trained.get("choice"))
     counts = trained.get("recordings", {})
     if counts:
         each = sorted(set(counts.values()))
@@ -61,7 +60,7 @@ def description(model: Answers) -> list[str]:
 
 
 def promises(model: Answers) -> list[str]:
-    """Say how a model did on recordings held out, and when it answers early, one line each."""
+    """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
     synthetic = " (SYNTHETIC recordings)" if model.synthetic else ""
     estimate = trained.get("estimate")
@@ -75,8 +74,11 @@ def promises(model: Answers) -> list[str]:
             lines.append(f"  least recognised: {named}")
     else:
         lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
+    lines += _choice(trained)
     lines.append(f"early answers: {_early(model, trained.get('early'))}")
     lines += _confidence(Rules.of(model.core))
+    if trained.get("left_out"):
+        lines.append(f"note: {trained['left_out']}")
     notes = trained.get("notes", [])
     lines += [note if note.startswith("warning: ") else f"note: {note}" for note in notes[:_MOST_NOTES]]
     if len(notes) > _MOST_NOTES:
@@ -123,16 +125,30 @@ def _bands(spec: FeatureSpec | _core.MultiBandExtractor) -> list[str]:
     return lines
 
 
-def _choice(choice: Mapping[str, Any] | None) -> list[str]:
-    """Say what was chosen of how many, on what."""
+def _choice(trained: Mapping[str, Any]) -> list[str]:
+    """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
+    choice = trained.get("choice")
     if not choice:
         return []
-    tried, chosen = len(choice["machines"]), choice["chosen"]
-    lines = [f"chosen: {'; '.join(chosen)} ({len(chosen)} of {tried} tried)", f"  on {choice['note']}"]
-    reached = choice["accuracy_on_the_folds_that_chose"]
-    if reached is not None:
+    machines, chosen, elsewhere = choice["machines"], choice["chosen"], choice.get("in_partitions", [])
+    width = max(len(machine["name"]) for machine in machines)
+    seed = trained["settings"]["classifier"]["random_state"]
+    lines = [
+        f"chosen (>): {len(chosen)} of {len(machines)} machines tried, on {choice['note']}; seed {seed}",
+        f"    {'':<{width}}  held out{'  chosen in the estimate' if elsewhere else ''}",
+    ]
+    for machine in machines:
+        shares = machine["accuracies"]
+        reached = f"{100 * sum(shares) / len(shares):.1f} %" if shares else "-"
+        line = f"  {'>' if machine['chosen'] else ' '} {machine['name']:<{width}}  {reached:>8}"
+        if elsewhere:
+            times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+            line += f"  {f'{times} of {len(elsewhere)}':>22}"
+        lines.append(line)
+    together = choice["accuracy_on_the_folds_that_chose"]
+    if together is not None:
         lines.append(
-            f"  {100 * reached:.1f} % there, on the recordings that chose it: not what to expect of new ones"
+            f"  {100 * together:.1f} % together, on the recordings that chose: not what to expect of new ones"
         )
     return lines
 

@@ -217,14 +217,14 @@ def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
 def _dropped(extractor: MultiBandExtractor) -> str:
     """Say what recordings of so few samples do not have."""
     sizes, n_axes = extractor.block_sizes, extractor.n_axes
-    parts = [f"the {name} block" for name in extractor.blocks if name not in sizes]
+    parts = [f"the {name}" for name in extractor.blocks if name not in sizes]
     if "coupling" in sizes:
         coupled = sizes["coupling"] // (n_axes * (2 * n_axes + 1))
         without = extractor.n_bands - coupled
         if without:
-            parts.append(f"couplings in the lowest {f'{without} bands' if without > 1 else 'band'}")
+            parts.append(f"couplings of axes in the lowest {f'{without} bands' if without > 1 else 'band'}")
     if extractor.n_bands == 1:
-        parts.append("octaves")
+        parts.append("any octave")
     if not parts:
         return ""
     n_samples = extractor.n_samples

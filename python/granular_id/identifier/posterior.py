@@ -1,29 +1,15 @@
-"""What the space "best" chose, in words, and probabilities from the recordings that it held out to choose."""
+"""Probabilities of the space "best", from the recordings that it held out to choose."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from granular_id.best import BestClassifier, Choice
+from granular_id.best import BestClassifier
 from granular_id.ecoc.posterior import Posterior, check_posterior, fit_posterior
 from granular_id.ecoc.task import Task
 
-__all__ = ["chosen_text", "posterior_of"]
-
-
-def chosen_text(choice: Choice) -> str:
-    """Name the machines that make up a model.
-
-    Examples
-    --------
-    >>> from sklearn.datasets import load_iris
-    >>> from granular_id.best import BestClassifier
-    >>> from granular_id.identifier.choosing import chosen_text
-    >>> chosen_text(BestClassifier(relative_costs=[1.0], shrinkages=[None]).fit(*load_iris(return_X_y=True)).choice_)
-    'all blocks, plain, C 1'
-    """
-    return "; ".join(choice.machines[k].name for k in choice.chosen)
+__all__ = ["posterior_of"]
 
 
 def posterior_of(classifier: BestClassifier, y: npt.NDArray[np.str_], method: str) -> Posterior:
