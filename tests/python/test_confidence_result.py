@@ -1,16 +1,22 @@
 """Coverage over partitions, everything in one call, the figure, the command."""
 
 import json
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from sklearn.datasets import load_iris
+from sklearn.pipeline import make_pipeline
 
 from cli_cases import ended_well, make, refused, saved
 from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study
+from granular_id.confidence.assessing import count_trainings
+from granular_id.confidence.calibration import reliability
 from granular_id.confidence.coverage import random_partition
+from granular_id.confidence.rows import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.plotting.confidence import plot_confidence
+from granular_id.spaces import RawHFMH
 from granular_id.synthetic import synthesize
 
 X, Y = load_iris(return_X_y=True)
@@ -94,15 +100,11 @@ def test_synthetic_recordings_are_marked():
     data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.3)
     seen = assess(data, ECOCClassifier().set_params(), n_seeds=2) if data.X.ndim == 2 else None
     assert seen is None
-    from sklearn.pipeline import make_pipeline
-
-    from granular_id.spaces import RawHFMH
-
     seen = assess(data, make_pipeline(RawHFMH(), ECOCClassifier()), n_seeds=2)
     assert seen.synthetic
     assert all("SYNTHETIC" in table.title for table in seen.tables())
     pytest.importorskip("matplotlib")
-    assert plot_confidence(seen).get_suptitle() == "SYNTHETIC recordings"
+    assert plot_confidence(seen).get_suptitle() == "RawHFMH, ECOCClassifier, SYNTHETIC recordings"
 
 
 def test_figure_shows_the_figures(found, tmp_path):
@@ -120,6 +122,42 @@ def test_figure_shows_the_figures(found, tmp_path):
     assert f"AUROC {found.open_set.mean('auroc'):.3f}" in unknown.get_xlabel()
 
 
+class Told(ECOCClassifier):
+    """Remembers what it was told about the rows it trains on."""
+
+    seen: ClassVar[list] = []
+
+    def fit(self, X, y, sessions=None, order=None):
+        self.seen.append((X, sessions, order))
+        return super().fit(X, y)
+
+
+def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows():
+    Told.seen.clear()
+    days = np.repeat(["mon", "tue", "wed", "thu"], 12)
+    X, y = np.arange(48.0)[:, np.newaxis] * [1.0, -1.0], list("abcabcabcabc") * 4
+    rows = rows_of(X, y, sessions=days, in_time_order=True)
+    assess(rows, make_pipeline("passthrough", Told()), n_seeds=2)
+    most = count_trainings(rows, n_seeds=2)  # where a session is held out there is one less to hold out within
+    assert 0.8 * most < len(Told.seen) < most
+    for seen, sessions, order in Told.seen:
+        places = seen[:, 0].astype(int)  # the features are the places in time
+        assert sessions.tolist() == days[places].tolist()
+        assert places[order].tolist() == sorted(places)
+
+
+def test_the_command_takes_what_train_takes(tmp_path):
+    folder = saved(make(6), tmp_path / "set")
+    output = ended_well("confidence", folder, "--seeds", "1", "--levels", "0.5")
+    assert "best: " in output
+    assert "models are trained, each of which chooses among several: --space multiband" in output
+    assert "best: Coverage of prediction sets" in output
+
+
+def test_the_log_loss_of_sure_and_right_answers_is_no_minus_zero():
+    assert "-0.000" not in str(reliability(np.eye(2)[[0, 1] * 10], np.array([0, 1] * 10)))
+
+
 def test_command(tmp_path):
     pytest.importorskip("matplotlib")
     folder = saved(make(6), tmp_path / "set")
@@ -128,9 +166,11 @@ def test_command(tmp_path):
     output = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
     assert "Coverage of prediction sets" in output
     assert "held out: " in output
+    assert output.count("hfmh: ") == 3
     stored = json.loads(json_file.read_text())
     assert stored["conformal"]["levels"] == [0.6, 0.8]
     assert stored["data"]["n_recordings"] == 18
+    assert stored["name"] == "hfmh"
     assert figure.read_text().startswith("<?xml")
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
@@ -29,11 +29,16 @@ Three questions. Do probabilities mean what they say? Do sets of materials hold 
 random recordings, and in sessions or halves in time that did not train? Is a material refused that the model has never
 met: each one is left out in turn.
 
+The model is that of `granular-id train`. It is trained many times over, and --space best chooses anew each time: for a
+first look take --space multiband or fewer --seeds.
+
 PATH is a file or folder of any format, as for `granular-id evaluate`.
 
 Examples:
 
 `granular-id confidence recordings`
+
+`granular-id confidence recordings --space multiband --seeds 5`
 
 `granular-id confidence recordings --space hfmh --levels 0.9,0.99 --figure sure.png --json sure.json`
 """
@@ -56,7 +61,7 @@ def confidence(
     steps: Steps,
     method: Method,
     *,
-    space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
+    space: Space = "best",
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[
         float, option("--C", "Method", "Box constraint, where the space has no classifier of its own.")
@@ -96,6 +101,9 @@ def confidence(
     from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import: --help must not wait)
     from granular_id.confidence import assess  # noqa: PLC0415
 
+    console = Console(highlight=False)
+    if not quiet:
+        console.print(_effort(data, space, seeds), soft_wrap=True)
     found = assess(
         data,
         _model(data, method.spaces(data.rate_hz, block_weights)[space], c),
@@ -108,8 +116,8 @@ def confidence(
         seed=seed,
         n_jobs=method.n_jobs,
         progress=not quiet,
+        name=space,
     )
-    console = Console(highlight=False)
     for table in found.tables():
         print_table(console, table, strong=found.synthetic)
     for note in found.notes:
@@ -125,6 +133,16 @@ def confidence(
 
 
 confidence.__doc__ = TEXT
+
+
+def _effort(data: Dataset, space: str, n_seeds: int) -> str:
+    """Say how many models will be trained, and what is cheaper."""
+    from granular_id.confidence.assessing import count_trainings  # noqa: PLC0415 (slow to import)
+
+    said = f"{space}: up to {count_trainings(data, n_seeds=n_seeds)} models are trained"
+    if space != "best":
+        return said
+    return f"{said}, each of which chooses among several: --space multiband or fewer --seeds are quicker"
 
 
 def _model(data: Dataset, space: FeatureSpace, cost: float) -> Any:

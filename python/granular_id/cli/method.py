@@ -11,7 +11,7 @@ from granular_id.cli.settings import at_least, bin_range_of, method_fits, positi
 if TYPE_CHECKING:
     from granular_id.spaces import FeatureSpace
 
-__all__ = ["BlockWeights", "Method", "Weights"]
+__all__ = ["BlockWeights", "Method", "Space", "Weights"]
 
 PANEL = "Method"
 
@@ -29,6 +29,16 @@ class Weights(str, Enum):
     plain = "plain"
     unit = "unit"
 
+
+Space = Annotated[
+    str,
+    option(
+        "--space",
+        PANEL,
+        "Feature space. best: multi-band, blocks, whitening and C chosen on recordings held out; multiband: the "
+        "same without a choice; raw+hfmh: the paper's.",
+    ),
+]
 
 BlockWeights = Annotated[
     Weights,

@@ -6,24 +6,25 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy.typing as npt
+from sklearn.pipeline import Pipeline
 
-from granular_id._progress import ProgressCallback
+from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence.calibration import probabilities_of, reliability
 from granular_id.confidence.conformal_fit import LEVELS, conformal_rule
 from granular_id.confidence.coverage import coverage_study
 from granular_id.confidence.held_out import held_out_scores
 from granular_id.confidence.leave_one_out import leave_one_material_out
 from granular_id.confidence.result import Confidence
-from granular_id.confidence.rows import N_FOLDS, rows_of
+from granular_id.confidence.rows import N_FOLDS, Rows, rows_of
 from granular_id.confidence.unknown_fit import available_kinds, unknown_rule
 from granular_id.evaluation.describe import describe_data, versions
 from granular_id.recording import Dataset
 
-__all__ = ["assess"]
+__all__ = ["assess", "count_trainings"]
 
 
 def assess(
-    data: Dataset | npt.ArrayLike,
+    data: Dataset | Rows | npt.ArrayLike,
     model: Any,
     y: npt.ArrayLike | None = None,
     *,
@@ -40,14 +41,16 @@ def assess(
     seed: int = 0,
     n_jobs: int | None = None,
     progress: bool | ProgressCallback = False,
+    name: str | None = None,
 ) -> Confidence:
     """Measure how sure a model may be, and set the rules to be stored with it.
 
     Parameters
     ----------
-    data : Dataset or array-like, shape (n, ...)
+    data : Dataset, Rows or array-like, shape (n, ...)
     model : estimator
-        Anything that scikit-learn can clone, with `decision_function`, not fitted.
+        Anything that scikit-learn can clone, with `decision_function`, not fitted. One whose `fit` has the parameters
+        ``sessions`` and ``order``, or a pipeline that ends in one, is told those of its training rows.
     y, sessions, in_time_order
         Of arrays only, see `granular_id.confidence.rows.rows_of`.
     levels, kind, per_class
@@ -58,8 +61,16 @@ def assess(
         Also measure the other kinds of strangeness.
     n_seeds : int, default 20
         Random partitions of `coverage_study`.
-    n_folds, seed, n_jobs, progress
-        As in `leave_one_material_out`.
+    n_folds : int, optional
+        Of the cross-fits, see `Rows.folds`.
+    seed : int, default 0
+        Of random partitions and folds.
+    n_jobs : int, optional
+        Threads, as in joblib; the numbers do not depend on it.
+    progress : bool or callable
+        As in `granular_id.evaluate`; one bar after the other for calibration, coverage and the unknown.
+    name : str, optional
+        What the model is called in tables and figures. Default: the classes of its steps.
 
     Returns
     -------
@@ -76,7 +87,10 @@ def assess(
     '0'
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
-    scored = held_out_scores(model, rows, n_folds=n_folds, seed=seed, n_jobs=n_jobs)
+    folds, held_out = rows.folds(n_folds, seed=seed)
+    with showing(progress) as callback:
+        tick = Ticker(len(folds), callback).tick
+        scored = held_out_scores(model, rows, folds, n_jobs=n_jobs, held_out=held_out, done=tick)
     conformal = conformal_rule(scored, levels, kind=kind, per_class=per_class)
     unknown = unknown_rule(scored, share_known=share_known, kind=unknown_kind)
     probabilities, source = probabilities_of(scored)
@@ -90,16 +104,9 @@ def assess(
         held_out=scored.held_out,
         synthetic=rows.synthetic,
     )
-    shared: dict[str, Any] = {
-        "y": y,
-        "sessions": sessions,
-        "in_time_order": in_time_order,
-        "seed": seed,
-        "n_jobs": n_jobs,
-        "progress": progress,
-    }
+    shared: dict[str, Any] = {"seed": seed, "n_jobs": n_jobs, "progress": progress}
     coverage = coverage_study(
-        data, model, levels=levels, kind=kind, per_class=per_class, n_seeds=n_seeds, n_folds=n_folds, **shared
+        rows, model, levels=levels, kind=kind, per_class=per_class, n_seeds=n_seeds, n_folds=n_folds, **shared
     )
     notes = [*conformal.notes, *unknown.notes]
     open_set = None
@@ -108,7 +115,7 @@ def assess(
         if compare:
             kinds += [other for other in available_kinds(scored) if other != unknown_kind]
         open_set = leave_one_material_out(
-            data, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
+            rows, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
         )
     else:
         notes.append(
@@ -124,4 +131,29 @@ def assess(
         describe_data(data) if isinstance(data, Dataset) else {},
         versions(),
         rows.synthetic,
+        name=_name_of(model) if name is None else name,
     )
+
+
+def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20) -> int:
+    """Count the models that `assess` trains at most, to say beforehand how long it may take.
+
+    Examples
+    --------
+    >>> from sklearn.datasets import load_iris
+    >>> from granular_id.confidence.assessing import count_trainings
+    >>> from granular_id.confidence.rows import rows_of
+    >>> count_trainings(rows_of(*load_iris(return_X_y=True)), n_seeds=2)
+    122
+    """
+    rows = rows_of(data)
+    once, drawn = (len(rows.folds(strict=strict)[0]) for strict in (True, False))
+    honest, outer = rows.honest()[0], len(rows.honest(N_FOLDS)[0])
+    strictly = 0 if honest[0].protocol == "kfold" else len(honest) * (1 + once)
+    left_out = len(rows.classes) * outer * (1 + len(rows.folds(N_FOLDS)[0])) if len(rows.classes) > 2 else 0
+    return once + n_seeds * (1 + drawn) + strictly + left_out
+
+
+def _name_of(model: Any) -> str:
+    steps = [step for _, step in model.steps] if isinstance(model, Pipeline) else [model]
+    return ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)

@@ -236,7 +236,7 @@ def reliability(
         ece_interval=_middle(bootstrap),
         ece_if_calibrated=_middle(calibrated),
         brier=float(((given - wanted) ** 2).sum(axis=1).mean()),
-        log_loss=-float(np.log(np.maximum(given[rows, codes], _LEAST)).mean()),
+        log_loss=float(np.log(1.0 / np.clip(given[rows, codes], _LEAST, 1.0)).mean()),  # never -0
         bins=tuple(
             Bin(
                 k / n_bins,

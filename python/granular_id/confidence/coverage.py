@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from joblib import Parallel, delayed
-from sklearn.base import clone
 
 from granular_id._files import write_json
 from granular_id._numbers import whole_number
@@ -137,7 +136,7 @@ class CoverageResult:
 
 
 def coverage_study(
-    data: Dataset | npt.ArrayLike,
+    data: Dataset | Rows | npt.ArrayLike,
     model: Any,
     y: npt.ArrayLike | None = None,
     *,
@@ -159,21 +158,14 @@ def coverage_study(
 
     Parameters
     ----------
-    data : Dataset or array-like, shape (n, ...)
-    model : estimator
-        As in `held_out_scores`.
-    y, sessions, in_time_order
-        Of arrays only, see `granular_id.confidence.rows.rows_of`.
+    data, model, y, sessions, in_time_order, n_folds, n_jobs, progress
+        As in `granular_id.confidence.assess`.
     levels, kind, per_class
         As in `conformal_rule`.
     n_seeds : int, default 20
         Random partitions, of 70 % training rows each. 100 tell the coverage to a fraction of a point.
-    n_folds, seed : int
-        Of the cross-fits, see `Rows.folds`; seed of the first random partition.
-    n_jobs : int, optional
-        Threads, as in joblib; the numbers do not depend on it.
-    progress : bool or callable
-        As in `granular_id.evaluate`.
+    seed : int
+        Of the first random partition.
 
     Returns
     -------
@@ -197,8 +189,7 @@ def coverage_study(
     honest, held_out = rows.honest(n_folds, seed=seed)
     if honest[0].protocol != "kfold":
         kinds.append((held_out, False, honest))
-    model, X = without_fixed_steps(model, rows.X)
-    rows = Rows(X, rows.codes, rows.classes, rows.sessions, rows.order, rows.no_order, rows.synthetic)
+    model, rows = without_fixed_steps(model, rows)
     found = []
     with showing(progress) as callback:
         ticker = Ticker(sum(len(partitions) for _, _, partitions in kinds), callback)
@@ -252,8 +243,7 @@ class _Run:
         folds, held_out = train.folds(self.n_folds, seed=seed, strict=strict)
         crossed = held_out_scores(self.model, train, folds, held_out=held_out)
         rule = conformal_rule(crossed, self.levels, kind=self.kind, per_class=self.per_class)
-        fitted = clone(self.model).fit(train.X, train.labels)
-        values = scores_of(fitted, self.rows.X[partition.test], train.classes).values
+        values = scores_of(train.trained(self.model), self.rows.X[partition.test], train.classes).values
         truth = self.rows.codes[partition.test]
         every: tuple[list[float], ...] = ([], [], [], [])
         for level in self.levels:

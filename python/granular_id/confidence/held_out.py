@@ -7,7 +7,7 @@ that was trained on the other folds instead.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -140,12 +140,11 @@ def held_out_scores(
     tested = np.concatenate([partition.test for partition in partitions])
     if np.unique(tested).size < tested.size:
         raise ValueError("partitions must test each row at most once")
-    names = rows.labels
-    model, X = without_fixed_steps(model, rows.X)
+    model, rows = without_fixed_steps(model, rows)
 
     def one(partition: Partition) -> Scores:
-        fitted = clone(model).fit(X[partition.train], names[partition.train])
-        scores = scores_of(fitted, X[partition.test], rows.classes)
+        fitted = rows.take(partition.train).trained(model)
+        scores = scores_of(fitted, rows.X[partition.test], rows.classes)
         done(partition.description)
         return scores
 
@@ -187,12 +186,13 @@ def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Score
     return Scores(values, binary, probabilities, coding)
 
 
-def without_fixed_steps(model: Any, X: npt.NDArray[Any]) -> tuple[Any, npt.NDArray[Any]]:
+def without_fixed_steps(model: Any, rows: Rows) -> tuple[Any, Rows]:
     """Apply the first steps of a pipeline that learn nothing from data once, instead of once a fold."""
+    X = rows.X
     while isinstance(model, Pipeline) and len(model.steps) > 1 and not learns(model.steps[0][1]):
         X = clone(model.steps[0][1]).fit(X).transform(X)
         model = Pipeline(model.steps[1:])
-    return model, X
+    return model, replace(rows, X=X)
 
 
 def _joined(each: Sequence[Scores]) -> Scores:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from joblib import Parallel, delayed
-from sklearn.base import clone
 
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence.held_out import Scores, held_out_scores, scores_of, without_fixed_steps
@@ -35,7 +34,7 @@ class _Outcome:
 
 
 def leave_one_material_out(
-    data: Dataset | npt.ArrayLike,
+    data: Dataset | Rows | npt.ArrayLike,
     model: Any,
     y: npt.ArrayLike | None = None,
     *,
@@ -56,22 +55,13 @@ def leave_one_material_out(
 
     Parameters
     ----------
-    data : Dataset or array-like, shape (n, ...)
-    model : estimator
-        As in `held_out_scores`.
-    y, sessions, in_time_order
-        Of arrays only, see `granular_id.confidence.rows.rows_of`.
+    data, model, y, sessions, in_time_order, n_folds, seed, n_jobs, progress
+        As in `granular_id.confidence.assess`.
     share_known : float, default 0.95
         Share of known rows that is to be accepted.
     kinds : sequence of str, optional
         Keys of `STRANGENESS` to compare, the first is the one of interest. Default: ``"value_distance"`` and all
         others that the model allows.
-    n_folds, seed : int
-        Of random folds, and of the cross-fit within.
-    n_jobs : int, optional
-        Threads, as in joblib; the numbers do not depend on it.
-    progress : bool or callable
-        As in `granular_id.evaluate`.
 
     Returns
     -------
@@ -99,8 +89,7 @@ def leave_one_material_out(
         if kind not in STRANGENESS:
             raise ValueError(f"kinds must be among {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
     partitions, held_out = rows.honest(n_folds, seed=seed)
-    model, X = without_fixed_steps(model, rows.X)
-    rows = Rows(X, rows.codes, rows.classes, rows.sessions, rows.order, rows.no_order, rows.synthetic)
+    model, rows = without_fixed_steps(model, rows)
     tasks = [(unknown, partition) for unknown in range(len(rows.classes)) for partition in partitions]
     with showing(progress) as callback:
         ticker = Ticker(len(tasks), callback)
@@ -157,8 +146,7 @@ class _Run:
         self, train: Rows, partition: Partition, is_known: npt.NDArray[np.bool_]
     ) -> dict[str, _Outcome]:
         crossed = held_out_scores(self.model, train, n_folds=self.n_folds, seed=self.seed)
-        fitted = clone(self.model).fit(train.X, train.labels)
-        scores = scores_of(fitted, self.rows.X[partition.test], train.classes)
+        scores = scores_of(train.trained(self.model), self.rows.X[partition.test], train.classes)
         right = np.array(train.classes)[scores.values.argmax(axis=1)] == self.rows.labels[partition.test]
         return {
             kind: _outcome(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from granular_id._files import write_json
@@ -41,6 +41,8 @@ class Confidence:
         Summary of the recordings where there are any; versions of what computed the numbers.
     synthetic : bool
         Such figures say nothing about real materials.
+    name : str
+        What was assessed: a feature space, or the steps of a model.
     """
 
     reliability: Reliability
@@ -52,15 +54,16 @@ class Confidence:
     data: Mapping[str, Any]
     versions: Mapping[str, str]
     synthetic: bool = False
+    name: str = ""
 
     def tables(self) -> tuple[Table, ...]:
-        """Return all figures as tables."""
+        """Return all figures as tables, which name the model."""
         found = [self.reliability.table(), self.coverage.table()]
         if self.open_set is not None:
             found.append(self.open_set.table())
             if len(self.open_set.kinds) > 1:
                 found.append(self.open_set.comparison())
-        return tuple(found)
+        return tuple(replace(one, title=f"{self.name}: {one.title}") if self.name else one for one in found)
 
     def __str__(self) -> str:
         return "\n\n".join([*map(str, self.tables()), *(["\n".join(self.notes)] if self.notes else [])])
@@ -69,6 +72,7 @@ class Confidence:
         """Return everything in types that JSON knows."""
         return {
             "format": FORMAT,
+            "name": self.name,
             "synthetic": self.synthetic,
             "reliability": self.reliability.to_dict(),
             "coverage": self.coverage.to_dict(),

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.base import clone
 
 from granular_id.evaluation.folds import (
     block_partitions,
@@ -15,6 +16,7 @@ from granular_id.evaluation.folds import (
     lone_session,
     session_partitions,
 )
+from granular_id.evaluation.origins import asked_for
 from granular_id.evaluation.partition import Partition, splittable_rows
 from granular_id.evaluation.partitions import chronological_partitions, describe_order
 from granular_id.evaluation.protocol_names import protocol_name
@@ -84,6 +86,11 @@ class Rows:
             order=order,
         )
 
+    def trained(self, model: Any) -> Any:
+        """Return a clone of a model, fitted on the rows; one that asks is told their sessions and their order."""
+        known = asked_for(model, {"sessions": self.sessions, "order": self.order})
+        return clone(model).fit(self.X, self.labels, **known)
+
     def folds(
         self, n_folds: int | None = None, *, seed: int = 0, strict: bool = True
     ) -> tuple[list[Partition], str]:
@@ -131,7 +138,7 @@ class Rows:
 
 
 def rows_of(
-    data: Dataset | npt.ArrayLike,
+    data: Dataset | Rows | npt.ArrayLike,
     y: npt.ArrayLike | None = None,
     *,
     sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
@@ -141,8 +148,8 @@ def rows_of(
 
     Parameters
     ----------
-    data : Dataset or array-like, shape (n, ...)
-        Recordings with labels, sessions and times; or what the model takes, with labels in `y`.
+    data : Dataset, Rows or array-like, shape (n, ...)
+        Recordings with labels, sessions and times; or what the model takes, with labels in `y`. Rows stay as they are.
     y : array-like, shape (n,), optional
         Labels, of arrays only.
     sessions : sequence of n str, optional
@@ -163,10 +170,10 @@ def rows_of(
     >>> rows.classes, rows.folds(3)[1]
     (('a', 'b'), '3 blocks of each class in time order')
     """
-    if isinstance(data, Dataset):
+    if isinstance(data, Dataset | Rows):
         if y is not None or sessions is not None:
             raise ValueError("y and sessions come from the data set: leave them out, or pass data.X as data")
-        return _of_dataset(data)
+        return data if isinstance(data, Rows) else _of_dataset(data)
     if y is None:
         raise ValueError("y must hold a label for each row where data is an array, got None")
     X = np.asarray(data)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import has_fit_parameter
 
 from granular_id.evaluation.partitions import describe_order
 from granular_id.recording import Dataset
 
-__all__ = ["Origins", "origins_of"]
+__all__ = ["Origins", "asked_for", "origins_of"]
 
 Rows = NDArray[np.intp]
 
@@ -38,8 +40,8 @@ class Origins:
         Parameters
         ----------
         estimator : estimator
-            Its `fit` may have the parameters ``sessions`` and ``order``, as that of
-            `granular_id.best.BestClassifier` has.
+            Its `fit`, or that of the last step of a pipeline, may have the parameters ``sessions`` and ``order``, as
+            that of `granular_id.best.BestClassifier` has.
         rows : (m,) int array
             Of the data set.
 
@@ -61,7 +63,24 @@ class Origins:
             "sessions": self.sessions[rows],
             "order": None if self.rank is None else np.argsort(self.rank[rows], kind="stable"),
         }
-        return {name: value for name, value in known.items() if has_fit_parameter(estimator, name)}
+        return asked_for(estimator, known)
+
+
+def asked_for(estimator: Any, known: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of the known things that `fit` has a parameter for, in a pipeline that of its last step.
+
+    Examples
+    --------
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from granular_id.best import BestClassifier
+    >>> asked_for(make_pipeline(BestClassifier()), {"order": None, "weather": "dry"})
+    {'bestclassifier__order': None}
+    """
+    prefix = ""
+    while isinstance(estimator, Pipeline):
+        name, estimator = estimator.steps[-1]
+        prefix += f"{name}__"
+    return {f"{prefix}{name}": value for name, value in known.items() if has_fit_parameter(estimator, name)}
 
 
 def origins_of(data: Dataset) -> Origins:

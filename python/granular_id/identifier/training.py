@@ -181,10 +181,11 @@ def fit_pipeline(
     sizes = block_sizes(features)
     for step in steps:
         tell_blocks(step, sizes)
+    rest = Pipeline(pipeline.steps[1:])
     known: dict[str, Any] = {}
     if origins is not None:
-        known = origins.fit_arguments(steps[-1], np.arange(len(y)) if rows is None else rows)
-    Pipeline(pipeline.steps[1:]).fit(values, y, **{f"classifier__{name}": v for name, v in known.items()})
+        known = origins.fit_arguments(rest, np.arange(len(y)) if rows is None else rows)
+    rest.fit(values, y, **known)
     return pipeline
 
 

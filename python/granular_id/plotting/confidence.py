@@ -33,10 +33,10 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
     Returns
     -------
     matplotlib.figure.Figure
-        Left: accuracy against probability of the answer; the area of a circle is its share of the rows. Middle:
-        coverage against the level asked for, on random partitions with the interval in which 95 % of them lie, and
-        on the strictest ones. Right, with three materials or more: strangeness of known and of left-out materials,
-        1 at the limit of each model; rows beyond the ends are counted in the last bar.
+        Above: what the model is called. Left: accuracy against probability of the answer; the area of a circle is its
+        share of the rows. Middle: coverage against the level asked for, on random partitions with the interval in
+        which 95 % of them lie, and on the strictest ones. Right, with three materials or more: strangeness of known
+        and of left-out materials, 1 at the limit of each model; rows beyond the ends are counted in the last bar.
 
     Raises
     ------
@@ -70,8 +70,8 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
         panel.yaxis.label.set_fontsize(8)
         if panel.get_legend_handles_labels()[0]:
             panel.legend(loc="upper left", edgecolor="none", framealpha=1.0, fontsize=7.5, labelcolor=INK)
-    if confidence.synthetic:
-        figure.suptitle("SYNTHETIC recordings", fontsize=10, color=INK)
+    title = [confidence.name, *(["SYNTHETIC recordings"] if confidence.synthetic else [])]
+    figure.suptitle(", ".join(filter(None, title)), fontsize=10, color=INK, parse_math=False)
     save(figure, path)
     return figure
 
