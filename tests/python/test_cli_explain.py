@@ -37,6 +37,18 @@ def test_bands_on_the_command_line(data, tmp_path):
     assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
 
 
+def test_the_model_that_is_explained_is_that_of_train_and_is_named(data, tmp_path):
+    saved(data, tmp_path / "recordings")
+    printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", "--json", tmp_path / "best.json")
+    line = next(line for line in printed.splitlines() if line.startswith("best: "))
+    assert line.startswith(
+        "best: trained on 12 of 24 recordings; the mean of the machines that were chosen, "
+    )
+    assert "All axes: Fz " in printed
+    read = json.loads((tmp_path / "best.json").read_text(encoding="utf-8"))
+    assert (read["space"], f"best: {read['model']}") == ("best", line)
+
+
 def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost(data):
     model = _trained(data, data.X, data.y, np.arange(12), feature_spaces()["hfmh"], 3.0)
     assert isinstance(model[-1], ECOCClassifier)

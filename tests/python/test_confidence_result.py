@@ -138,7 +138,7 @@ def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows(
     X, y = np.arange(48.0)[:, np.newaxis] * [1.0, -1.0], list("abcabcabcabc") * 4
     rows = rows_of(X, y, sessions=days, in_time_order=True)
     assess(rows, make_pipeline("passthrough", Told()), n_seeds=2)
-    most = count_trainings(rows, n_seeds=2)  # where a session is held out there is one less to hold out within
+    most = count_trainings(rows, n_seeds=2)  # without a session there is one less to hold out within
     assert 0.8 * most < len(Told.seen) < most
     for seen, sessions, order in Told.seen:
         places = seen[:, 0].astype(int)  # the features are the places in time

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
@@ -28,7 +28,7 @@ TEXT = """
 Say which instants, axes, bins and bands decide between two materials.
 
 The method is trained on one half of the recordings of each material and explained on the other, so that what is
-shown decides for recordings it has not seen.
+shown decides for recordings it has not seen. The method is that of `granular-id train`, --space best.
 
 PATH is a file or folder of any format, as for `granular-id evaluate`.
 
@@ -38,7 +38,7 @@ Examples:
 
 `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
 
-`granular-id explain recordings rice oat --space multiband --figure bands.png`
+`granular-id explain recordings rice oat --figure bands.png`
 """
 
 OUTPUT = "Output"
@@ -53,7 +53,7 @@ def explain(
     first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
     second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
     *,
-    space: Annotated[str, option("--space", "Method", "Feature space.")] = "raw+hfmh",
+    space: Space = "best",
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[
         float,
@@ -78,21 +78,21 @@ def explain(
             raise ValueError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
-    explanation = _explained(data, method.spaces(data.rate_hz, block_weights)[space], c, first, second)
+    explanation, model = _explained(data, method.spaces(data.rate_hz, block_weights)[space], c, first, second)
 
     console = Console(highlight=False)
     console.print()
-    console.print(Text(str(explanation)))
+    console.print(Text(f"{space}: {model}"), soft_wrap=True)
+    console.print(Text(str(explanation)), soft_wrap=True)
     if figure is not None:
         from granular_id.plotting import plot_explanation  # noqa: PLC0415 (matplotlib is an extra)
 
-        plot_explanation(
-            explanation, title="SYNTHETIC recordings" if data.is_synthetic else None, path=figure
-        )
+        title = f"{space}, SYNTHETIC recordings" if data.is_synthetic else space
+        plot_explanation(explanation, title=title, path=figure)
     if json is not None:
         from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
 
-        write_json(json, explanation.to_dict())
+        write_json(json, {"space": space, "model": model, **explanation.to_dict()})
     written = [path for path in (figure, json) if path is not None]
     say_written(console, written, None if quiet else repeated_command())
 
@@ -100,10 +100,13 @@ def explain(
 explain.__doc__ = TEXT
 
 
-def _explained(data: Dataset, space: FeatureSpace, cost: float, first: str, second: str) -> Explanation:
-    """Train on every second recording of each material, explain the others."""
+def _explained(
+    data: Dataset, space: FeatureSpace, cost: float, first: str, second: str
+) -> tuple[Explanation, str]:
+    """Train on every second recording of each material, explain the others; say what was trained."""
     import numpy as np  # noqa: PLC0415 (--help must not wait)
 
+    from granular_id.evaluation.chosen import Chosen  # noqa: PLC0415
     from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
 
     X, y = data.X, data.y
@@ -115,7 +118,9 @@ def _explained(data: Dataset, space: FeatureSpace, cost: float, first: str, seco
         place[members] = np.arange(len(members))
     trains = place % 2 == 0
     model = _trained(data, X, y, np.flatnonzero(trains), space, cost)
-    return explain_pair(model, first, second, X[~trains], y[~trains])
+    chosen = Chosen.of(model[-1])
+    said = f"trained on {trains.sum()} of {len(y)} recordings{'' if chosen is None else f'; {chosen.words}'}"
+    return explain_pair(model, first, second, X[~trains], y[~trains]), said
 
 
 def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:

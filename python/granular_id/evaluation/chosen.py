@@ -56,6 +56,14 @@ class Chosen:
             note=choice.note,
         )
 
+    @property
+    def words(self) -> str:
+        """What makes up the model, as a line to read."""
+        names = "; ".join(self.machines[k] for k in self.chosen)
+        return (
+            f"the mean of the machines that were chosen, {len(self.chosen)} of {len(self.machines)}: {names}"
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text."""
         return asdict(self)

@@ -236,8 +236,7 @@ def _words_on(trained: Any) -> str:
     """Say which model of a space with its own classifier is looked at."""
     chosen = Chosen.of(trained)
     if chosen is not None:
-        names = "; ".join(chosen.machines[k] for k in chosen.chosen)
-        return f"the mean of the machines that were chosen, {len(chosen.chosen)} of {len(chosen.machines)}: {names}"
+        return chosen.words
     return "" if hasattr(trained, "coef_") else "a linear one, in place of the classifier of the space"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._core import AXES
 from granular_id._numbers import whole_number
 from granular_id.explanation.band_words import axis_word
 from granular_id.explanation.findings import Finding, findings_of
@@ -25,6 +26,8 @@ _WORDS = {
     "spectrum": "the whole spectrum",
     "level": "the level of the signal",
 }
+
+_MOST_LISTED = len(AXES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +164,10 @@ class BandExplanation(Explanation):
                 f"{axis_word(axis)} {self._share(part)}" for axis, part in _largest(of_axes[block], 3)
             )
             lines.append(f"  {self._share(total)} from {_WORDS[block]} ({block}): {axes}")
-        for what, sums in (("by band", self.by_band()), ("by axis", self._worded(self.by_axis()))):
-            parts = ", ".join(f"{name} {self._share(part)}" for name, part in _largest(sums, 5))
-            lines.append(f"Strongest {what}: {parts}")
+        for what, sums in (("bands", self.by_band()), ("axes", self._worded(self.by_axis()))):
+            listed = _largest(sums, _MOST_LISTED)
+            parts = ", ".join(f"{name} {self._share(part)}" for name, part in listed)
+            lines.append(f"{'Strongest' if len(listed) < len(sums) else 'All'} {what}: {parts}")
         lines.append("Strongest of all:")
         lines += [f"  {self._share(one.contribution)}: {one}" for one in self.findings()]
         coupled = self.findings(3, coupled=True)

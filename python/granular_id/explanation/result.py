@@ -162,8 +162,8 @@ class Explanation:
 
     def _heading(self) -> list[str]:
         lines = [
-            f"{self.first} against {self.second}: mean score {self.scores[0]:+.3g} over {_recordings(self.counts[0])} "
-            f"and {self.scores[1]:+.3g} over {_recordings(self.counts[1])}."
+            f"{self.first} against {self.second}, {self.counts[0]} and {self.counts[1]} recordings: mean scores "
+            f"{self.scores[0]:+.3g} and {self.scores[1]:+.3g}."
         ]
         if self.difference <= 0:
             lines.append(f"The model does not score {self.first} above {self.second} here.")
@@ -174,7 +174,3 @@ class Explanation:
         if self.difference <= 0:
             return f"{contribution:+.3g}"
         return f"{100 * contribution / self.difference:.0f} %"
-
-
-def _recordings(number: int) -> str:
-    return f"{number} recording{'' if number == 1 else 's'}"
