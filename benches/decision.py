@@ -87,7 +87,7 @@ def main() -> None:
     ecoc = gid.ECOCClassifier().fit(rows, y)
     one_vs_one = OneVsOneClassifier(SVC(kernel="linear")).fit(rows, y)
     svc = SVC(kernel="linear").fit(rows, y)
-    identifier = Identifier.fit(train, estimate=False)
+    identifier = Identifier.fit(train, "raw+hfmh", estimate=False)
     stream = StreamingIdentifier(identifier)
     banded = Identifier.fit(train, "multiband", estimate=False)
     bands = StreamingIdentifier(banded)

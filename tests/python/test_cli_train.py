@@ -55,7 +55,7 @@ def test_train_writes_the_model_of_the_library_and_says_what_it_may_be_worth(fol
     from granular_id.io import load
 
     loaded = load(folder)
-    same = Identifier.fit(loaded, n_bins=10, target_error=0.2)
+    same = Identifier.fit(loaded, "raw+hfmh", n_bins=10, target_error=0.2)
     assert file.read_bytes() == same.core.to_bytes()
     assert out.startswith("30 recordings, 3 materials, 60 samples at 125 Hz\n")
     share = 100 * same.trained["estimate"]["accuracy"]
@@ -67,7 +67,7 @@ def test_train_writes_the_model_of_the_library_and_says_what_it_may_be_worth(fol
     assert out.endswith("repeat with: python -m granular_id train 'my folder'\n")
     assert figure.read_bytes().startswith(b"\x89PNG")
     written = json.loads(figures.read_text(encoding="utf-8"))
-    course = accuracy_over_time(loaded, n_bins=10, target_error=0.2)
+    course = accuracy_over_time(loaded, "raw+hfmh", n_bins=10, target_error=0.2)
     assert written["over_time"] == course.to_dict()
     assert written["estimate"] == same.trained["estimate"]
     assert len(data) == 30
@@ -109,6 +109,7 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
     [
         (["--target-error", "1.5"], "--target-error must lie between 0 and 1, got 1.5"),
         (["--tare-s", "0.1"], "--tare-s is not for models"),
+        (["--space", "dft"], "--space must be one of 'best', 'multiband', 'raw', .*, got 'dft'"),
         (["--folds", "1"], "--folds must be at least 2, got 1"),
         (["--C", "0"], "--C must be positive"),
         (["--space", "raw", "--coding", "twice"], "coding must be one of"),

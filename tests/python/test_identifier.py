@@ -16,8 +16,9 @@ from evaluation_cases import LABELS, changed, make_data
 from granular_id import DFT, HFMH, ECOCClassifier, RawHFMH, RawSignal, synthesize
 from granular_id._core import Model, ModelFileError
 from granular_id.identifier import Identifier
-from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.recipe import SPACES, Recipe
 from granular_id.recording import Dataset, Recording
+from granular_id.spaces import feature_spaces
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def new():
 
 @pytest.fixture(scope="module")
 def identifier(data):
-    return Identifier.fit(data, target_error=0.2)
+    return Identifier.fit(data, "raw+hfmh", target_error=0.2)
 
 
 def same_answers(identifier, pipeline, X):
@@ -82,7 +83,7 @@ def test_two_classes_and_any_number_of_axes(n_axes):
             for k, m in enumerate(("b", "a"))
         ]
     )
-    identifier = Identifier.fit(data, cutoff_hz=20.0)
+    identifier = Identifier.fit(data, "raw+hfmh", cutoff_hz=20.0)
     pipeline = make_pipeline(RawHFMH(rate_hz=100, cutoff_hz=20.0), ECOCClassifier()).fit(data.X, data.y)
     same_answers(identifier, pipeline, data.X)
     assert identifier.axes == names
@@ -124,9 +125,9 @@ def test_a_file_gives_back_the_same_model(identifier, new, tmp_path):
 
 def test_the_same_training_gives_the_same_bytes(data):
     settings = {"posterior": "kullback_leibler", "coding": "sparserandom", "target_error": 0.2}
-    one = Identifier.fit(data, threads=1, **settings).core.to_bytes()
-    assert Identifier.fit(data, threads=2, **settings).core.to_bytes() == one
-    assert Identifier.fit(data, threads=1, **settings, C=2.0).core.to_bytes() != one
+    one = Identifier.fit(data, "raw+hfmh", threads=1, **settings).core.to_bytes()
+    assert Identifier.fit(data, "raw+hfmh", threads=2, **settings).core.to_bytes() == one
+    assert Identifier.fit(data, "raw+hfmh", threads=1, **settings, C=2.0).core.to_bytes() != one
 
 
 def test_another_process_trains_the_same_bytes():
@@ -154,9 +155,9 @@ def test_what_it_was_trained_on_is_known(data, identifier):
     assert trained["estimate"]["held_out"] == "held-out sessions"
     assert len(identifier.core.metadata["training_sha256"]) == 64
     assert identifier.core.metadata["coding"] == "onevsone"
-    other = Identifier.fit(changed(data, label=lambda r: r.label), estimate=False)
+    other = Identifier.fit(changed(data, label=lambda r: r.label), "raw+hfmh", estimate=False)
     assert other.core.metadata["training_sha256"] == identifier.core.metadata["training_sha256"]
-    moved = Identifier.fit(data[::-1], estimate=False)
+    moved = Identifier.fit(data[::-1], "raw+hfmh", estimate=False)
     assert moved.core.metadata["training_sha256"] != identifier.core.metadata["training_sha256"]
 
 
@@ -168,7 +169,7 @@ def test_ranges_of_the_training_are_kept_for_provisional_answers(data, identifie
 
 def test_simulated_recordings_stay_simulated_through_the_file(tmp_path):
     data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
-    Identifier.fit(data).save(tmp_path / "m.safetensors")
+    Identifier.fit(data, "raw+hfmh").save(tmp_path / "m.safetensors")
     model = Identifier.load(tmp_path / "m.safetensors")
     assert model.synthetic
     assert repr(model).endswith("trained on SYNTHETIC recordings)")
@@ -262,7 +263,14 @@ def test_samples_of_another_shape_are_refused(data):
 )
 def test_bad_settings_are_refused(data, settings, message):
     with pytest.raises(ValueError, match=message):
-        Identifier.fit(data, **settings)
+        Identifier.fit(data, **{"space": "raw+hfmh", **settings})
+
+
+def test_training_takes_best_unless_told_otherwise(data):
+    assert Identifier.fit(data, estimate=False).trained["settings"]["space"] == "best"
+    assert set(SPACES) < set(feature_spaces())  # a model knows no space that an evaluation does not
+    with pytest.raises(ValueError, match=r"space must be one of 'best', 'multiband', 'raw', .*, got 'dft'"):
+        Identifier.fit(data, "dft")
 
 
 def test_a_model_too_large_for_its_file_names_ways_out_that_work():
@@ -270,7 +278,7 @@ def test_a_model_too_large_for_its_file_names_ways_out_that_work():
     wrench = rng.normal(size=(72, 1600, 6))
     data = Dataset([Recording(w, rate_hz=500, label=f"m{i // 3:02d}") for i, w in enumerate(wrench)])
     with pytest.raises(ValueError, match="276 learners for 24 materials, 10200 features") as refusal:
-        Identifier.fit(data)
+        Identifier.fit(data, "raw+hfmh")
     for way in (
         "the space 'hfmh' (600 features)",
         "shorter recordings, or a lower rate",
@@ -278,7 +286,10 @@ def test_a_model_too_large_for_its_file_names_ways_out_that_work():
     ):
         assert way in str(refusal.value)
     for settings in ({"space": "hfmh"}, {"coding": "onevsall"}):
-        assert len(Identifier.fit(data, **settings, estimate=False).core.to_bytes()) < 16 * 2**20
+        assert (
+            len(Identifier.fit(data, **{"space": "raw+hfmh", **settings}, estimate=False).core.to_bytes())
+            < 16 * 2**20
+        )
 
 
 def test_bad_data_is_refused(data):

@@ -38,7 +38,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def training(data):
-    return train(data, Recipe(), target_error=0.3)
+    return train(data, Recipe(space="raw+hfmh"), target_error=0.3)
 
 
 # -- protocols
@@ -68,7 +68,9 @@ def test_held_out_answers_are_those_of_pipelines_fitted_on_the_others(data, trai
     held, wrong = training.held, 0
     assert held.n_seen[-1] == 60
     for fold, partition in enumerate(held.partitions):
-        pipeline = Recipe().pipeline(500.0).fit(data.X[partition.train], data.y[partition.train])
+        pipeline = (
+            Recipe(space="raw+hfmh").pipeline(500.0).fit(data.X[partition.train], data.y[partition.train])
+        )
         mine = held.folds == fold
         assert held.rows[mine].tolist() == partition.test.tolist()
         said = [LABELS[k] for k in held.winners[mine, -1]]
@@ -91,7 +93,7 @@ def test_the_estimate_is_that_of_an_evaluation(data, training):
 def test_an_interval_needs_three_partitions():
     data = changed(make_data(9, separation=0.2), session=lambda r: f"day {int(r.name.split('_')[1]) % 3}")
     result = evaluate(data, "raw+hfmh", "session", controls=False, progress=False)
-    estimate = train(data, Recipe()).trained["estimate"]
+    estimate = train(data, Recipe(space="raw+hfmh")).trained["estimate"]
     assert estimate["interval_95"] == pytest.approx(list(result.interval("raw+hfmh")))
 
 
@@ -144,7 +146,7 @@ def test_moments_rise_to_the_end_evenly(n_samples, most):
 
 
 def test_a_data_set_too_small_for_its_target_has_no_rule(data):
-    rule = train(data, Recipe(), target_error=0.01).early
+    rule = train(data, Recipe(space="raw+hfmh"), target_error=0.01).early
     assert not rule
     assert "99 held-out recordings or more, there are 32" in rule.why_not
 
@@ -154,7 +156,7 @@ def test_the_rule_is_in_the_model_and_can_be_left_out(training, data):
     known = training.trained["early"]
     assert known == training.early.to_dict(training.held, 500.0)
     assert known["target_error"] == 0.3
-    without = train(data, Recipe(), early=False)
+    without = train(data, Recipe(space="raw+hfmh"), early=False)
     assert without.core.early is None
     assert without.trained["early"] is None
     assert without.trained["estimate"] == training.trained["estimate"]
@@ -164,7 +166,7 @@ def test_the_rule_is_in_the_model_and_can_be_left_out(training, data):
 
 
 def test_accuracy_over_time_counts_answers(training, data):
-    course = accuracy_over_time(data, target_error=0.3)
+    course = accuracy_over_time(data, "raw+hfmh", target_error=0.3)
     held, rule = training.held, training.early
     assert course.seconds[-1] == pytest.approx(0.12)
     assert course.accuracy[-1] == pytest.approx(held.right[:, -1].mean())

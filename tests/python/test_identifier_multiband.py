@@ -19,7 +19,7 @@ from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import fit_pipeline
 from granular_id.identifier.words import description, promises
 from granular_id.spaces import BlockScaler, WithinClassWhitening
-from granular_id.spaces.multiband import USUAL_BLOCKS, MultiBand
+from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def same_answers(identifier, pipeline, X):
     [
         ("multiband", {}),
         ("multiband", {"coding": "onevsall", "loss": "linear", "C": 0.1}),
-        ("multiband+level", {"shrinkage": 1e-3}),
+        ("multiband", {"shrinkage": 1e-3}),
         ("best", {}),
     ],
 )
@@ -75,7 +75,8 @@ def test_pipelines_are_taken_over_whatever_scales_in_between(data, new):
 
 
 def test_features_are_those_of_the_definition(data, new):
-    identifier = Identifier.fit(data, "multiband+level", estimate=False)
+    model = make_pipeline(MultiBand(blocks=ALL_BLOCKS), BlockScaler(), ECOCClassifier()).fit(data.X, data.y)
+    identifier = Identifier.from_classifier(model)
     spec, core = identifier.spec, identifier.core
     scales, levels = twin.learned_scales(data.X)
     np.testing.assert_allclose(spec.scales, scales, rtol=1e-9)

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.model import print_model
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
@@ -49,17 +49,6 @@ Examples:
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 
 
-class Space(str, Enum):
-    """Choices of ``--space``."""
-
-    best = "best"
-    multiband = "multiband"
-    multiband_level = "multiband+level"
-    both = "raw+hfmh"
-    hfmh = "hfmh"
-    raw = "raw"
-
-
 class Probabilities(str, Enum):
     """Choices of ``--posterior``."""
 
@@ -76,14 +65,7 @@ def train(
     method: Method,
     *,
     output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write (safetensors).")],
-    space: Annotated[
-        Space,
-        option(
-            "--space",
-            METHOD,
-            "best: multi-band features; blocks, whitening and C chosen on recordings held out. raw+hfmh: the paper's.",
-        ),
-    ] = Space.best,
+    space: Space = "best",
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
     coding: Annotated[
@@ -126,13 +108,16 @@ def train(
     method.fits(steps.preparation.rate_hz)
     settings: dict[str, Any] = {
         **method.of_model(),
-        "space": space.value,
+        "space": space,
         "block_weights": None if block_weights is Weights.plain else block_weights.value,
         "C": c,
         "coding": coding,
         "posterior": None if posterior is Probabilities.none else posterior.value,
         "random_state": seed,
     }
+    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    recipe = Recipe(**settings)
     check_targets(output, figure, json, source=reading.path)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
@@ -140,13 +125,12 @@ def train(
         file_format(figure)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
-    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415
+    from granular_id.identifier import Identifier  # noqa: PLC0415
     from granular_id.identifier.training import train as fit  # noqa: PLC0415
 
     training = fit(
         data,
-        Recipe(**settings),
+        recipe,
         early=early,
         target_error=target_error,
         coverage=coverage,

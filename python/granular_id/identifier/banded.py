@@ -15,7 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 
 def blocks_of(space: str) -> tuple[str, ...] | None:
     """Return the blocks that a feature space of `Recipe` computes; None where it has no bands."""
-    return {"multiband": USUAL_BLOCKS, "multiband+level": ALL_BLOCKS, "best": ALL_BLOCKS}.get(space)
+    return {"multiband": USUAL_BLOCKS, "best": ALL_BLOCKS}.get(space)
 
 
 def without_silent_blocks(

@@ -153,7 +153,7 @@ def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, syntheti
 
 def accuracy_over_time(
     data: Dataset,
-    space: str = "raw+hfmh",
+    space: str = "best",
     *,
     target_error: float = 0.01,
     n_folds: int = 5,
@@ -168,8 +168,8 @@ def accuracy_over_time(
     ----------
     data : Dataset
         Recordings of equal length and rate with a label each.
-    space : {"raw+hfmh", "hfmh", "raw"}
-        Feature space.
+    space : str, default "best"
+        Feature space, as in `Identifier.fit`.
     target_error : float, default 0.01
         Share of early answers that may be wrong.
     n_folds : int, default 5
@@ -177,7 +177,7 @@ def accuracy_over_time(
     progress : bool or callable, optional
         As in `granular_id.evaluate`; None is silent.
     **settings
-        Others of `granular_id.identifier.recipe.Recipe`: ``cutoff_hz``, ``C``, ``coding`` ...
+        Others of `granular_id.identifier.recipe.Recipe` that the space has: ``cutoff_hz``, ``C``, ``coding`` ...
 
     Returns
     -------

@@ -25,11 +25,11 @@ __all__ = ["BANDED", "GROWING", "SPACES", "Recipe"]
 GROWING = ("raw", "hfmh", "raw+hfmh")
 """Feature spaces of which scores grow with each sample: a linear score of samples and counts, nothing else."""
 
-BANDED = ("best", "multiband", "multiband+level")
+BANDED = ("best", "multiband")
 """Those of multi-band features, which are computed anew when an answer is asked for."""
 
 SPACES = (*BANDED, *GROWING)
-"""All feature spaces of a model."""
+"""Those of `granular_id.spaces.feature_spaces` that can be computed while samples arrive."""
 
 _OF_HISTOGRAMS = ("cutoff_hz", "order", "n_bins", "bin_range", "outside", "density", "initial")
 _CHOSEN_BY_BEST = ("C", "coding", "loss", "decoding", "shrinkage")
@@ -37,15 +37,15 @@ _CHOSEN_BY_BEST = ("C", "coding", "loss", "decoding", "shrinkage")
 
 @dataclass(frozen=True)
 class Recipe:
-    """Settings of features and classifier; the defaults are the paper's.
+    """Settings of features and classifier; but for the space, the defaults are the paper's.
 
     Parameters
     ----------
-    space : {"raw+hfmh", "hfmh", "raw", "best", "multiband", "multiband+level"}
-        Feature space. The first three grow with each sample. ``"multiband"`` are the features of
-        `granular_id.MultiBand`, each block of the same weight; with the level of the raw signal they know the zero
-        of the sensor too. ``"best"`` chooses blocks, whitening and `C` by holding recordings of the training out, see
-        `granular_id.best.BestClassifier`.
+    space : {"best", "multiband", "raw+hfmh", "hfmh", "raw"}
+        Feature space, those of `granular_id.spaces.feature_spaces`. ``"best"`` takes the features of
+        `granular_id.MultiBand` and chooses blocks, whitening and `C` by holding recordings of the training out, see
+        `granular_id.best.BestClassifier`: the most accurate on recordings of other sessions. ``"multiband"`` gives
+        each of their usual blocks the same weight. The other three, the paper's, grow with each sample.
     cutoff_hz, order, n_bins, bin_range, outside, density, initial
         As in `granular_id.HFMH`; without effect on ``"raw"``, refused with multi-band features.
     block_weights : None, "unit" or two numbers
@@ -69,7 +69,7 @@ class Recipe:
     ['features', 'classifier']
     """
 
-    space: str = "raw+hfmh"
+    space: str = "best"
     cutoff_hz: float = 23.0
     order: int = 8
     n_bins: int = 100
