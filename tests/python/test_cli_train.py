@@ -322,6 +322,20 @@ def test_probabilities_are_shown_where_the_model_has_them(folder, tmp_path):
     assert all(0 < share <= 1 for share in shares)
 
 
+def test_identify_says_what_is_missing(folder, model):
+    for words, got in (((), "neither"), ((folder,), f"{folder} alone"), (("-m", model), f"{model} alone")):
+        line = refused("identify", *words)
+        assert line.startswith(
+            f"error: a model file and recordings are needed, got {got}: granular-id identify"
+        )
+    turned = refused("identify", folder, model)
+    assert (
+        turned
+        == f"error: {folder}: is a directory; the model comes first: granular-id identify MODEL PATH..."
+    )
+    assert ended_well("identify", folder, "--model", model) == ended_well("identify", model, folder)
+
+
 @pytest.mark.parametrize("command", [("identify",), ("model", "info")])
 def test_no_model_is_refused_by_name(folder, tmp_path, command):
     absent = tmp_path / "absent.safetensors"

@@ -20,6 +20,7 @@ from granular_id.evaluation.controls import plan_controls
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.plan import plan_spaces
+from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.selection import select
 from multiband_cases import louder
@@ -132,6 +133,25 @@ def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
     (tmp_path / "wrong.json").write_text(json.dumps(saved), encoding="utf-8")
     with pytest.raises(ValueError, match="2 choices, wanted 3"):
         EvaluationResult.from_json(tmp_path / "wrong.json")
+
+
+@pytest.mark.parametrize("axes", [("fz",), ("x", "y", "z"), tuple(f"s{k}" for k in range(13))])
+def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes):
+    pytest.importorskip("matplotlib")
+    random = np.random.default_rng(0)
+    data = Dataset(
+        [
+            Recording((1 + k % 2) * random.normal(size=(60, len(axes))), 100.0, label="ab"[k % 2], axes=axes)
+            for k in range(12)
+        ]
+    )
+    save(data, tmp_path / "set.npz")
+    words = ("--spaces", "best,hfmh", "--protocol", "kfold", "--folds", "3")
+    output = ended_well("evaluate", tmp_path / "set.npz", *words, "--report", tmp_path / "r.html")
+    assert f"these have {' '.join(axes)}" in " ".join(output.split())
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "What best chose in each partition" in page
+    assert "Where the linear model looks" not in page
 
 
 def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from granular_id.cli.interrupts import heeding_interrupts
 
-__all__ = ["DEBUG", "guarded", "in_options"]
+__all__ = ["DEBUG", "guarded", "in_options", "words_of"]
 
 DEBUG = "GRANULAR_ID_DEBUG"
 """Environment variable: when set, an error ends in its traceback instead of one line."""
@@ -93,7 +93,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if os.environ.get(DEBUG) or (isinstance(error, ImportError) and error.name is not None):
                 raise
-            _say(f"error: {in_options(_words_of(error))}", "bold red")
+            _say(f"error: {in_options(words_of(error))}", "bold red")
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
 
     return run
@@ -143,7 +143,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     return one_line
 
 
-def _words_of(error: Exception) -> str:
+def words_of(error: Exception) -> str:
     """Leave out the number that the system gives an error, and put the file first."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"

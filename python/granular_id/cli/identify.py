@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from granular_id.cli.errors import guarded
+from granular_id.cli.errors import guarded, words_of
 from granular_id.cli.groups import option, taking
 from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
 from granular_id.cli.reading import (
@@ -48,12 +48,13 @@ Examples:
 
 `granular-id identify kitchen.safetensors fresh`
 
-`granular-id identify kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
+`granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
 
 `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
 """
 
 OUTPUT = "Output"
+ENDING = ".safetensors"
 
 
 class Beginning(str, Enum):
@@ -70,19 +71,33 @@ class Recordings:
 
     def __init__(
         self,
-        model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-        paths: Annotated[
-            list[Path], typer.Argument(metavar="PATH...", help="Folders and files of recordings.")
-        ],
+        files: Annotated[
+            list[Path] | None,
+            typer.Argument(
+                metavar="MODEL PATH",
+                help="Model file, then folders and files of recordings.",
+                show_default=False,
+            ),
+        ] = None,
         *,
+        model: Annotated[
+            Path | None,
+            option("--model -m", PANEL, "Model file; all arguments are recordings then."),
+        ] = None,
         on_error: OnError = Handling.refuse,
         on_time_error: OnTimeError = Repair.refuse,
         recorded_hz: RecordedHz = None,
         topic: Topic = None,
         max_file_mb: MaxFileMb = None,
     ) -> None:
-        self.model = model
-        self.paths = paths
+        given = [*([] if model is None else [model]), *(files or [])]
+        if len(given) < 2:
+            got = f"{given[0]} alone" if given else "neither"
+            raise ValueError(
+                f"a model file and recordings are needed, got {got}: granular-id identify MODEL PATH..., with the "
+                "MODEL that granular-id train wrote"
+            )
+        self.model, *self.paths = given
         self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
 
     def load(self, *, quiet: bool) -> Dataset:
@@ -172,7 +187,14 @@ def identify(
 
     from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
 
-    identifier = Identifier.load(recordings.model)
+    try:
+        identifier = Identifier.load(recordings.model)
+    except (OSError, ValueError) as error:
+        if not any(path.suffix == ENDING for path in recordings.paths):
+            raise
+        raise ValueError(
+            f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
+        ) from None
     data = recordings.load(quiet=quiet)
     data = fitting.taken(data, identifier, quiet=quiet)
 

@@ -13,9 +13,10 @@ import sklearn
 from sklearn.base import BaseEstimator
 
 from granular_id import _core
+from granular_id._core import AXES
 from granular_id.recording import Dataset
 
-__all__ = ["describe_data", "describe_estimator", "versions", "warnings_in"]
+__all__ = ["describe_data", "describe_estimator", "not_drawn", "versions", "warnings_in"]
 
 
 def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
@@ -54,6 +55,15 @@ def warnings_in(data: Dataset) -> list[str]:
     These are the errors and warnings of `Dataset.check`.
     """
     return [str(finding) for finding in data.check() if finding.severity != "info"]
+
+
+def not_drawn(data: Dataset) -> list[str]:
+    """Return one line on why a report does not draw the recordings; none where it does."""
+    if data.axes == AXES:
+        return []
+    return [
+        f"recordings and weights are not drawn: that is for the axes {' '.join(AXES)}, these have {' '.join(data.axes)}"
+    ]
 
 
 def versions() -> dict[str, str]:

@@ -21,6 +21,7 @@ from granular_id.evaluation.controls import Control, PlannedControl, judge, plan
 from granular_id.evaluation.describe import (
     describe_data,
     describe_estimator,
+    not_drawn,
     versions,
     warnings_in,
 )
@@ -215,6 +216,7 @@ def evaluate(
         notes=(
             *notes,
             *warnings_in(data),
+            *not_drawn(data),
             *(line for run in runs.values() for line in run.complaints),
             *(kept.notes() if kept is not None else ()),
         ),
@@ -263,8 +265,10 @@ def _summary(space: Space, run: SpaceRun, settings: Mapping[str, Any]) -> SpaceS
 
 def _portrait(
     data: Dataset, result: EvaluationResult, planned: Sequence[Space], classifier: BaseEstimator
-) -> Portrait:
+) -> Portrait | None:
     """Look at the recordings, and at one model in the most accurate space whose features are not mixed."""
+    if not_drawn(data):
+        return None
     order = sorted(planned, key=lambda space: -result.mean_accuracy(space.name))
     plans = {space.name: plan_for(space.transformer) for space in order}
     unmixed = {s.name: s.transformer for s in order if (plan := plans[s.name]) is None or not plan.after}

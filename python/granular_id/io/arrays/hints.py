@@ -27,7 +27,7 @@ def nothing_found(tree: Mapping[str, Any]) -> str:
             said = hint(name, shape)
             if said is not None:
                 return said
-    return f"wanted an array with an axis of length {_N}"
+    return f"wanted an array with an axis of length {_N}, or axes, the names of the axes that there are, beside it"
 
 
 def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, ...]]]:
