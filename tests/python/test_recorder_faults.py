@@ -16,7 +16,7 @@ from granular_id.live.sim_faults import Fault
 from granular_id.live.source import SourceInfo
 from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.stream import opened
-from granular_id.live.trigger import ManualTrigger
+from granular_id.live.trigger import ManualTrigger, MotionTrigger
 from recorder_cases import SHORT, Watched, bench, files
 
 FAULTS = {
@@ -50,7 +50,17 @@ def test_faults_fail_the_recording(tmp_path, name):
 
 
 def test_a_gap_at_rest_is_waited_out(tmp_path):
-    with bench(tmp_path) as (source, _, recorder):
+    """The robot is held until both were read: sent off between them, it would rightly fail at the restart."""
+    epochs = [0]
+
+    class Patient(MotionTrigger):
+        def arm(self, rest):
+            return "the sensor has yet to begin anew" if epochs[-1] == 0 else super().arm(rest)
+
+    def watch(step, _):
+        epochs.extend([step.block.epoch] if len(step.block) else [])
+
+    with bench(tmp_path, trigger=Patient, on_step=watch) as (source, _, recorder):
         source.inject(Fault("gap", rows=5))
         source.inject(Fault("restart"))
         assert recorder.record("rice").recording.n_samples == 300
