@@ -230,15 +230,15 @@ fn a_small_file_asks_for_no_large_recording() {
         }
     };
     assert!(matches!(
-        fault_of(with("\"n_samples\":\"8\"", "\"n_samples\":\"1048576\"")),
+        fault_of(with("\"n_samples\":\"8\"", "\"n_samples\":\"262144\"")),
         Fault::Shape { name: "band_scales", .. }
     ));
     let both = |header: String| {
         header
-            .replace("\"n_samples\":\"8\"", "\"n_samples\":\"1048576\"")
+            .replace("\"n_samples\":\"8\"", "\"n_samples\":\"262144\"")
             .replace("\"n_axes\":\"1\"", "\"n_axes\":\"2\"")
     };
-    assert!(matches!(fault_of(both), Fault::Count { most: 1_048_576, .. }));
+    assert!(matches!(fault_of(both), Fault::Count { most: 262_144, .. }));
     assert!(matches!(
         fault_of(with("\"n_axes\":\"1\"", "\"n_axes\":\"200\"")),
         Fault::Count { most: MAX_MULTIBAND_AXES, got: 200, .. }

@@ -110,7 +110,7 @@ pub(crate) trait Isa {
 
     /// Rows and columns of four by four exchanged.
     #[inline(always)]
-    fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
         transpose::transpose4(rows)
     }
 

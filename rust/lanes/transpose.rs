@@ -38,7 +38,7 @@ pub(super) fn transpose6<const W: usize>(
 
 /// Plain-loop twin of the vector code in `x86.rs`.
 #[inline(always)]
-pub(super) fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+pub(super) fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
     std::array::from_fn(|column| std::array::from_fn(|row| rows[row][column]))
 }
 

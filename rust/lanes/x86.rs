@@ -95,18 +95,21 @@ impl Isa for X86 {
     }
 
     #[inline(always)]
-    fn transpose4(rows: &[[f64; 4]; 4]) -> [[f64; 4]; 4] {
+    fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
         let mut columns = [[0.0; 4]; 4];
-        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of an array of four.
+        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of two elements of an array of four, or of all.
         unsafe {
-            let (r0, r1) = (_mm256_loadu_pd(rows[0].as_ptr()), _mm256_loadu_pd(rows[1].as_ptr()));
-            let (r2, r3) = (_mm256_loadu_pd(rows[2].as_ptr()), _mm256_loadu_pd(rows[3].as_ptr()));
-            let (a, b) = (_mm256_unpacklo_pd(r0, r1), _mm256_unpackhi_pd(r0, r1));
-            let (c, d) = (_mm256_unpacklo_pd(r2, r3), _mm256_unpackhi_pd(r2, r3));
-            _mm256_storeu_pd(columns[0].as_mut_ptr(), _mm256_permute2f128_pd::<0x20>(a, c));
-            _mm256_storeu_pd(columns[1].as_mut_ptr(), _mm256_permute2f128_pd::<0x20>(b, d));
-            _mm256_storeu_pd(columns[2].as_mut_ptr(), _mm256_permute2f128_pd::<0x31>(a, c));
-            _mm256_storeu_pd(columns[3].as_mut_ptr(), _mm256_permute2f128_pd::<0x31>(b, d));
+            // Halves are joined as they are loaded, so that only half of the exchanges are left to do.
+            let join = |a: &[f64; 4], b: &[f64; 4], half: usize| {
+                let (a, b) = (_mm_loadu_pd(a[half..].as_ptr()), _mm_loadu_pd(b[half..].as_ptr()));
+                _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), b)
+            };
+            let (even, odd) = (join(rows[0], rows[2], 0), join(rows[1], rows[3], 0));
+            _mm256_storeu_pd(columns[0].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
+            _mm256_storeu_pd(columns[1].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
+            let (even, odd) = (join(rows[0], rows[2], 2), join(rows[1], rows[3], 2));
+            _mm256_storeu_pd(columns[2].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
+            _mm256_storeu_pd(columns[3].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
         }
         columns
     }

@@ -11,8 +11,9 @@ use crate::{BatchShape, Extractor, FeatureSpec};
 /// The largest number of axes of a multi-band model: each adds twice to the size of a matrix whose logarithm is taken.
 pub const MAX_MULTIBAND_AXES: usize = 32;
 
-/// The largest number of values of a recording of a multi-band model: 8 MB, nearly six minutes of six axes at 500 Hz.
-pub const MAX_MULTIBAND_VALUES: usize = 1 << 20;
+/// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
+/// design takes up to 512 bytes for each, however small the file that asks for it.
+pub const MAX_MULTIBAND_VALUES: usize = 1 << 18;
 
 /// What is extracted from a recording, before anybody has looked at it.
 #[derive(Clone, Debug)]

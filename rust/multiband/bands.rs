@@ -9,9 +9,9 @@ const TOP: f64 = 0.98;
 /// Cycles that the lower edge of an octave completes within a recording.
 const MIN_CYCLES: f64 = 1.5;
 
-/// Cut-off of the low-pass in front of every halving of the rate, as a share of the Nyquist frequency before it. What it
-/// leaves above the new Nyquist frequency folds into the upper half of the new spectrum, above the octave taken there.
-const HALVING_CUTOFF: f64 = 0.4;
+/// Order of the low-pass in front of every halving of the rate. What it leaves above the new Nyquist frequency folds to
+/// the upper half of the new spectrum; the octave taken there lies below, where this is down by 39 dB or more.
+const HALVING_ORDER: usize = 5;
 
 /// One band of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,19 +94,26 @@ pub(super) struct Filters {
     pub(super) top: Poles,
     /// The octave below; zeros likewise.
     pub(super) octave: Poles,
-    /// Before the rate is halved; four zeros at Nyquist.
-    pub(super) halving: Poles,
+    /// Before the rate is halved: `(A(a0) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
+    pub(super) halving: [f64; 2],
 }
 
 impl Filters {
     pub(super) fn new() -> Result<Self> {
         let band_pass = |high: f64| poles(2, Band::Bandpass(high / 2.0, high));
-        Ok(Self {
-            top: band_pass(TOP)?,
-            octave: band_pass(TOP / 2.0)?,
-            halving: poles(4, Band::Lowpass(HALVING_CUTOFF))?,
-        })
+        Ok(Self { top: band_pass(TOP)?, octave: band_pass(TOP / 2.0)?, halving: all_passes()? })
     }
+}
+
+/// A Butterworth low-pass of odd order that ends at half the Nyquist frequency has its poles on the imaginary axis, so that
+/// it is the sum of two all-passes in `z^-2`, one of them a sample later (Gazsi, "Explicit formulas for lattice wave digital
+/// filters", 1985). The poles take turns.
+fn all_passes() -> Result<[f64; 2]> {
+    let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0)?;
+    let mut squares: Vec<_> = sos.sections().iter().map(|section| section.a2).collect();
+    squares.sort_by(f64::total_cmp);
+    // The first is the pole at zero.
+    Ok([squares[1], squares[2]])
 }
 
 /// A design with edges as shares of the Nyquist frequency.
@@ -130,7 +137,6 @@ mod tests {
         let designs = [
             (2, Band::Bandpass(TOP / 2.0, TOP), filters.top, [1.0, 0.0, -2.0, 0.0, 1.0]),
             (2, Band::Bandpass(TOP / 4.0, TOP / 2.0), filters.octave, [1.0, 0.0, -2.0, 0.0, 1.0]),
-            (4, Band::Lowpass(HALVING_CUTOFF), filters.halving, [1.0, 4.0, 6.0, 4.0, 1.0]),
         ];
         for (order, band, poles, zeros) in designs {
             let sos = butterworth(order, band, 2.0).unwrap();
@@ -141,6 +147,32 @@ mod tests {
                     (0..3).filter(|i| (*i..i + 3).contains(&power)).map(|i| p[i] * q[power - i]).sum();
                 assert!((product - poles.gain * zero).abs() < 1e-12 * poles.gain, "{band:?} {power}");
             }
+        }
+    }
+
+    #[test]
+    fn two_all_passes_are_the_low_pass() {
+        let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0).unwrap();
+        let [mut expected, mut even] = [[0.0; 40]; 2];
+        (expected[0], even[0]) = (1.0, 1.0);
+        for s in sos.sections() {
+            let (mut z0, mut z1) = (0.0, 0.0);
+            for x in &mut expected {
+                let y = s.b0 * *x + z0;
+                (z0, z1) = (s.b1 * *x - s.a1 * y + z1, s.b2 * *x - s.a2 * y);
+                *x = y;
+            }
+        }
+        let [first, second] = all_passes().unwrap().map(|a| {
+            let mut y = [0.0; 40];
+            for t in 0..40 {
+                let before = |values: &[f64; 40]| if t < 2 { 0.0 } else { values[t - 2] };
+                y[t] = a * even[t] + before(&even) - a * before(&y);
+            }
+            y
+        });
+        for t in 1..40 {
+            assert!((expected[t] - 0.5 * (first[t] + second[t - 1])).abs() < 1e-15, "{t}");
         }
     }
 

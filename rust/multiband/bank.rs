@@ -1,7 +1,7 @@
 //! From a recording to the signals of its bands.
 
 use super::bands::{halved, halvings, n_octaves, Filters};
-use super::octave::{halve, run, Coefficients, Line, Memory, Rows, BACK, ROWS};
+use super::octave::{run, Coefficients, Memory, Rows, BACK, ROWS};
 use super::quad::{spread, Quad, QUAD};
 use crate::error::{Error, Result};
 use crate::lanes::Isa;
@@ -20,8 +20,8 @@ pub(super) struct Place {
     pub(super) len: usize,
 }
 
-/// The signals of all bands of one recording: band 0 is the recording without its mean, then octave after octave
-/// downward, each at a rate of its own.
+/// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
+/// octave after octave downward, each at a rate of its own.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BandSignals<'a> {
     values: &'a [f64],
@@ -35,12 +35,6 @@ impl<'a> BandSignals<'a> {
         Self { values, places, n_axes }
     }
 
-    /// Bands, band 0 included.
-    #[inline(always)]
-    pub(super) fn n_bands(&self) -> usize {
-        self.places.len()
-    }
-
     /// Axes of the recording.
     #[inline(always)]
     pub(super) fn n_axes(&self) -> usize {
@@ -51,6 +45,12 @@ impl<'a> BandSignals<'a> {
     #[inline(always)]
     pub(super) fn len(&self, band: usize) -> usize {
         self.places[band].len
+    }
+
+    /// Signals in the order of bands, then of axes.
+    #[inline(always)]
+    pub(super) fn numbered(&self, index: usize) -> &'a [f64] {
+        self.axis(index / self.n_axes, index % self.n_axes)
     }
 
     /// One axis of a band, in time order.
@@ -66,6 +66,8 @@ impl<'a> BandSignals<'a> {
 pub(super) struct Bank {
     // Boxed, as are the rows below: their lanes want more alignment than every owner gives, Python's objects for one.
     coefficients: Box<Coefficients>,
+    /// What each band is multiplied by, four axes at a time, band-major.
+    gains: Vec<Quad>,
     n_axes: usize,
     n_samples: usize,
     octaves: usize,
@@ -76,9 +78,18 @@ pub(super) struct Bank {
 pub(super) struct BankWork {
     values: Vec<f64>,
     places: Vec<Place>,
-    /// The current level of the pyramid below the first, four axes of it.
-    level: Vec<Quad>,
-    rows: Box<Rows>,
+    /// Four axes of the levels of the pyramid below the first, one after the other, each after [`BACK`] rows at rest.
+    levels: Vec<Quad>,
+    first: Box<FirstLevel>,
+}
+
+/// One block of the first level.
+#[derive(Clone, Debug)]
+struct FirstLevel {
+    input: [Quad; BACK + ROWS],
+    /// The input without its mean.
+    centred: [Quad; ROWS],
+    rows: Rows,
 }
 
 impl BankWork {
@@ -95,27 +106,55 @@ fn aligned(values: &[f64]) -> usize {
 }
 
 impl Bank {
-    pub(super) fn new(n_samples: usize, n_axes: usize) -> Result<Self> {
-        let coefficients = Box::new(Coefficients::new(&Filters::new()?));
-        let bank = Self { coefficients, n_axes, n_samples, octaves: n_octaves(n_samples) };
+    /// For bands that are divided by `scales`, band-major.
+    pub(super) fn new(n_samples: usize, n_axes: usize, scales: &[f64]) -> Result<Self> {
         // All bands together hold less than five times the samples of the recording, and some room to align them.
         let room = n_samples
             .checked_add(2 * LINE)
             .and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f64>()));
-        room.filter(|room| isize::try_from(*room).is_ok())
-            .map(|_| bank)
-            .ok_or(Error::TooLarge { n_samples, n_axes })
+        if room.is_none_or(|room| isize::try_from(room).is_err()) {
+            return Err(Error::TooLarge { n_samples, n_axes });
+        }
+        let filters = Filters::new()?;
+        let mut gains = Vec::new();
+        for (band, scales) in scales.chunks(n_axes).enumerate() {
+            let gain = match band {
+                0 => 1.0,
+                1 => filters.top.gain,
+                // Every halving has doubled the signal.
+                _ => filters.octave.gain * (-f64::from(halvings(band - 1))).exp2(),
+            };
+            gains.extend(scales.chunks(QUAD).map(|scales| {
+                let mut quad = Quad::ZERO;
+                quad.0.iter_mut().zip(scales).for_each(|(lane, scale)| *lane = gain / scale);
+                quad
+            }));
+        }
+        let coefficients = Box::new(Coefficients::new(&filters));
+        Ok(Self { coefficients, gains, n_axes, n_samples, octaves: n_octaves(n_samples) })
     }
 
     pub(super) fn work(&self) -> BankWork {
         let places = self.places(self.n_samples);
         let n_values = places.last().map_or(0, |last| last.start + self.n_axes * last.stride);
+        // What the last level leaves is not used, but written.
+        let n_rows = (1..self.octaves.max(2)).map(|halvings| self.room(halvings)).sum();
         BankWork {
             values: vec![0.0; n_values + LINE],
             places,
-            level: vec![Quad::ZERO; self.n_samples.div_ceil(2)],
-            rows: Box::new(Rows::new()),
+            levels: vec![Quad::ZERO; n_rows],
+            first: Box::new(FirstLevel {
+                input: [Quad::ZERO; BACK + ROWS],
+                centred: [Quad::ZERO; ROWS],
+                rows: Rows::new(),
+            }),
         }
+    }
+
+    /// Rows that a level takes up: those at rest before it, then its own in pairs.
+    fn room(&self, halvings: usize) -> usize {
+        let halvings = u32::try_from(halvings).unwrap_or(u32::MAX);
+        BACK + halved(self.n_samples, halvings).next_multiple_of(2)
     }
 
     /// Where the bands of the first `n_seen` samples lie.
@@ -159,24 +198,23 @@ impl Bank {
         means: &[f64],
         work: &mut BankWork,
     ) {
-        let BankWork { values, places, level, rows } = work;
-        let first = aligned(values);
-        let mut target = Target::<N> { values: &mut values[first..], places, axis };
-        let c = &self.coefficients;
-        self.first_level::<I, N>(recording, Quad::load::<N>(&means[axis..]), level, rows, &mut target);
+        let BankWork { values, places, levels, first } = work;
+        let start = aligned(values);
+        let mut target = Target::<N> { values: &mut values[start..], places, axis, bank: self };
+        self.first_level::<I, N>(recording, Quad::load::<N>(&means[axis..]), levels, first, &mut target);
+        let rows = &mut first.rows;
+        let mut rest = &mut **levels;
         for octave in 2..self.octaves {
             let n_rows = target.places[1 + octave].len;
-            let level = &mut level[..n_rows];
+            let (level, next) = rest.split_at_mut(self.room(octave - 1));
             let mut memory = Memory::REST;
-            rows.rest();
             for start in (0..n_rows).step_by(ROWS) {
                 let n = (n_rows - start).min(ROWS);
-                rows.input[BACK..][..n].copy_from_slice(&level[start..][..n]);
-                run::<false>(c, &mut memory, rows, n);
-                target.write::<I>(1 + octave, start, n, &rows.octave, c.octave.gain);
-                halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
-                rows.turn();
+                let input = &level[start..][..BACK + n.next_multiple_of(2)];
+                run::<false>(&self.coefficients, &mut memory, input, rows, &mut next[BACK + start / 2..]);
+                target.write::<I>(1 + octave, start, n, &rows.octave);
             }
+            rest = next;
         }
     }
 
@@ -187,30 +225,30 @@ impl Bank {
         recording: &[f64],
         mean: Quad,
         level: &mut [Quad],
-        rows: &mut Rows,
+        work: &mut FirstLevel,
         target: &mut Target<'_, N>,
     ) {
-        let c = &self.coefficients;
+        let FirstLevel { input, centred, rows } = work;
         let mut memory = Memory::REST;
-        rows.rest();
+        input[..BACK].fill(Quad::ZERO);
         let first = Quad::load::<N>(&recording[target.axis..]);
         for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
             let (start, n) = (block * ROWS, samples.len() / self.n_axes);
             for (sample, (input, centred)) in
-                samples.chunks_exact(self.n_axes).zip(rows.input[BACK..].iter_mut().zip(&mut rows.centred))
+                samples.chunks_exact(self.n_axes).zip(input[BACK..].iter_mut().zip(&mut *centred))
             {
                 *input = Quad::load::<N>(&sample[target.axis..]).minus(first);
                 *centred = input.minus(mean);
             }
-            target.spread::<I>(0, start, n, &rows.centred, Quad::all(1.0));
+            target.write::<I>(0, start, n, centred);
             if self.octaves == 0 {
                 continue;
             }
-            run::<true>(c, &mut memory, rows, n);
-            target.write::<I>(1, start, n, &rows.top, c.top.gain);
-            target.write::<I>(2, start, n, &rows.octave, c.octave.gain);
-            halve(c, &rows.smooth, &mut level[start / 2..][..n.div_ceil(2)]);
-            rows.turn();
+            let rows_in = &input[..BACK + n.next_multiple_of(2)];
+            run::<true>(&self.coefficients, &mut memory, rows_in, rows, &mut level[BACK + start / 2..]);
+            target.write::<I>(1, start, n, &rows.top);
+            target.write::<I>(2, start, n, &rows.octave);
+            input.copy_within(ROWS.., 0);
         }
     }
 }
@@ -220,21 +258,17 @@ struct Target<'a, const N: usize> {
     values: &'a mut [f64],
     places: &'a [Place],
     axis: usize,
+    bank: &'a Bank,
 }
 
 impl<const N: usize> Target<'_, N> {
-    /// Writes `n` samples of a band from sample `t` on.
+    /// Writes `n` samples of a band from sample `t` on. A band that the recording is too short for is left out.
     #[inline(always)]
-    fn write<I: Isa>(&mut self, band: usize, t: usize, n: usize, line: &Line, gain: Quad) {
-        self.spread::<I>(band, t, n, &line[BACK..], gain);
-    }
-
-    /// The same from quads without earlier ones in front. A band that the recording is too short for is left out.
-    #[inline(always)]
-    fn spread<I: Isa>(&mut self, band: usize, t: usize, n: usize, quads: &[Quad], gain: Quad) {
+    fn write<I: Isa>(&mut self, band: usize, t: usize, n: usize, quads: &[Quad; ROWS]) {
         if let Some(place) = self.places.get(band) {
+            let gain = self.bank.gains[band * self.bank.n_axes.div_ceil(QUAD) + self.axis / QUAD];
             let values = &mut self.values[place.start + self.axis * place.stride + t..];
-            spread::<I, N>(quads, gain, n, place.stride, values);
+            spread::<I, N>(&quads[..n.next_multiple_of(QUAD)], gain, place.stride, values);
         }
     }
 }

@@ -1,7 +1,5 @@
 //! Batches of recordings, in tasks for threads.
 
-use std::sync::{Mutex, PoisonError};
-
 use super::extractor::MultiBand;
 use super::workspace::Workspace;
 use crate::error::{Error, Result};
@@ -69,7 +67,7 @@ struct Batch<'a> {
 }
 
 impl Batch<'_> {
-    /// Works through the recordings, in memory that is made once per thread.
+    /// Works through the recordings, in memory that is made once per thread and kept for the next batch.
     fn each(
         &self,
         out: &mut [f64],
@@ -90,15 +88,13 @@ impl Batch<'_> {
         if wrench.len() != expected {
             return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
         }
-        let spare = Mutex::new(Vec::new());
         in_tasks(wrench, shape, row_len, threads, out, |wrench, shape, out| {
-            let found = spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
-            let mut work = found.unwrap_or_else(|| design.workspace());
+            let mut work = design.spare.take().unwrap_or_else(|| design.workspace());
             let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(row_len));
             for (recording, (rows, out)) in recordings.enumerate() {
                 one(rows, &mut work, out).map_err(|error| error.later(recording))?;
             }
-            spare.lock().unwrap_or_else(PoisonError::into_inner).push(work);
+            design.spare.keep(work);
             Ok(())
         })
     }

@@ -28,6 +28,12 @@ impl<const L: usize> Complex<L> {
         Self { re: self.re * Pack::splat(factor), im: self.im * Pack::splat(factor) }
     }
 
+    /// Times `exp(-pi i / 4)`.
+    #[inline(always)]
+    fn turned_an_eighth(self) -> Self {
+        Self { re: self.re + self.im, im: self.im - self.re }.times(std::f64::consts::FRAC_1_SQRT_2)
+    }
+
     #[inline(always)]
     fn times_minus_i(self) -> Self {
         Self { re: self.im, im: -self.re }
@@ -55,6 +61,7 @@ pub(super) struct Two;
 pub(super) struct Three;
 pub(super) struct Four;
 pub(super) struct Five;
+pub(super) struct Eight;
 
 impl Butterfly<2> for Two {
     #[inline(always)]
@@ -100,5 +107,20 @@ impl Butterfly<5> for Five {
             second.minus(second_turn),
             first.minus(first_turn),
         ]
+    }
+}
+
+impl Butterfly<8> for Eight {
+    #[inline(always)]
+    fn of<const L: usize>([a, b, c, d, e, f, g, h]: [Complex<L>; 8]) -> [Complex<L>; 8] {
+        let even = Four::of([a, c, e, g]);
+        let [p, q, r, s] = Four::of([b, d, f, h]);
+        let odd = [p, q.turned_an_eighth(), r.times_minus_i(), s.turned_an_eighth().times_minus_i()];
+        let mut out = [Complex::ZERO; 8];
+        for k in 0..4 {
+            out[k] = even[k].plus(odd[k]);
+            out[k + 4] = even[k].minus(odd[k]);
+        }
+        out
     }
 }

@@ -67,18 +67,16 @@ impl Coupling {
         &self,
         path: Path,
         signals: BandSignals<'_>,
-        scales: &[f64],
         work: &mut CouplingWork,
         out: &mut [f64],
     ) {
-        path.run(Compute { design: *self, signals, scales, work, out });
+        path.run(Compute { design: *self, signals, work, out });
     }
 }
 
 struct Compute<'a> {
     design: Coupling,
     signals: BandSignals<'a>,
-    scales: &'a [f64],
     work: &'a mut CouplingWork,
     out: &'a mut [f64],
 }
@@ -88,15 +86,14 @@ impl Job for Compute<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Self { design, signals, scales, work, out } = self;
+        let Self { design, signals, work, out } = self;
         let n_axes = design.n_axes;
         let rows = 2 * n_axes;
         let CouplingWork { moments, logarithms } = work;
         for (group, out) in out.chunks_mut(MATRICES * design.per_band()).enumerate() {
             for lane in 0..out.len() / design.per_band() {
                 let band = group * MATRICES + lane;
-                let scales = &scales[band * n_axes..][..n_axes];
-                moments.take(signals, band, scales, |i, j, moment| {
+                moments.take(signals, band, |i, j, moment| {
                     let ridge = if i == j { RIDGE } else { 0.0 };
                     logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
                 });
@@ -115,23 +112,19 @@ impl Job for Compute<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::signals::Signals;
+    use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
         let design = Coupling::new(&signals.lengths(), signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
-        design.compute(path, signals.view(), scales, &mut design.work(), &mut out);
+        design.compute(path, signals.view(), &mut design.work(), &mut out);
         out
     }
 
     #[test]
     fn every_path_gives_the_same_bits() {
-        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
-        let all =
-            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
-        assert!(all[0].iter().all(|x| x.is_finite()));
-        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+        same_on_every_path(compute);
     }
 
     #[test]
@@ -145,7 +138,7 @@ mod tests {
     fn silence_is_the_ridge() {
         let signals = Signals::from(vec![vec![vec![0.0; 30]; 1]]);
         let log = libm::log(RIDGE);
-        assert_eq!(compute(Path::Baseline, &signals, &[1.0]), [log, 0.0, log]);
+        assert_eq!(compute(Path::Baseline, &signals), [log, 0.0, log]);
     }
 
     #[test]
@@ -153,23 +146,23 @@ mod tests {
         let design = Coupling::new(&[100], 1);
         let signals = Signals::from(vec![vec![vec![5.0; 2]; 1]]);
         let mut out = [0.0; 3];
-        design.compute(Path::Baseline, signals.view(), &[1.0], &mut design.work(), &mut out);
+        design.compute(Path::Baseline, signals.view(), &mut design.work(), &mut out);
         assert_eq!(out, [libm::log(RIDGE), 0.0, libm::log(RIDGE)]);
     }
 
     #[test]
     fn what_overflows_is_not_hidden() {
         let signals = Signals::from(vec![vec![vec![1e200; 30]; 1]]);
-        assert!(compute(Path::Baseline, &signals, &[1.0]).iter().all(|x| x.is_nan()));
+        assert!(compute(Path::Baseline, &signals).iter().all(|x| x.is_nan()));
     }
 
     #[test]
     fn more_bands_than_fit_at_a_time() {
         let signals = Signals::new(&[60; 19], 2);
-        let all = compute(Path::detect(), &signals, &[1.0; 38]);
+        let all = compute(Path::detect(), &signals);
         for (band, features) in all.chunks_exact(10).enumerate() {
             let alone = Signals::from(vec![signals.band(band)]);
-            assert_eq!(features, compute(Path::detect(), &alone, &[1.0; 2]));
+            assert_eq!(features, compute(Path::detect(), &alone));
         }
     }
 }

@@ -3,12 +3,14 @@
 use super::bands::{bands, FrequencyBand};
 use super::bank::Bank;
 use super::coupling::Coupling;
+use super::energies::{mean_square, STRETCHES};
 use super::envelope::Envelope;
-use super::jobs::{RootMeanSquares, Split};
+use super::jobs::Split;
 use super::level::Level;
 use super::limits::limits;
 use super::quantiles::Quantiles;
 use super::scales::Scales;
+use super::spare::Spare;
 use super::spec::{Block, MultiBandSpec};
 use super::spectrum::Spectrum;
 use super::workspace::Workspace;
@@ -42,6 +44,7 @@ pub struct MultiBand {
     pub(super) envelope: Option<Envelope>,
     pub(super) spectrum: Option<Spectrum>,
     pub(super) level: Option<Level>,
+    pub(super) spare: Spare,
 }
 
 impl MultiBand {
@@ -79,7 +82,7 @@ impl MultiBand {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
         let mut this = Self {
-            bank: Bank::new(n_samples, n_axes)?,
+            bank: Bank::new(n_samples, n_axes, &scales.bands)?,
             coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
             quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands, n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope::new(n_bands, n_axes)),
@@ -89,6 +92,7 @@ impl MultiBand {
             limits: limits(scales, n_axes),
             scales: scales.clone(),
             n_features: 0,
+            spare: Spare::default(),
             spec,
             n_samples,
             n_axes,
@@ -168,6 +172,7 @@ impl MultiBand {
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
+            energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
             coupling: self.coupling.as_ref().map(Coupling::work),
             quantiles: self.quantiles.as_ref().map(Quantiles::work),
             spectrum: self.spectrum.as_ref().map(Spectrum::work),
@@ -214,7 +219,11 @@ impl MultiBand {
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
         }
-        Path::detect().run(RootMeanSquares { signals: work.bank.signals(self.n_axes), out });
+        let signals = work.bank.signals(self.n_axes);
+        for (index, (rms, energies)) in out.iter_mut().zip(&work.energies).enumerate() {
+            let n = signals.numbered(index).len();
+            *rms = mean_square(energies, n).sqrt() * self.scales.bands[index];
+        }
         if finite(out) {
             return Ok(());
         }
@@ -223,20 +232,19 @@ impl MultiBand {
 
     /// All blocks of the recording that was split last.
     fn blocks(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) {
-        let signals = work.bank.signals(self.n_axes);
-        let scales = &self.scales.bands;
+        let (signals, energies) = (work.bank.signals(self.n_axes), &work.energies);
         let mut rest = out;
         if let Some((block, work)) = self.coupling.as_ref().zip(work.coupling.as_mut()) {
-            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+            block.compute(path, signals, work, first(&mut rest, block.n_features()));
         }
         if let Some((block, work)) = self.quantiles.as_ref().zip(work.quantiles.as_mut()) {
-            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+            block.compute(path, signals, energies, work, first(&mut rest, block.n_features()));
         }
         if let Some(block) = &self.envelope {
-            block.compute(path, signals, scales, first(&mut rest, block.n_features()));
+            block.compute(path, signals, energies, first(&mut rest, block.n_features()));
         }
         if let Some((block, work)) = self.spectrum.as_ref().zip(work.spectrum.as_mut()) {
-            block.compute(path, signals, scales, work, first(&mut rest, block.n_features()));
+            block.compute(path, signals, work, first(&mut rest, block.n_features()));
         }
         if let Some(block) = &self.level {
             block.compute(rows, &self.scales.level, first(&mut rest, block.n_features()));

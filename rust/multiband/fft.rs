@@ -3,14 +3,14 @@
 //! Crates for this take their sines from the C library or use fused multiply-add where a machine has it, so that their last
 //! bits differ between machines. Here every step is a plain operation on [`Pack`]s, and sines are those of `libm`.
 //!
-//! Lengths with the factors 2, 3, 4 and 5 go through Stockham's algorithm, which needs no reordering; long ones in columns
+//! Lengths with the factors 2, 3 and 5 go through Stockham's algorithm, which needs no reordering; long ones in columns
 //! and rows that stay in the first-level cache (both in Van Loan, "Computational frameworks for the fast Fourier
 //! transform", 1992). Other lengths go through a convolution of such a length (Bluestein, "A linear filtering approach to
 //! the computation of discrete Fourier transform", 1970).
 
 use std::f64::consts::PI;
 
-use super::butterfly::{Butterfly, Complex, Five, Four, Three, Two};
+use super::butterfly::{Butterfly, Complex, Eight, Five, Four, Three, Two};
 use super::pack::Pack;
 
 /// One pass of Stockham's algorithm: `blocks` transforms of `radix` values for each of `stride` places.
@@ -67,7 +67,7 @@ fn root(numerator: usize, denominator: usize) -> [f64; 2] {
 /// The factors of a length, the one that is most work without a factor of its own last; none for other lengths.
 fn radices(n: usize) -> Option<Vec<usize>> {
     let (mut rest, mut radices) = (n, Vec::new());
-    for radix in [4, 2, 3, 5] {
+    for radix in [8, 4, 2, 3, 5] {
         while rest > 1 && rest.is_multiple_of(radix) {
             radices.push(radix);
             rest /= radix;
@@ -199,6 +199,7 @@ fn straight<const L: usize>(passes: &[Pass], x: &mut [Complex<L>], y: &mut [Comp
     for (i, pass) in passes.iter().enumerate() {
         let (from, to) = if i % 2 == 0 { (&*x, &mut *y) } else { (&*y, &mut *x) };
         match pass.radix {
+            8 => pass.run::<Eight, L, 8>(from, to),
             4 => pass.run::<Four, L, 4>(from, to),
             2 => pass.run::<Two, L, 2>(from, to),
             3 => pass.run::<Three, L, 3>(from, to),

@@ -21,6 +21,7 @@ mod bank;
 mod batch;
 mod butterfly;
 mod coupling;
+mod energies;
 mod envelope;
 mod extractor;
 mod fft;
@@ -38,6 +39,7 @@ mod quantiles;
 mod scales;
 #[cfg(test)]
 mod signals;
+mod spare;
 mod spec;
 mod spectrum;
 mod symmetric;

@@ -12,7 +12,7 @@ const TILE: usize = 3;
 /// Partial sums per product.
 const LANES: usize = 4;
 
-/// Samples that are scaled and multiplied at a time: a dozen axes of them stay in the first-level cache.
+/// Samples that are multiplied at a time: a dozen axes of them stay in the first-level cache.
 const CHUNK: usize = 256;
 
 /// Sums of products of three axes with three.
@@ -22,8 +22,6 @@ type Tile = [[Pack<LANES>; TILE]; TILE];
 #[derive(Clone, Debug)]
 pub(super) struct Moments {
     n_axes: usize,
-    /// Scaled samples of the chunk and the [`LAG`] before them, axis after axis.
-    scaled: Vec<f64>,
     /// Products of axes at the same instant, of all instants but the first two and the last.
     shared: Vec<Tile>,
     /// Products of later axes with earlier ones.
@@ -33,10 +31,10 @@ pub(super) struct Moments {
 impl Moments {
     pub(super) fn new(n_axes: usize) -> Self {
         let tiles = vec![[[Pack::ZERO; TILE]; TILE]; n_axes.div_ceil(TILE).pow(2)];
-        Self { n_axes, scaled: vec![0.0; n_axes * (CHUNK + LAG)], shared: tiles.clone(), lagged: tiles }
+        Self { n_axes, shared: tiles.clone(), lagged: tiles }
     }
 
-    /// Second moments of stacked samples of a band divided by `scales`: the axes of one instant, then those [`LAG`] samples
+    /// Second moments of stacked samples of a band: the axes of one instant, then those [`LAG`] samples
     /// earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of [`LAG`] samples or fewer are zero.
     ///
     /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
@@ -45,7 +43,6 @@ impl Moments {
         &mut self,
         signals: BandSignals<'_>,
         band: usize,
-        scales: &[f64],
         mut write: impl FnMut(usize, usize, f64),
     ) {
         let (n, n_axes) = (signals.len(band), self.n_axes);
@@ -55,7 +52,7 @@ impl Moments {
         }
         let lagged_end = (n - LAG) / LANES * LANES;
         let shared_end = n.saturating_sub(2 * LAG) / LANES * LANES;
-        self.add_chunks(signals, band, scales, lagged_end, shared_end);
+        self.add_chunks(signals, band, lagged_end, shared_end);
         // What is left, and what is of the later or of the earlier instants alone.
         let later = LAG + shared_end..n;
         let between = LAG + shared_end..n.saturating_sub(LAG).max(LAG + shared_end);
@@ -63,12 +60,12 @@ impl Moments {
         let left = LAG + lagged_end..n;
         let count = (n - LAG) as f64;
         for i in 0..n_axes {
-            let (x, x_scale) = (signals.axis(band, i), 1.0 / scales[i]);
-            for (j, scale) in scales.iter().enumerate() {
-                let (y, y_scale) = (signals.axis(band, j), 1.0 / scale);
+            let x = signals.axis(band, i);
+            for j in 0..n_axes {
+                let y = signals.axis(band, j);
                 let add = |sum: f64, range: &std::ops::Range<usize>, lag: usize| {
                     let pairs = x[range.clone()].iter().zip(&y[range.start - lag..]);
-                    pairs.fold(sum, |sum, (x, y)| sum + (x * x_scale) * (y * y_scale))
+                    pairs.fold(sum, |sum, (x, y)| sum + x * y)
                 };
                 let (tile, r, c) = self.place(i, j);
                 let sum = add(self.lagged[tile][r][c].sum(), &left, LAG);
@@ -92,15 +89,8 @@ impl Moments {
     /// Adds up products in whole vectors, chunk by chunk: lagged ones of `lagged_end` instants from [`LAG`] on, shared ones
     /// of `shared_end`.
     #[inline(always)]
-    fn add_chunks(
-        &mut self,
-        signals: BandSignals<'_>,
-        band: usize,
-        scales: &[f64],
-        lagged_end: usize,
-        shared_end: usize,
-    ) {
-        let Self { n_axes, scaled, shared, lagged } = self;
+    fn add_chunks(&mut self, signals: BandSignals<'_>, band: usize, lagged_end: usize, shared_end: usize) {
+        let Self { n_axes, shared, lagged } = self;
         let side = n_axes.div_ceil(TILE);
         shared.fill([[Pack::ZERO; TILE]; TILE]);
         lagged.fill([[Pack::ZERO; TILE]; TILE]);
@@ -108,16 +98,9 @@ impl Moments {
         while start < lagged_end {
             let len = CHUNK.min(lagged_end - start);
             let shared_len = len.min(shared_end.saturating_sub(start));
-            for (axis, scaled) in scaled.chunks_exact_mut(CHUNK + LAG).enumerate() {
-                let factor = 1.0 / scales[axis];
-                let values = &signals.axis(band, axis)[start..start + len + LAG];
-                for (z, y) in scaled.iter_mut().zip(values) {
-                    *z = y * factor;
-                }
-            }
             // A tile at the edge takes the last axis more than once.
             let axis = |i: usize, r: usize| {
-                &scaled[(TILE * i + r).min(*n_axes - 1) * (CHUNK + LAG)..][..CHUNK + LAG]
+                &signals.axis(band, (TILE * i + r).min(*n_axes - 1))[start..start + len + LAG]
             };
             for i in 0..side {
                 let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
@@ -168,11 +151,11 @@ mod tests {
     use super::*;
 
     /// By definition.
-    fn slowly(axes: &[Vec<f64>], scales: &[f64], i: usize, j: usize) -> f64 {
+    fn slowly(axes: &[Vec<f64>], i: usize, j: usize) -> f64 {
         let n = axes[0].len();
         let stacked = |row: usize, t: usize| {
             let axis = row % axes.len();
-            axes[axis][if row < axes.len() { t } else { t - LAG }] / scales[axis]
+            axes[axis][if row < axes.len() { t } else { t - LAG }]
         };
         (LAG..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / n.saturating_sub(LAG).max(1) as f64
     }
@@ -182,16 +165,15 @@ mod tests {
         fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, seed in any::<u32>()) {
             let value = |k: usize| ((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e6 } else { 1.0 };
             let axes: Vec<Vec<f64>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
-            let scales: Vec<f64> = (0..n_axes).map(|a| 0.5 + a as f64).collect();
             let values = axes.concat();
             let places = [Place { start: 0, stride: n, len: n }];
             let mut seen = 0;
             let mut moments = Moments::new(n_axes);
             let mut far = 0;
-            moments.take(BandSignals::new(&values, &places, n_axes), 0, &scales, |i, j, got| {
+            moments.take(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
                 seen += 1;
-                let size = (slowly(&axes, &scales, i, i) * slowly(&axes, &scales, j, j)).sqrt();
-                far += usize::from(i < j || (got - slowly(&axes, &scales, i, j)).abs() > 1e-12 * size);
+                let size = (slowly(&axes, i, i) * slowly(&axes, j, j)).sqrt();
+                far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);
             });
             prop_assert_eq!((seen, far), (n_axes * (2 * n_axes + 1), 0));
         }

@@ -1,157 +1,136 @@
 //! The recurrences of one level of the pyramid.
 //!
-//! Poles are those of the designs, pair by pair. Zeros are shared out anew, which changes rounding only: each half of a
-//! band-pass gets one zero at frequency 0 and one at Nyquist, `1 - z^-2`, and those of the low-pass are applied only where
-//! a sample is kept. Signals are counted from the first sample: a start as if it had lasted for ever is then a start from
-//! rest, and a constant leaves nothing behind, not even rounding.
+//! Poles are those of the designs, pair by pair. Both octaves of a level have the same zeros, twice at frequency 0 and twice
+//! at Nyquist: `(1 - z^-2)^2` is taken once. Signals are counted from the first sample: a start as if it had lasted for ever
+//! is then a start from rest, and a constant leaves nothing behind, not even rounding.
 
 use super::bands::{Filters, Poles};
 use super::quad::Quad;
 
-/// Rows that go through a level together.
+/// Rows that go through a level together: an even number, whole quads.
 pub(super) const ROWS: usize = 64;
 
-/// Rows before the first of a block that its filters look back to.
+/// Rows before the first that a level looks back to.
 pub(super) const BACK: usize = 4;
 
-/// Coefficients side by side for the lanes.
+/// The poles of a band-pass, side by side for the lanes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Wide {
-    pairs: [[Quad; 2]; 2],
-    pub(super) gain: Quad,
-}
+struct Wide([[Quad; 2]; 2]);
 
 impl Wide {
-    pub(super) fn new(poles: &Poles) -> Self {
-        Self { pairs: poles.pairs.map(|pair| pair.map(Quad::all)), gain: Quad::all(poles.gain) }
+    fn new(poles: &Poles) -> Self {
+        Self(poles.pairs.map(|pair| pair.map(Quad::all)))
     }
 }
 
 /// The filters of a level.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Coefficients {
-    pub(super) top: Wide,
-    pub(super) octave: Wide,
-    pub(super) halving: Wide,
+    top: Wide,
+    octave: Wide,
+    halving: [Quad; 2],
 }
 
 impl Coefficients {
     pub(super) fn new(filters: &Filters) -> Self {
-        let [top, octave, halving] = [filters.top, filters.octave, filters.halving].map(|p| Wide::new(&p));
-        Self { top, octave, halving }
+        let [top, octave] = [filters.top, filters.octave].map(|poles| Wide::new(&poles));
+        Self { top, octave, halving: filters.halving.map(Quad::all) }
     }
 }
 
-/// What one half of a filter has given last.
+/// The last two outputs of a recurrence.
 #[derive(Clone, Copy, Debug)]
-struct Half {
+struct Last {
     latest: Quad,
     before: Quad,
 }
 
-impl Half {
+impl Last {
     const REST: Self = Self { latest: Quad::ZERO, before: Quad::ZERO };
+
+    /// Takes in `x` and gives what a pair of poles makes of it. What is known early comes first: only one product and one
+    /// difference wait for the row before.
+    #[inline(always)]
+    fn resonate(&mut self, [a1, a2]: &[Quad; 2], x: Quad) -> Quad {
+        let y = x.minus(a2.times(self.before)).minus(a1.times(self.latest));
+        *self = Self { latest: y, before: self.latest };
+        y
+    }
 }
 
-/// What a level remembers from one block to the next, apart from rows.
+/// What a level remembers from one block to the next, apart from its input.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Memory {
-    /// First halves of the filters; what the second ones have given is found in the rows.
-    top: Half,
-    octave: Half,
-    halving: Half,
+    /// By how much the input rose over two rows.
+    rise: Last,
+    top: [Last; 2],
+    octave: [Last; 2],
+    /// What the all-passes gave last.
+    halving: [Quad; 2],
 }
 
 impl Memory {
     /// As if the first sample had lasted for ever: signals are counted from it, so that it is zero.
-    pub(super) const REST: Self = Self { top: Half::REST, octave: Half::REST, halving: Half::REST };
+    pub(super) const REST: Self =
+        Self { rise: Last::REST, top: [Last::REST; 2], octave: [Last::REST; 2], halving: [Quad::ZERO; 2] };
+
+    /// What the zeros that both octaves share make of a row and the one two rows earlier.
+    #[inline(always)]
+    fn numerator(&mut self, x: Quad, earlier: Quad) -> Quad {
+        let rise = x.minus(earlier);
+        let out = rise.minus(self.rise.before);
+        self.rise = Last { latest: rise, before: self.rise.latest };
+        out
+    }
+
+    /// A row of half the rate, of the last four; twice as large as the input.
+    #[inline(always)]
+    fn halve(&mut self, [a0, a1]: &[Quad; 2], [x3, x2, x1, x0]: [Quad; 4]) -> Quad {
+        let [y0, y1] = self.halving;
+        let y0 = a0.times(x0).plus(x2).minus(a0.times(y0));
+        let y1 = a1.times(x1).plus(x3).minus(a1.times(y1));
+        self.halving = [y0, y1];
+        y0.plus(y1)
+    }
 }
 
-/// Room for `BACK` earlier rows, then a block.
-pub(super) type Line = [Quad; BACK + ROWS];
-
-/// One block of a level; outputs without the gain of their filter.
+/// Outputs of one block of a level, without the gain of their filters.
 #[derive(Clone, Debug)]
 pub(super) struct Rows {
-    pub(super) input: Line,
-    /// The low-pass, without its zeros.
-    pub(super) smooth: Line,
-    pub(super) top: Line,
-    pub(super) octave: Line,
-    /// The input of the first level without its mean.
-    pub(super) centred: [Quad; ROWS],
+    pub(super) top: [Quad; ROWS],
+    pub(super) octave: [Quad; ROWS],
 }
 
 impl Rows {
-    pub(super) fn new() -> Self {
-        let silence = [Quad::ZERO; BACK + ROWS];
-        Self { input: silence, smooth: silence, top: silence, octave: silence, centred: [Quad::ZERO; ROWS] }
+    pub(super) const fn new() -> Self {
+        Self { top: [Quad::ZERO; ROWS], octave: [Quad::ZERO; ROWS] }
     }
+}
 
-    /// Forgets what came before.
-    #[inline(always)]
-    pub(super) fn rest(&mut self) {
-        for line in [&mut self.input, &mut self.smooth, &mut self.top, &mut self.octave] {
-            line[..BACK].fill(Quad::ZERO);
+/// At most [`ROWS`] rows of a level, `input` with the [`BACK`] before them, through its filters: `TOP` on the first one, which
+/// has two octaves. `halved` are the rows of the next level.
+#[inline(always)]
+pub(super) fn run<const TOP: bool>(
+    c: &Coefficients,
+    memory: &mut Memory,
+    input: &[Quad],
+    rows: &mut Rows,
+    halved: &mut [Quad],
+) {
+    let mut m = *memory;
+    let pairs = input.windows(BACK + 2).step_by(2).zip(&mut *halved);
+    let outputs = rows.top.as_chunks_mut::<2>().0.iter_mut().zip(rows.octave.as_chunks_mut::<2>().0);
+    for ((x, halved), (top, octave)) in pairs.zip(outputs) {
+        for i in 0..2 {
+            let w = m.numerator(x[BACK + i], x[BACK + i - 2]);
+            if TOP {
+                let y = m.top[0].resonate(&c.top.0[0], w);
+                top[i] = m.top[1].resonate(&c.top.0[1], y);
+            }
+            let y = m.octave[0].resonate(&c.octave.0[0], w);
+            octave[i] = m.octave[1].resonate(&c.octave.0[1], y);
         }
+        *halved = m.halve(&c.halving, [x[BACK - 3], x[BACK - 2], x[BACK - 1], x[BACK]]);
     }
-
-    /// Keeps the last rows in front of the next block.
-    #[inline(always)]
-    pub(super) fn turn(&mut self) {
-        for line in [&mut self.input, &mut self.smooth, &mut self.top, &mut self.octave] {
-            line.copy_within(ROWS.., 0);
-        }
-    }
-}
-
-/// Half a filter without its zeros. What is known early comes first: only one product and one difference wait for the
-/// sample before.
-#[inline(always)]
-fn resonate([a1, a2]: &[Quad; 2], latest: Quad, before: Quad, x: Quad) -> Quad {
-    x.minus(a2.times(before)).minus(a1.times(latest))
-}
-
-/// One row through a filter: `x` through the first half, then the second, whose last two outputs are given.
-///
-/// For a band-pass `x` is what the input has gained over two rows; the gain of the first half goes to the second.
-#[inline(always)]
-fn filter<const BAND: bool>(filter: &Wide, half: &mut Half, x: Quad, latest: Quad, before: Quad) -> Quad {
-    let y = resonate(&filter.pairs[0], half.latest, half.before, x);
-    let x = if BAND { y.minus(half.before) } else { y };
-    *half = Half { latest: y, before: half.latest };
-    resonate(&filter.pairs[1], latest, before, x)
-}
-
-/// `n_rows` rows through all filters of a level; `TOP` on the first one, which has two octaves.
-#[inline(always)]
-pub(super) fn run<const TOP: bool>(c: &Coefficients, memory: &mut Memory, rows: &mut Rows, n_rows: usize) {
-    let Memory { mut top, mut octave, mut halving } = *memory;
-    // The latest rows stay in registers. Earlier ones are read back, for which there is time; registers are few.
-    let (mut top_row, mut octave_row) = (rows.top[BACK - 1], rows.octave[BACK - 1]);
-    let mut smooth_row = rows.smooth[BACK - 1];
-    for t in BACK..BACK + n_rows.min(ROWS) {
-        let x = rows.input[t];
-        let rise = x.minus(rows.input[t - 2]);
-        if TOP {
-            top_row = filter::<true>(&c.top, &mut top, rise, top_row, rows.top[t - 2]);
-            rows.top[t] = top_row;
-        }
-        octave_row = filter::<true>(&c.octave, &mut octave, rise, octave_row, rows.octave[t - 2]);
-        rows.octave[t] = octave_row;
-        smooth_row = filter::<false>(&c.halving, &mut halving, x, smooth_row, rows.smooth[t - 2]);
-        rows.smooth[t] = smooth_row;
-    }
-    *memory = Memory { top, octave, halving };
-}
-
-/// Every second row after the low-pass, from row 0 of the block on.
-#[inline(always)]
-pub(super) fn halve(c: &Coefficients, smooth: &Line, out: &mut [Quad]) {
-    let (gain, four, six) = (c.halving.gain, Quad::all(4.0), Quad::all(6.0));
-    for (rows, out) in smooth.windows(BACK + 1).step_by(2).zip(out) {
-        let outer = rows[0].plus(rows[4]);
-        let inner = rows[1].plus(rows[3]).times(four);
-        *out = outer.plus(inner).plus(rows[2].times(six)).times(gain);
-    }
+    *memory = m;
 }

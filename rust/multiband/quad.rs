@@ -65,21 +65,18 @@ impl Quad {
 }
 
 /// Writes the first `N` lanes of quads, times `gain`, as samples of `N` axes, each `stride` values after the one before.
-/// There must be room for whole fours of samples, in `quads` as well.
+/// Quads come in whole fours, for which there must be room.
 #[inline(always)]
-pub(super) fn spread<I: Isa, const N: usize>(
-    quads: &[Quad],
-    gain: Quad,
-    n_samples: usize,
-    stride: usize,
-    values: &mut [f64],
-) {
-    for (first, four) in (0..n_samples).step_by(QUAD).zip(quads.chunks_exact(QUAD)) {
-        let (a, b) = (four[0].times(gain).0, four[1].times(gain).0);
-        let (c, d) = (four[2].times(gain).0, four[3].times(gain).0);
-        let axes = I::transpose4(&[a, b, c, d]);
-        for axis in 0..N {
-            values[axis * stride + first..][..QUAD].copy_from_slice(&axes[axis]);
+pub(super) fn spread<I: Isa, const N: usize>(quads: &[Quad], gain: Quad, stride: usize, values: &mut [f64]) {
+    let fours = quads.as_chunks::<QUAD>().0;
+    let mut axes = values.chunks_mut(stride);
+    let mut axes: [&mut [[f64; QUAD]]; N] = std::array::from_fn(|_| {
+        axes.next().map_or(&mut [][..], |axis| &mut axis.as_chunks_mut().0[..fours.len()])
+    });
+    for (t, [a, b, c, d]) in fours.iter().enumerate() {
+        let lanes = I::transpose4([&a.0, &b.0, &c.0, &d.0]);
+        for (axis, (lane, gain)) in axes.iter_mut().zip(lanes.into_iter().zip(gain.0)) {
+            axis[t] = Quad(lane).times(Quad::all(gain)).0;
         }
     }
 }

@@ -1,6 +1,17 @@
 //! Signals of bands for tests.
 
 use super::bank::{BandSignals, Place};
+use super::energies::{measure, Energies, STRETCHES};
+use crate::lanes::Path;
+
+/// Asserts that features of restless signals are finite and have the same bits on every path; a list of many lengths, and more
+/// axes than fit into a vector.
+pub(super) fn same_on_every_path(compute: impl Fn(Path, &Signals) -> Vec<f64>) {
+    let signals = Signals::new(&[1000, 1000, 500, 61, 9, 1], 7);
+    let all: Vec<_> = Path::available().into_iter().map(|path| compute(path, &signals)).collect();
+    assert!(all[0].iter().all(|x| x.is_finite()));
+    assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+}
 
 /// Signals with a place for each.
 pub(super) struct Signals {
@@ -23,6 +34,12 @@ impl Signals {
 
     pub(super) fn view(&self) -> BandSignals<'_> {
         BandSignals::new(&self.values, &self.places, self.n_axes)
+    }
+
+    pub(super) fn energies(&self) -> Vec<Energies> {
+        let mut energies = vec![[0.0; STRETCHES]; self.places.len() * self.n_axes];
+        measure(self.view(), &mut energies);
+        energies
     }
 
     pub(super) fn lengths(&self) -> Vec<usize> {

@@ -38,8 +38,9 @@ pub(super) struct Spectrum {
 pub(super) struct SpectrumWork {
     values: Vec<Complex<LANES>>,
     other: Vec<Complex<LANES>>,
-    /// The window of the length that came last.
+    /// The window of the length that came last, and the sum of its squares.
     window: Vec<f64>,
+    weight: f64,
 }
 
 /// First FFT bin of each pooled bin, then the end: geometric, but at least [`MIN_WIDTH`] apart; a shorter rest joins the
@@ -83,38 +84,40 @@ impl Spectrum {
     /// Room, and the window of whole recordings.
     pub(super) fn work(&self) -> SpectrumWork {
         let room = vec![Complex::ZERO; self.fft.room()];
-        let mut window = Vec::with_capacity(self.n_samples);
-        fill(&mut window, self.n_samples);
-        SpectrumWork { values: room.clone(), other: room, window }
+        let window = Vec::with_capacity(self.n_samples);
+        let mut work = SpectrumWork { values: room.clone(), other: room, window, weight: 0.0 };
+        work.open(self.n_samples);
+        work
     }
 
     /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
-    /// is followed by zeros. `scales` are those of band 0. Allocates nothing.
+    /// is followed by zeros. Allocates nothing.
     pub(super) fn compute(
         &self,
         path: Path,
         signals: BandSignals<'_>,
-        scales: &[f64],
         work: &mut SpectrumWork,
         out: &mut [f64],
     ) {
         if work.window.len() != signals.len(0) {
-            fill(&mut work.window, signals.len(0));
+            work.open(signals.len(0));
         }
-        path.run(Compute { design: self, signals, scales, work, out });
+        path.run(Compute { design: self, signals, work, out });
     }
 }
 
-/// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
-fn fill(window: &mut Vec<f64>, n: usize) {
-    window.clear();
-    window.extend((0..n).map(|t| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64)));
+impl SpectrumWork {
+    /// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
+    fn open(&mut self, n: usize) {
+        self.window.clear();
+        self.window.extend((0..n).map(|t| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64)));
+        self.weight = self.window.iter().fold(0.0, |sum, w| sum + w * w);
+    }
 }
 
 struct Compute<'a> {
     design: &'a Spectrum,
     signals: BandSignals<'a>,
-    scales: &'a [f64],
     work: &'a mut SpectrumWork,
     out: &'a mut [f64],
 }
@@ -124,17 +127,16 @@ impl Job for Compute<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Self { design, signals, scales, work, out } = self;
+        let Self { design, signals, work, out } = self;
         let (n, per_axis) = (design.n_samples, design.per_axis());
-        let SpectrumWork { values, other, window } = work;
-        let weight = window.iter().fold(0.0, |sum, w| sum + w * w);
+        let SpectrumWork { values, other, window, weight } = work;
         for first in (0..design.n_axes).step_by(2 * LANES) {
             let axes = first..design.n_axes.min(first + 2 * LANES);
-            pack(signals, scales, window, axes.clone(), values);
+            pack::<I>(signals, window, axes.clone(), values);
             values[window.len()..n].fill(Complex::ZERO);
             design.fft.process(values, other);
             for (bin, range) in design.edges.windows(2).enumerate() {
-                let share = 4.0 * weight * (range[1] - range[0]) as f64;
+                let share = 4.0 * *weight * (range[1] - range[0]) as f64;
                 let powers = pooled(&values[..n], range[0]..range[1]);
                 for axis in axes.clone() {
                     let power = powers[axis % 2].0[(axis - first) / 2];
@@ -146,25 +148,39 @@ impl Job for Compute<'_> {
     }
 }
 
-/// Windowed and scaled, two axes as one complex signal. Scaled, because each takes on rounding errors of the other.
+/// Windowed, two axes as one complex signal. Both are scaled: each takes on rounding errors of the other.
 #[inline(always)]
-fn pack(
+fn pack<I: Isa>(
     signals: BandSignals<'_>,
-    scales: &[f64],
     window: &[f64],
     axes: std::ops::Range<usize>,
     values: &mut [Complex<LANES>],
 ) {
-    const SILENCE: &[f64] = &[];
-    let of = |axis: usize| if axes.contains(&axis) { signals.axis(0, axis) } else { SILENCE };
-    let factor = |axis: usize| if axes.contains(&axis) { 1.0 / scales[axis] } else { 0.0 };
-    for lane in 0..LANES {
-        let axis = axes.start + 2 * lane;
-        let (re, im) = (of(axis), of(axis + 1));
-        let (re_factor, im_factor) = (factor(axis), factor(axis + 1));
-        for (t, (value, w)) in values.iter_mut().zip(window).enumerate() {
-            value.re.0[lane] = re.get(t).map_or(0.0, |y| y * w * re_factor);
-            value.im.0[lane] = im.get(t).map_or(0.0, |y| y * w * im_factor);
+    // Axes that there are not are silent.
+    let signal = |axis: usize| if axes.contains(&axis) { signals.axis(0, axis) } else { &[] };
+    for part in [0, 1] {
+        let lanes: [&[f64]; LANES] = std::array::from_fn(|lane| signal(axes.start + 2 * lane + part));
+        let blocks = lanes.map(|lane| lane.as_chunks().0);
+        let mut last = [[0.0; LANES]; LANES];
+        for (last, lane) in last.iter_mut().zip(lanes) {
+            let rest = lane.as_chunks::<LANES>().1;
+            last[..rest.len()].copy_from_slice(rest);
+        }
+        for (t, (values, window)) in values.chunks_mut(LANES).zip(window.chunks(LANES)).enumerate() {
+            let mut samples = [&last[0], &last[1], &last[2], &last[3]];
+            if window.len() == LANES {
+                for l in 0..LANES {
+                    samples[l] = blocks[l].get(t).unwrap_or(&[0.0; LANES]);
+                }
+            }
+            for ((value, w), sample) in values.iter_mut().zip(window).zip(I::transpose4(samples)) {
+                let sample = Pack(sample) * Pack::splat(*w);
+                if part == 0 {
+                    value.re = sample;
+                } else {
+                    value.im = sample;
+                }
+            }
         }
     }
 }
@@ -186,23 +202,19 @@ fn pooled(values: &[Complex<LANES>], frequencies: std::ops::Range<usize>) -> [Pa
 
 #[cfg(test)]
 mod tests {
-    use super::super::signals::Signals;
+    use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals, scales: &[f64]) -> Vec<f64> {
+    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
         let design = Spectrum::new(signals.lengths()[0], signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
-        design.compute(path, signals.view(), scales, &mut design.work(), &mut out);
+        design.compute(path, signals.view(), &mut design.work(), &mut out);
         out
     }
 
     #[test]
     fn every_path_gives_the_same_bits() {
-        let (signals, scales) = (Signals::new(&[1000, 1000, 500, 61, 9, 1], 7), [1.7; 42]);
-        let all =
-            Path::available().into_iter().map(|path| compute(path, &signals, &scales)).collect::<Vec<_>>();
-        assert!(all[0].iter().all(|x| x.is_finite()));
-        assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+        same_on_every_path(compute);
     }
 
     #[test]
@@ -222,7 +234,7 @@ mod tests {
         let sine = |t: usize| (2.0 * PI * 100.0 * t as f64 / 1600.0).sin();
         let signals =
             Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
-        let got = compute(Path::detect(), &signals, &[1.0; 3]);
+        let got = compute(Path::detect(), &signals);
         let edges = edges(1600);
         let bin = edges.iter().rposition(|edge| *edge <= 100).unwrap();
         let (first, others) = got.split_at(edges.len() - 1);
@@ -238,9 +250,9 @@ mod tests {
         let signals = Signals::new(&[77], 1);
         let (mut short, mut long) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
         let mut work = design.work();
-        design.compute(Path::detect(), signals.view(), &[1.0], &mut work, &mut short);
-        design.compute(Path::detect(), Signals::new(&[200], 1).view(), &[1.0], &mut work, &mut long);
+        design.compute(Path::detect(), signals.view(), &mut work, &mut short);
+        design.compute(Path::detect(), Signals::new(&[200], 1).view(), &mut work, &mut long);
         assert!(short.iter().all(|x| x.is_finite()));
-        assert_eq!(long, compute(Path::detect(), &Signals::new(&[200], 1), &[1.0]));
+        assert_eq!(long, compute(Path::detect(), &Signals::new(&[200], 1)));
     }
 }

@@ -5,6 +5,7 @@
 //! eigenvalues. All lanes take the same steps; one that has converged stands still, so that no matrix changes the bits
 //! of another.
 
+use super::logarithm;
 use super::pack::{Mask, Pack};
 
 /// QL iterations for one eigenvalue at most; two or three do.
@@ -53,11 +54,10 @@ impl<const L: usize> Logarithms<L> {
         self.reflections();
         self.diagonalise();
         for (value, log) in self.diagonal.iter().zip(&mut self.temporary) {
-            for l in 0..L {
-                log.0[l] = libm::log((value.0[l] / shrink.0[l]).max(floor));
-            }
-            // The larger of NaN and a number is the number: NaN has to be put back.
-            *log = *log + shrink * Pack::ZERO;
+            let value = *value / shrink;
+            let floor = Pack::splat(floor);
+            // NaN is not above anything: it has to be put back.
+            *log = logarithm::log(value.above(floor).select(value, floor)) + shrink * Pack::ZERO;
         }
         for j in 0..n {
             let row = &self.vectors[j * n..][..n];
@@ -218,15 +218,16 @@ impl<const L: usize> Logarithms<L> {
     #[inline(always)]
     fn turn(&mut self, first: usize) {
         let n = self.n;
+        let turns = &self.turns[first..n - 1];
         for row in self.vectors.chunks_exact_mut(n) {
-            let mut carried = row[n - 1];
-            for i in (first..n - 1).rev() {
-                let [c, s] = self.turns[i];
+            let row = &mut row[first..][..turns.len() + 1];
+            let mut carried = row[turns.len()];
+            for (i, [c, s]) in turns.iter().enumerate().rev() {
                 let value = row[i];
-                row[i + 1] = s * value + c * carried;
-                carried = c * value - s * carried;
+                row[i + 1] = *s * value + *c * carried;
+                carried = *c * value - *s * carried;
             }
-            row[first] = carried;
+            row[0] = carried;
         }
     }
 }

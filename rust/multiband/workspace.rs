@@ -2,6 +2,7 @@
 
 use super::bank::BankWork;
 use super::coupling::CouplingWork;
+use super::energies::Energies;
 use super::extractor::MultiBand;
 use super::quantiles::QuantilesWork;
 use super::spectrum::SpectrumWork;
@@ -14,6 +15,7 @@ pub struct Workspace {
     pub(super) shape: (usize, usize),
     pub(super) bank: BankWork,
     pub(super) means: Vec<f64>,
+    pub(super) energies: Vec<Energies>,
     pub(super) coupling: Option<CouplingWork>,
     pub(super) quantiles: Option<QuantilesWork>,
     pub(super) spectrum: Option<SpectrumWork>,

@@ -2,8 +2,6 @@
 
 mod arguments;
 
-use std::sync::Mutex;
-
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -12,7 +10,7 @@ use pyo3::types::{PyDict, PyTuple};
 use self::arguments::{blocks_of, given_scales};
 use super::arrays::{contiguous_real, readable, tuple};
 use super::scalars::{count, number};
-use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales, Workspace};
+use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use crate::BatchShape;
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
@@ -43,8 +41,6 @@ use crate::BatchShape;
 #[pyclass(frozen, name = "MultiBandExtractor", module = "granular_id._core")]
 pub(super) struct PyMultiBandExtractor {
     pub(super) design: MultiBand,
-    /// Of the last single recording, for the next one.
-    spare: Mutex<Option<Workspace>>,
 }
 
 /// Which numbers of a recording are wanted.
@@ -84,7 +80,7 @@ impl PyMultiBandExtractor {
             bands: given_scales(scales, "scales", &[n_bands, n_axes])?,
             level: given_scales(level_scales, "level_scales", &[n_axes])?,
         };
-        Ok(Self { design: MultiBand::new(spec, n_samples, n_axes, &scales)?, spare: Mutex::new(None) })
+        Ok(Self { design: MultiBand::new(spec, n_samples, n_axes, &scales)? })
     }
 
     #[getter]
@@ -215,7 +211,7 @@ impl PyMultiBandExtractor {
 impl PyMultiBandExtractor {
     /// One that is designed already.
     pub(super) fn of(design: MultiBand) -> Self {
-        Self { design, spare: Mutex::new(None) }
+        Self { design }
     }
 
     fn each<'py>(
@@ -255,31 +251,12 @@ impl PyMultiBandExtractor {
         {
             let mut target = out.try_readwrite().map_err(|error| PyValueError::new_err(error.to_string()))?;
             let target = target.as_slice_mut()?;
-            if shape.n_recordings == 1 && !values.is_empty() {
-                self.one(values, wanted, target)?;
-            } else {
-                let design = &self.design;
-                py.detach(|| match wanted {
-                    Wanted::Features => design.extract_batch(values, shape, threads, target),
-                    Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
-                })?;
-            }
+            let design = &self.design;
+            py.detach(|| match wanted {
+                Wanted::Features => design.extract_batch(values, shape, threads, target),
+                Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
+            })?;
         }
         Ok(out.into_any())
-    }
-
-    /// One recording, in memory that is kept for the next one.
-    fn one(&self, rows: &[f64], wanted: Wanted, out: &mut [f64]) -> crate::Result<()> {
-        // Never waits: a fork may have copied the lock while another thread of the parent held it.
-        let found = self.spare.try_lock().ok().and_then(|mut spare| spare.take());
-        let mut work = found.unwrap_or_else(|| self.design.workspace());
-        match wanted {
-            Wanted::Features => self.design.extract_into(rows, &mut work, out)?,
-            Wanted::RootMeanSquares => self.design.rms_into(rows, &mut work, out)?,
-        }
-        if let Ok(mut spare) = self.spare.try_lock() {
-            *spare = Some(work);
-        }
-        Ok(())
     }
 }
