@@ -5,6 +5,7 @@ import numpy as np
 from granular_id.spaces import (
     DFT,
     HFMH,
+    BlockScaler,
     BlockUnion,
     MultiBand,
     PrincipalComponents,
@@ -14,6 +15,7 @@ from granular_id.spaces import (
     RawSignal,
     Tare,
     TimePermutation,
+    WithinClassWhitening,
 )
 
 
@@ -52,3 +54,9 @@ STATISTICS = {
 }
 FILTERS = {"tare": Tare(0.002), "permutation": TimePermutation()}
 ROWS = {"components": PrincipalComponents(), "one component": PrincipalComponents(1)}
+# Of columns, some with labels: they stand between a space and a classifier.
+SCALERS = {
+    "scaling": BlockScaler(),
+    "whitening": WithinClassWhitening(),
+    "whitening, strong": WithinClassWhitening(0.5),
+}

@@ -153,7 +153,7 @@ def test_folds_are_the_strictest_that_there_are():
     one_session = choice_folds(codes, ["a"] * 40, np.arange(40), n_folds=4, seed=0)
     assert "a class has one session only" in one_session.note
     some = choice_folds(codes, ["a", None] * 20, None, n_folds=4, seed=0)
-    assert "20 recordings have no session" in some.note
+    assert "the session of 20 of 40 recordings is not known" in some.note
     drawn = choice_folds(codes, None, None, n_folds=4, seed=0)
     assert "drawn 10 times" in drawn.note
     assert len(drawn.folds) == 40

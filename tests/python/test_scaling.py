@@ -8,8 +8,6 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils import estimator_checks
-from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.spaces import BlockScaler, learns
 
@@ -19,26 +17,6 @@ def rows(n=20, n_columns=7, seed=0):
     return rng.normal(size=(n, n_columns)) * 10.0 ** rng.integers(-6, 6, n_columns) + rng.normal(
         size=n_columns
     )
-
-
-@parametrize_with_checks([BlockScaler()])
-def test_sklearn_contract(estimator, check):
-    check(estimator)
-
-
-@pytest.mark.filterwarnings("ignore:X .* feature names")
-@pytest.mark.parametrize(
-    "check",
-    [
-        "check_transformer_get_feature_names_out",
-        "check_transformer_get_feature_names_out_pandas",
-        "check_set_output_transform",
-        "check_set_output_transform_pandas",
-        "check_dataframe_column_names_consistency",
-    ],
-)
-def test_names_and_frames(check):
-    getattr(estimator_checks, check)("scaler", BlockScaler())
 
 
 @given(n=st.integers(2, 30), first=st.integers(1, 6), second=st.integers(1, 6), seed=st.integers(0, 99))

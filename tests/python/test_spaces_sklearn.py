@@ -1,4 +1,4 @@
-"""The contract of scikit-learn for every feature space: no expected failure."""
+"""The contract of scikit-learn for every feature space and what scales it: no expected failure."""
 
 import pickle
 
@@ -14,12 +14,12 @@ from sklearn.utils import estimator_checks
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, Tare, TimePermutation
-from spaces_cases import FILTERS, ROWS, SPACES, STATISTICS, recordings
+from spaces_cases import FILTERS, ROWS, SCALERS, SPACES, STATISTICS, recordings
 
 EVERY = SPACES | STATISTICS | FILTERS | ROWS
 
 
-@parametrize_with_checks([clone(estimator) for estimator in EVERY.values()])
+@parametrize_with_checks([clone(estimator) for estimator in (EVERY | SCALERS).values()])
 def test_sklearn_contract(estimator, check):
     check(estimator)
 
@@ -38,9 +38,9 @@ BY_HAND = [
 
 @pytest.mark.filterwarnings("ignore:X .* feature names")  # the checks mix frames and arrays
 @pytest.mark.parametrize("check", BY_HAND)
-@pytest.mark.parametrize("name", [*SPACES, *STATISTICS, *ROWS])
+@pytest.mark.parametrize("name", [*SPACES, *STATISTICS, *ROWS, *SCALERS])
 def test_names_and_frames(name, check):
-    getattr(estimator_checks, check)(name, clone(EVERY[name]))
+    getattr(estimator_checks, check)(name, clone((EVERY | SCALERS)[name]))
 
 
 def rows_for(name):

@@ -5,8 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.svm import SVC
-from sklearn.utils import estimator_checks
-from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.spaces import WithinClassWhitening
 from granular_id.spaces.whitening import whitened_grams
@@ -25,26 +23,6 @@ def labelled(n, n_columns, seed=0, n_classes=3):
     y = np.arange(n) % n_classes
     mix = rng.normal(size=(n_columns, n_columns)) * 3.0 ** -np.arange(n_columns)
     return rng.normal(size=(n, n_columns)) @ mix + y[:, None] * 0.1 + 5.0, y
-
-
-@parametrize_with_checks([WithinClassWhitening(), WithinClassWhitening(0.5)])
-def test_sklearn_contract(estimator, check):
-    check(estimator)
-
-
-@pytest.mark.filterwarnings("ignore:X .* feature names")
-@pytest.mark.parametrize(
-    "check",
-    [
-        "check_transformer_get_feature_names_out",
-        "check_transformer_get_feature_names_out_pandas",
-        "check_set_output_transform",
-        "check_set_output_transform_pandas",
-        "check_dataframe_column_names_consistency",
-    ],
-)
-def test_names_and_frames(check):
-    getattr(estimator_checks, check)("whitening", WithinClassWhitening())
 
 
 @given(

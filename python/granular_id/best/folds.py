@@ -11,17 +11,20 @@ import numpy.typing as npt
 
 from granular_id._numbers import whole_number
 from granular_id.evaluation.folds import (
+    BLOCKS,
+    RANDOM,
+    SESSIONS,
     block_partitions,
     kfold_partitions,
-    lone_session,
     session_partitions,
+    why_no_sessions,
 )
 
-__all__ = ["BLOCKS", "NONE", "RANDOM", "SESSIONS", "ChoiceFolds", "choice_folds"]
+__all__ = ["NONE", "ChoiceFolds", "choice_folds"]
 
 Rows = npt.NDArray[np.intp]
 
-SESSIONS, BLOCKS, RANDOM, NONE = "sessions", "blocks in time", "random recordings", "nothing"
+NONE = "nothing"
 
 # Halves, and not more blocks: a short block lies between neighbours in time that trained, and everything looks good
 # on it. What comes next lies as far away as it can here.
@@ -97,7 +100,7 @@ def choice_folds(
         return ChoiceFolds((), NONE, "no folds: fewer than two classes have more than one recording")
     y = codes[several]
     n_used = min(wanted, int(counts.max()))
-    why = _why_no_sessions(y, None if known is None else known[several])
+    why = why_no_sessions(y, None if known is None else known[several])
     if known is not None and not why:
         parts = session_partitions(y, known[several], max_folds=wanted)
         held_out, note = SESSIONS, f"{len(parts)} folds of whole sessions"
@@ -143,11 +146,3 @@ def _checked_rank(order: Any, n_rows: int) -> Rows | None:
             f"order must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
         )
     return np.argsort(rows, kind="stable")
-
-
-def _why_no_sessions(y: Rows, sessions: npt.NDArray[Any] | None) -> str:
-    if sessions is None or not (sessions != "").any():
-        return "no sessions are known"
-    if (sessions == "").any():
-        return f"{int((sessions == '').sum())} recordings have no session"
-    return "" if lone_session(y, sessions) is None else "a class has one session only"

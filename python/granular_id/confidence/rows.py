@@ -13,8 +13,8 @@ from sklearn.base import clone
 from granular_id.evaluation.folds import (
     block_partitions,
     kfold_partitions,
-    lone_session,
     session_partitions,
+    why_no_sessions,
 )
 from granular_id.evaluation.origins import asked_for
 from granular_id.evaluation.partition import Partition, splittable_rows
@@ -129,11 +129,11 @@ class Rows:
 
     @property
     def _has_sessions(self) -> bool:
-        return self.sessions is not None and lone_session(self.codes, self.sessions) is None
+        return not why_no_sessions(self.codes, self.sessions)
 
     @property
     def _why_lenient(self) -> str:
-        why = "sessions are not known" if self.sessions is None else "a class has one session only"
+        why = why_no_sessions(self.codes, self.sessions)
         return f"{why}; {self.no_order}" if self.no_order else why
 
 

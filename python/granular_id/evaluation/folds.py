@@ -17,9 +17,21 @@ from granular_id._numbers import whole_number
 from granular_id.evaluation.partition import Partition, splittable_rows
 from granular_id.evaluation.protocol_names import block_name
 
-__all__ = ["block_partitions", "kfold_partitions", "lone_session", "session_partitions"]
+__all__ = [
+    "BLOCKS",
+    "RANDOM",
+    "SESSIONS",
+    "block_partitions",
+    "kfold_partitions",
+    "lone_session",
+    "session_partitions",
+    "why_no_sessions",
+]
 
 Codes = NDArray[np.intp]
+
+SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
+"""What a fold is, for those who take the strictest folds that there are."""
 
 MAX_SESSION_FOLDS = 10
 """Up to this many sessions per class one is left out at a time; more are held out in groups."""
@@ -194,6 +206,33 @@ def lone_session(y: ArrayLike, sessions: Sequence[str | None] | NDArray[Any]) ->
     for label, session in zip(np.asarray(y).tolist(), list(sessions), strict=True):
         seen.setdefault(label, set()).add(session)
     return next((label for label in sorted(seen) if len(seen[label]) == 1), None)
+
+
+def why_no_sessions(y: ArrayLike, sessions: Sequence[str | None] | NDArray[Any] | None) -> str:
+    """Say why whole sessions cannot be held out of these rows; nothing where they can.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Labels, or numbers of classes, which are not named.
+    sessions : sequence of n, or None
+        Session of each row; None or "" where it is not known.
+
+    Examples
+    --------
+    >>> why_no_sessions(["oat", "rice"] * 2, ["mon", "mon", "tue", "tue"])
+    ''
+    >>> why_no_sessions(["oat", "rice"] * 2, ["mon", "mon", "tue", "mon"])
+    "class 'rice' has one session only"
+    """
+    unknown = 0 if sessions is None else sum(one is None or one == "" for one in list(sessions))
+    if sessions is None or unknown == len(sessions):
+        return "sessions are not known"
+    if unknown:
+        return f"the session of {unknown} of {len(sessions)} recordings is not known"
+    alone = lone_session(y, sessions)
+    named = f"class {alone!r}" if isinstance(alone, str) else "a class"
+    return "" if alone is None else f"{named} has one session only"
 
 
 def _checked_folds(n_folds: int, rows: dict[Any, Codes]) -> int:

@@ -3,27 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._numbers import whole_number
 from granular_id.evaluation.folds import (
+    BLOCKS,
+    RANDOM,
+    SESSIONS,
     block_partitions,
     kfold_partitions,
-    lone_session,
     session_partitions,
+    why_no_sessions,
 )
 from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.evaluation.partitions import describe_order
 from granular_id.recording import Dataset
 
-__all__ = ["BLOCKS", "RANDOM", "SESSIONS", "Folds", "NestedFold", "nested_folds"]
+__all__ = ["Folds", "NestedFold", "nested_folds"]
 
 Rows = NDArray[np.intp]
-
-SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class _Splitter:
         """Return folds of some rows, what they hold out, and a line on why."""
         n_folds = whole_number(argument, n_folds, least=2)
         y, sessions = self._y[rows], self._sessions[rows]
-        why_not = _why_no_sessions(y, sessions)
+        why_not = why_no_sessions(y, sessions)
         if not why_not:
             folds = session_partitions(y, sessions, max_folds=n_folds)
             return _of_rows(folds, rows), SESSIONS, f"{len(folds)} folds of whole sessions"
@@ -148,16 +148,6 @@ class _Splitter:
                     f"class {label!r} keeps 1 recording to train on while {fold.description!r} is held out; "
                     "choosing holds out once more inside it, and needs at least 2"
                 )
-
-
-def _why_no_sessions(y: NDArray[np.str_], sessions: NDArray[Any]) -> str:
-    unknown = [session is None or session == "" for session in sessions.tolist()]
-    if all(unknown):
-        return "sessions are not known"
-    if any(unknown):
-        return f"the session of {sum(unknown)} of {len(unknown)} recordings is not known"
-    alone = lone_session(y, sessions)
-    return "" if alone is None else f"class {alone!r} has one session only"
 
 
 def _of_rows(folds: list[Partition], rows: Rows) -> list[Partition]:

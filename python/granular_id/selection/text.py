@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from granular_id.evaluation.comparison import MIN_PARTITIONS
 from granular_id.evaluation.comparison_table import probability
+from granular_id.evaluation.folds import BLOCKS, RANDOM, SESSIONS
 from granular_id.evaluation.metrics import sample_sd
 from granular_id.evaluation.statistics import ROPE
 from granular_id.evaluation.tables import Table, percent
-from granular_id.selection.folds import BLOCKS, RANDOM, SESSIONS
 
 if TYPE_CHECKING:
     from granular_id.selection.result import Selection
