@@ -38,6 +38,7 @@ impl From<FeatureSpec> for Features<'_> {
 }
 
 /// The same, checked and ready.
+#[allow(clippy::large_enum_variant)] // a model has one
 #[derive(Clone, Debug)]
 pub(crate) enum Extraction {
     /// Samples as they are, and what counts them.

@@ -35,12 +35,6 @@ impl<'a> BandSignals<'a> {
         Self { values, places, n_axes }
     }
 
-    /// Axes of the recording.
-    #[inline(always)]
-    pub(super) fn n_axes(&self) -> usize {
-        self.n_axes
-    }
-
     /// Samples of a band.
     #[inline(always)]
     pub(super) fn len(&self, band: usize) -> usize {

@@ -22,7 +22,7 @@ impl Envelope {
         Self { n_signals: n_bands * n_axes }
     }
 
-    pub(super) fn n_features(&self) -> usize {
+    pub(super) fn n_features(self) -> usize {
         self.n_signals * STRETCHES
     }
 
@@ -30,7 +30,7 @@ impl Envelope {
     /// Allocates nothing.
     #[allow(clippy::unused_self)] // as the other statistics
     pub(super) fn compute(
-        &self,
+        self,
         path: Path,
         signals: BandSignals<'_>,
         energies: &[Energies],

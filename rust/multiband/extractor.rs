@@ -158,7 +158,7 @@ impl MultiBand {
         let sizes = [
             (Block::Coupling, self.coupling.as_ref().map(Coupling::n_features)),
             (Block::Quantiles, self.quantiles.as_ref().map(Quantiles::n_features)),
-            (Block::Envelope, self.envelope.as_ref().map(Envelope::n_features)),
+            (Block::Envelope, self.envelope.map(Envelope::n_features)),
             (Block::Spectrum, self.spectrum.as_ref().map(Spectrum::n_features)),
             (Block::Level, self.level.as_ref().map(Level::n_features)),
         ];

@@ -4,24 +4,24 @@
 //! logarithm and no search is needed.
 
 /// Bins of each octave: equal steps, as the first four bits of a mantissa make them.
-const PER_OCTAVE: usize = 16;
+const PER_OCTAVE: i16 = 16;
 
 /// The octaves: from two to this power, to two to that power.
-const LOWEST: i32 = -6;
-const HIGHEST: i32 = 8;
+const LOWEST: i16 = -6;
+const HIGHEST: i16 = 8;
 
 /// The bin around zero, which is also the number of bins on either side.
-const MIDDLE: usize = (HIGHEST - LOWEST) as usize * PER_OCTAVE;
+const MIDDLE: i16 = (HIGHEST - LOWEST) * PER_OCTAVE;
 
 /// All bins.
-pub(super) const N_BINS: usize = 2 * MIDDLE + 1;
+pub(super) const N_BINS: usize = 2 * MIDDLE as usize + 1;
 
 /// The bits that choose the bin: sign, exponent and the first four of the mantissa.
 const BITS: u32 = 16;
 
 /// Those of numbers just below the first octave, and of numbers in the last bin.
-const BELOW: i16 = ((1023 + LOWEST as i16) << 4) - 1;
-const LAST: i16 = ((1023 + HIGHEST as i16) << 4) - 1;
+const BELOW: i16 = (1023 + LOWEST) * PER_OCTAVE - 1;
+const LAST: i16 = (1023 + HIGHEST) * PER_OCTAVE - 1;
 
 /// The bits that choose the bin of a number.
 #[allow(clippy::cast_possible_truncation)] // those that are left
@@ -35,14 +35,14 @@ pub(super) fn word(z: f64) -> i16 {
 pub(super) fn bin(word: i16) -> u16 {
     let outward = (word & i16::MAX).clamp(BELOW, LAST) - BELOW;
     let sign = word >> (BITS - 1);
-    (MIDDLE as i16 + ((outward ^ sign) - sign)).cast_unsigned()
+    (MIDDLE + ((outward ^ sign) - sign)).cast_unsigned()
 }
 
 /// The edges of all bins, ascending: bin `b` lies between edges `b` and `b + 1`.
 pub(super) fn edges() -> Vec<f64> {
-    let outward = |k: usize| {
-        let octave = f64::from(LOWEST) + (k / PER_OCTAVE) as f64;
-        octave.exp2() * (1.0 + (k % PER_OCTAVE) as f64 / PER_OCTAVE as f64)
+    let outward = |k: i16| {
+        let octave = f64::from(LOWEST + k / PER_OCTAVE);
+        octave.exp2() * (1.0 + f64::from(k % PER_OCTAVE) / f64::from(PER_OCTAVE))
     };
     let right = (0..=MIDDLE).map(outward);
     let left = (0..=MIDDLE).rev().map(|k| -outward(k));
@@ -54,6 +54,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    const MIDDLE: usize = super::MIDDLE as usize;
 
     fn bin_of(z: f64) -> usize {
         bin(word(z)).into()

@@ -220,7 +220,7 @@ impl<const L: usize> Logarithms<L> {
         let n = self.n;
         let turns = &self.turns[first..n - 1];
         for row in self.vectors.chunks_exact_mut(n) {
-            let row = &mut row[first..][..turns.len() + 1];
+            let row = &mut row[first..][..=turns.len()];
             let mut carried = row[turns.len()];
             for (i, [c, s]) in turns.iter().enumerate().rev() {
                 let value = row[i];

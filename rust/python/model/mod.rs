@@ -205,7 +205,7 @@ impl PyModel {
                 Bound::new(py, PyFeatureSpec { extractor: extractor.clone() })?.into_any()
             }
             Extraction::MultiBand(multiband) => {
-                Bound::new(py, PyMultiBandExtractor::of(multiband.clone()))?.into_any()
+                Bound::new(py, PyMultiBandExtractor { design: multiband.clone() })?.into_any()
             }
         })
     }

@@ -209,11 +209,6 @@ impl PyMultiBandExtractor {
 }
 
 impl PyMultiBandExtractor {
-    /// One that is designed already.
-    pub(super) fn of(design: MultiBand) -> Self {
-        Self { design }
-    }
-
     fn each<'py>(
         &self,
         recordings: &Bound<'py, PyAny>,
