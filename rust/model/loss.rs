@@ -21,6 +21,8 @@ pub enum Loss {
     Hinge,
     /// `(1 - sign(z)) / 2`.
     Hamming,
+    /// `(1 - r(min(1, z))) / 2`, `r(x) = sign(x) sqrt(|x|)`: half way from the votes (power 0) to the hinge (power 1).
+    Root,
     /// `(1 - z) / 2`.
     Linear,
     /// `exp(-z) / 2`, along its tangent below z = -650.
@@ -33,9 +35,10 @@ pub enum Loss {
 
 impl Loss {
     /// Each with its name.
-    pub const NAMED: [(&str, Self); 6] = [
+    pub const NAMED: [(&str, Self); 7] = [
         ("hinge", Self::Hinge),
         ("hamming", Self::Hamming),
+        ("root", Self::Root),
         ("linear", Self::Linear),
         ("exponential", Self::Exponential),
         ("logit", Self::Logit),
@@ -54,6 +57,7 @@ impl Loss {
         match self {
             Self::Hinge => (1.0 - z).max(0.0) / 2.0,
             Self::Hamming => (1.0 - f64::from(i8::from(z > 0.0) - i8::from(z < 0.0))) / 2.0,
+            Self::Root => (1.0 - z.min(1.0).abs().sqrt().copysign(z)) / 2.0,
             Self::Linear => (1.0 - z) / 2.0,
             Self::Exponential => {
                 let beyond = (-z - EXP_TANGENT_FROM).clamp(0.0, EXP_TANGENT_TO);

@@ -18,7 +18,7 @@ from model_cases import random_model, small_model  # noqa: E402
 
 CORPUS = HERE / "corpus" / "model_file"
 LONGEST = 4096
-LOSSES = ("hamming", "linear", "exponential", "logit", "binodeviance")
+LOSSES = ("hamming", "root", "linear", "exponential", "logit", "binodeviance")
 PLAIN = FeatureSpec(n_bins=2, order=1, hfmh=False)
 
 CORPUS.mkdir(parents=True, exist_ok=True)

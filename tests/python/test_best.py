@@ -45,7 +45,7 @@ def by_hand(X, y, blocks, shrinkage, relative_cost):
     steps = [] if shrinkage is None else [WithinClassWhitening(shrinkage)]
     seen = steps[0].fit_transform(rows, y) if steps else rows
     spread = ((seen - seen.mean(axis=0)) ** 2).sum(axis=1).mean()
-    pipeline = make_pipeline(scaler, *steps, ECOCClassifier(C=relative_cost / spread, loss="hamming"))
+    pipeline = make_pipeline(scaler, *steps, ECOCClassifier(C=relative_cost / spread))
     return pipeline.fit(X[:, own], y), own
 
 
@@ -79,7 +79,7 @@ def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best(
     np.testing.assert_allclose(clf.coef_, np.mean([coef for coef, _ in lines], axis=0))
     scores = X @ clf.coef_.T + clf.intercept_
     np.testing.assert_allclose(clf.binary_scores(X), scores)
-    twin = ECOCClassifier(loss="hamming").fit(X, y)
+    twin = ECOCClassifier(loss="root").fit(X, y)
     twin.coef_, twin.intercept_ = clf.coef_, clf.intercept_
     np.testing.assert_array_equal(clf.predict(X), twin.predict(X))
     np.testing.assert_allclose(clf.decision_function(X), twin.decision_function(X))
@@ -183,6 +183,39 @@ def test_where_nothing_can_be_held_out_every_machine_has_a_say():
     two = BestClassifier().fit([[0.0], [1.0]], [0, 1])
     assert two.predict([[0.1], [0.9]]).tolist() == [0, 1]
     assert two.decision_function([[0.1], [0.9]]).shape == (2,)
+
+
+def test_one_machine_is_trained_once_and_nothing_is_held_out(monkeypatch):
+    X, y, sessions = drifting()
+    clf = BestClassifier(blocks=BLOCKS, shrinkages=[1e-3], relative_costs=[10.0])
+    with monkeypatch.context() as patched:
+        patched.setattr("granular_id.best.classifier.held_out_scores", None)  # whoever calls it fails
+        clf.fit(X, y, sessions=sessions)
+    _, codes = np.unique(y, return_inverse=True)
+    coef, intercept = fitted_line(X, codes, BLOCKS, clf.choice_.machines[0])
+    np.testing.assert_array_equal(clf.coef_, coef)
+    np.testing.assert_array_equal(clf.intercept_, intercept)
+    assert np.isnan(clf.held_out_scores_).all()
+    assert (clf.choice_.held_out, clf.choice_.chosen) == ("nothing", (0,))
+    assert "one machine leaves nothing to choose" in str(clf.choice_)
+    with pytest.raises(ValueError, match="sessions must name one session per row"):
+        clf.fit(X, y, sessions=sessions[1:])
+
+
+def test_margins_have_no_steps_but_name_nearly_what_votes_would():
+    X, y, sessions = drifting(240)
+    known, new = np.arange(240) % 5 > 0, np.arange(240) % 5 == 0
+    known_sessions = np.array(sessions)[known]
+    graded = BestClassifier(blocks=BLOCKS).fit(X[known], y[known], sessions=known_sessions)
+    votes = BestClassifier(blocks=BLOCKS, loss="hamming").fit(X[known], y[known], sessions=known_sessions)
+
+    def margins(clf):
+        values = np.sort(clf.decision_function(X[new]), axis=1)
+        return values[:, -1] - values[:, -2]
+
+    assert len(np.unique(margins(votes))) <= 4  # of three pairs
+    assert len(np.unique(margins(graded))) == new.sum()
+    assert np.mean(graded.predict(X[new]) == votes.predict(X[new])) > 0.9
 
 
 def test_features_that_do_not_vary():

@@ -248,7 +248,7 @@ def seven():
         (
             {"estimator": LogisticRegression(), "loss": "quadratic"},
             ValueError,
-            "loss='quadratic' does not fit .* any real number.*'hinge', 'hamming', 'linear', 'exponential'",
+            "loss='quadratic' does not fit .* any real number.*'hinge', 'hamming', 'root', 'linear', 'exponential'",
         ),
         (
             {"estimator": DecisionTreeClassifier(max_depth=-1)},

@@ -15,6 +15,7 @@ from granular_id.ecoc.losses import LOSSES, SCORE_RANGES, fitting_loss
 DEFINITIONS = {
     "hinge": lambda z: max(0.0, 1 - z) / 2,
     "hamming": lambda z: (1 - (z > 0) + (z < 0)) / 2,
+    "root": lambda z: (1 + math.sqrt(-z)) / 2 if z < 0 else (1 - math.sqrt(min(1, z))) / 2,
     "linear": lambda z: (1 - z) / 2,
     "exponential": lambda z: math.exp(-z) / 2,
     "logit": lambda z: math.log(1 + math.exp(-z)) / (2 * math.log(2)),
@@ -90,7 +91,7 @@ class TestFittingLoss:
     def test_fits_one_range_only(self, name):
         assert fitting_loss(name, None) is fitting_loss(name, LOSSES[name].scores) is LOSSES[name]
         other = "unit" if LOSSES[name].scores == "real" else "real"
-        fitting = "'quadratic'" if other == "unit" else "'hinge', 'hamming', 'linear'"
+        fitting = "'quadratic'" if other == "unit" else "'hinge', 'hamming', 'root', 'linear'"
         with pytest.raises(ValueError, match=f"loss='{name}' does not fit the learners: .* one of {fitting}"):
             fitting_loss(name, other)
 

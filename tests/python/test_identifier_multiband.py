@@ -18,7 +18,7 @@ from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import fit_pipeline
 from granular_id.identifier.words import description, promises
-from granular_id.spaces import BlockScaler, WithinClassWhitening
+from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
 
 
@@ -72,6 +72,19 @@ def test_pipelines_are_taken_over_whatever_scales_in_between(data, new):
         same_answers(Identifier.from_classifier(pipeline), pipeline, new.X)
     with pytest.raises(TypeError, match="got MultiBand, MultiBand, ECOCClassifier"):
         Identifier.from_classifier(make_pipeline(MultiBand(), MultiBand(), ECOCClassifier()))
+
+
+def test_multiband_is_the_same_in_models_and_in_evaluations(data, new):
+    space = feature_spaces(rate_hz=500.0)["multiband"]
+    pipeline = fit_pipeline(make_pipeline(space.transformer, space.classifier), data.X, data.y)
+    identifier = Identifier.fit(data, "multiband", estimate=False)
+    same_answers(identifier, pipeline, new.X)
+    assert identifier.core.loss == space.classifier.loss
+    values = pipeline.decision_function(new.X)
+    np.testing.assert_allclose(-identifier.core.losses(identifier.scores(new.X)), values, atol=1e-4)
+    votes = Identifier.fit(data, "multiband", estimate=False, loss="hamming")
+    assert votes.core.loss == "hamming"
+    np.testing.assert_array_equal(votes.scores(new.X), identifier.scores(new.X))
 
 
 def test_features_are_those_of_the_definition(data, new):

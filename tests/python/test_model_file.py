@@ -31,6 +31,7 @@ MODELS = {
     "odd numbers": random_model(
         3, 3, 4, 2, FeatureSpec(rate_hz=1 / 3, cutoff_hz=0.1, bin_range=(-0.1 - 0.2, 1e-7), outside="clip")
     ),
+    "root of the scores": random_model(6, 4, 20, 6, loss="root"),
     "many learners": random_model(4, 12, 20, 6, loss="exponential", decoding="loss_based"),
     "labels": Model(
         FeatureSpec(hfmh=False),

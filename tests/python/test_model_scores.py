@@ -22,7 +22,7 @@ from model_cases import random_model
 from model_twin import bits
 
 REAL = [name for name, loss in LOSSES.items() if loss.scores == "real"]
-EXACT = ("hinge", "hamming", "linear")
+EXACT = ("hinge", "hamming", "root", "linear")
 
 specs = st.builds(
     FeatureSpec,

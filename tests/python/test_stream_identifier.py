@@ -16,7 +16,7 @@ from test_features import a_wrench, some_options
 from test_stream import fill
 from test_threads import N_THREADS, at_once
 
-LOSSES = ["hinge", "hamming", "linear", "exponential", "logit", "binodeviance"]
+LOSSES = ["hinge", "hamming", "root", "linear", "exponential", "logit", "binodeviance"]
 
 
 def scores_of(model, features, share=1.0, rest=0.0):

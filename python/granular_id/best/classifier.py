@@ -15,7 +15,7 @@ from granular_id._blas import single_threaded_blas
 from granular_id._threads import in_threads
 from granular_id.best.candidates import Machine, plan_machines
 from granular_id.best.choice import Choice, choose
-from granular_id.best.folds import ChoiceFolds, choice_folds
+from granular_id.best.folds import NONE, ChoiceFolds, choice_folds
 from granular_id.best.machines import Line, fitted_line, held_out_scores
 from granular_id.ecoc.codings import onevsone
 from granular_id.ecoc.decoding import class_values
@@ -24,12 +24,15 @@ from granular_id.ecoc.losses import fitting_loss
 from granular_id.ecoc.training import checked_n_jobs, class_indices
 from granular_id.spaces.scaling import BlockSizes, block_slices
 
-__all__ = ["BestClassifier"]
+__all__ = ["BAND_LOSS", "DECODING", "BestClassifier"]
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 DECODING = "loss_weighted"
+
+BAND_LOSS = "root"
+"""Binary loss of the preset, and of every model of multi-band features unless told otherwise."""
 
 
 class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -55,9 +58,10 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     relative_costs : sequence of float, default (1.0, 10.0)
         C times the mean squared distance of the training rows from their mean. At 1 some rows may violate the
         margin, at 10 hardly any does: more changes nothing.
-    loss : str, default "hamming"
-        Binary loss that the scores are decoded with, see `granular_id.ecoc.ECOCClassifier`. "hamming" counts the
-        votes of the pairs: how far a score reaches beyond zero shifts with the session, its sign rarely does.
+    loss : str, default "root"
+        Binary loss that the scores are decoded with, see `granular_id.ecoc.ECOCClassifier`. How far a score reaches
+        beyond zero shifts with the session, its sign rarely does: the root names nearly the same classes as counting
+        votes of the pairs ("hamming") would, but grades them, so that margins come without steps and ties.
     n_folds : int, default 5
         Folds that choose; fewer where a class has fewer sessions or recordings. Random folds are drawn anew until
         500 rows were held out, at most ten times. Without sessions, but with an order, the earlier and the later
@@ -92,7 +96,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Notes
     -----
     Where no two classes have two recordings nothing can be held out, and nothing chosen: the model is then the mean
-    of all machines. `choice_` says so. A class with one recording always trains.
+    of all machines. `choice_` says so. A class with one recording always trains. A single machine, one shrinkage and
+    one relative cost without optional blocks, needs no choice, and nothing is held out.
 
     The accuracy in `choice_` made the choice, and is too good by what the choice won; judge with folds around `fit`,
     as `granular_id.evaluate` does.
@@ -124,7 +129,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         optional_blocks: Sequence[str] = (),
         shrinkages: Sequence[float | None] = (None, 1e-3),
         relative_costs: Sequence[float] = (1.0, 10.0),
-        loss: str = "hamming",
+        loss: str = BAND_LOSS,
         n_folds: int = 5,
         n_jobs: int | None = None,
         random_state: int | np.random.RandomState | None = 0,
@@ -171,6 +176,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         machines = plan_machines(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
         planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed)
+        if len(machines) == 1:
+            planned = ChoiceFolds((), NONE, "no folds: one machine leaves nothing to choose")
         matrix = onevsone(len(classes))
 
         def scored(fold: tuple[Rows, Rows]) -> FloatArray:

@@ -53,9 +53,9 @@ class ECOCClassifier(GramMethods):
         name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
     loss : str, default "auto"
         Binary loss, a key of `granular_id.ecoc.losses.LOSSES`. "hinge" belongs to support vector machines and is
-        what the paper uses; "hamming" counts votes; "linear", "exponential", "logit", "binodeviance". "quadratic"
-        is for learners whose score is a probability, and the only one for them. "auto": the hinge or, for
-        probabilities, "quadratic".
+        what the paper uses; "hamming" counts votes, "root", which takes the root of a score first, is half way between
+        the two; "linear", "exponential", "logit", "binodeviance". "quadratic" is for learners whose score is a
+        probability, and the only one for them. "auto": the hinge or, for probabilities, "quadratic".
     C : float, default 1.0
         Cost of a violated margin, positive. 1 is the default of MATLAB and scikit-learn. With 10,200 raw
         features the margin is mostly hard already: `alpha_at_bound_` tells. Of the built-in machine only.

@@ -1,7 +1,8 @@
 """Binary losses: what the score of one learner costs a class, by the code that the class has there.
 
 Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141 (loss-based decoding);
-names, scale and score ranges are those of MATLAB's `fitcecoc`.
+names, scale and score ranges are those of MATLAB's `fitcecoc`, but for "root", which is ours: half way from votes
+(the power 0 of a score) to the hinge (the power 1).
 """
 
 from __future__ import annotations
@@ -63,6 +64,11 @@ def _hamming(z: FloatArray) -> FloatArray:
     return (1.0 - np.sign(z)) / 2.0
 
 
+def _root(z: FloatArray) -> FloatArray:
+    graded: FloatArray = np.copysign(np.sqrt(np.abs(np.minimum(z, 1.0))), z)
+    return (1.0 - graded) / 2.0
+
+
 def _linear(z: FloatArray) -> FloatArray:
     return (1.0 - z) / 2.0
 
@@ -97,6 +103,7 @@ LOSSES: Mapping[str, BinaryLoss] = MappingProxyType(
         for loss in (
             BinaryLoss("hinge", "max(0, 1 - z) / 2", _hinge),
             BinaryLoss("hamming", "(1 - sign(z)) / 2", _hamming),
+            BinaryLoss("root", "(1 - sign(z) sqrt(|min(1, z)|)) / 2", _root),
             BinaryLoss("linear", "(1 - z) / 2", _linear),
             BinaryLoss("exponential", "exp(-z) / 2, along its tangent below z = -650", _exponential),
             BinaryLoss("logit", "log(1 + exp(-z)) / (2 log 2)", _logit),

@@ -107,7 +107,8 @@ class Identifier(Answers):
         shrinkage : float, optional
             Whitens multi-band features within classes, see `granular_id.spaces.WithinClassWhitening`.
         C, coding, loss, decoding, posterior
-            As in `granular_id.ECOCClassifier`; `posterior` gives `predict_proba`. ``"best"`` chooses the first four.
+            As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features;
+            `posterior` gives `predict_proba`. ``"best"`` chooses the first four.
         estimate : bool, default True
             Hold recordings out to measure the accuracy: whole sessions where every class has several, else halves
             in time order, else random folds. Costs a training for each partition. Without it there is no early rule.

@@ -11,6 +11,7 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id.best import BestClassifier
+from granular_id.best.classifier import BAND_LOSS
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import design
 from granular_id.evaluation.describe import describe_estimator
@@ -53,7 +54,8 @@ class Recipe:
     shrinkage : float, optional
         Of `granular_id.spaces.WithinClassWhitening` between multi-band features and classifier. None: no whitening.
     C, coding, loss, decoding, posterior
-        As in `granular_id.ECOCClassifier`; ``"best"`` chooses all but `posterior` itself.
+        As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features, as in
+        `granular_id.spaces.feature_spaces`; ``"best"`` chooses all but `posterior` itself.
     random_state : int
         Draws random codings and the folds of `posterior`.
 
@@ -128,7 +130,7 @@ class Recipe:
         return ECOCClassifier(
             C=self.C,
             coding=self.coding,
-            loss=self.loss,
+            loss=BAND_LOSS if self.loss == "auto" and self.space in BANDED else self.loss,
             decoding=self.decoding,
             posterior=self.posterior if posterior else None,
             random_state=self.random_state,

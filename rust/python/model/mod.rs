@@ -39,7 +39,7 @@ const PAPER_SAMPLES: usize = 1600;
 /// classes : sequence of str
 ///     K different labels.
 /// loss : str, default "hinge"
-///     Also "hamming", "linear", "exponential", "logit", "binodeviance".
+///     Also "hamming", "root", "linear", "exponential", "logit", "binodeviance".
 /// decoding : str, default "loss_weighted"
 ///     Or "loss_based".
 /// n_samples : int, default 1600
