@@ -39,7 +39,12 @@ def test_strangeness_by_its_words(crossed):
         assert strange["margin"][i] == ranked[1] - ranked[0]
         best = coding[row.argmax()]
         assert strange["learners"][i] == -min(s * b for s, b in zip(learners, best, strict=True) if b)
-    for kind, scores in (("value_distance", values), ("learner_distance", binary)):
+    own = {
+        "hinge_distance": values,
+        "value_distance": values,
+        "learner_distance": binary,
+    }  # the hinge decides
+    for kind, scores in own.items():
         rule = unknown_rule(crossed, kind=kind)
         whitener = np.array(rule.whitener)
         squares = [[d @ whitener @ whitener.T @ d for d in score - np.array(rule.means)] for score in scores]
@@ -81,8 +86,8 @@ def test_a_cloud_apart_is_refused_when_it_is_left_out():
     X[y == "d", :4] += np.array([5.0, 5.0, 0.0, -10.0])  # between the first two
     result = leave_one_material_out(X, make_pipeline(StandardScaler(), ECOCClassifier()), y)
     assert set(result.kinds) == set(STRANGENESS)
-    assert result.kind == "value_distance"
-    rows = {row.material: row for row in result.rows if row.kind == "value_distance"}
+    assert result.kind == "hinge_distance"
+    rows = {row.material: row for row in result.rows if row.kind == "hinge_distance"}
     assert rows["d"].auroc > 0.95
     assert rows["d"].n_unknown == 40
     assert rows["d"].n_known == 120
@@ -125,8 +130,9 @@ def test_two_classes_are_one_number():
     """Their two class values are one number twice: no direction of no variance may make rows strange."""
     X, y = clouds(n_classes=2)
     crossed = held_out_scores(ECOCClassifier(), rows_of(X, y))
-    rule = unknown_rule(crossed)
-    assert rule.knows(crossed.scores.values).mean() > 0.9
+    for kind in ("hinge_distance", "value_distance"):
+        rule = unknown_rule(crossed, kind=kind)
+        assert rule.knows(crossed.scores.values, crossed.scores.binary).mean() > 0.9
     with pytest.raises(ValueError, match="at least 3, to keep 2"):
         leave_one_material_out(X, ECOCClassifier(), y)
 
@@ -135,7 +141,7 @@ def test_scores_that_are_all_the_same_are_all_known():
     crossed = held_out_scores(ECOCClassifier(C=1e-9), rows_of(np.tile(np.eye(3), (8, 1)), list("abc") * 8))
     rule = unknown_rule(crossed)
     assert np.isfinite(rule.threshold)
-    assert rule.knows(crossed.scores.values).all()
+    assert rule.knows(crossed.scores.values, crossed.scores.binary).all()
 
 
 def test_models_without_learners():
@@ -146,6 +152,27 @@ def test_models_without_learners():
         unknown_rule(crossed, kind="learners")
     result = leave_one_material_out(clouds()[0], LinearSVC(), clouds()[1])
     assert set(result.kinds) == {"value_distance", "value", "margin"}
+
+
+def test_other_codings_have_no_pairs():
+    X, y = clouds()
+    crossed = held_out_scores(ECOCClassifier(coding="onevsall"), rows_of(X, y))
+    assert unknown_rule(crossed).kind == "value_distance"
+    with pytest.raises(ValueError, match="ECOCClassifier with a learner for each pair of classes"):
+        unknown_rule(crossed, kind="hinge_distance")
+    result = leave_one_material_out(X, ECOCClassifier(coding="onevsall"), y)
+    assert set(result.kinds) == set(STRANGENESS) - {"hinge_distance"}
+
+
+def test_the_loss_that_decides_has_no_say_in_the_distance_under_the_hinge():
+    rows = rows_of(*clouds())
+    each = [held_out_scores(ECOCClassifier(loss=loss), rows) for loss in ("hinge", "root", "hamming")]
+    rules = [unknown_rule(crossed) for crossed in each]
+    assert rules[0] == rules[1] == rules[2]
+    own = [unknown_rule(crossed, kind="value_distance") for crossed in each]
+    assert own[0].means == rules[0].means
+    assert own[0].threshold == rules[0].threshold
+    assert own[1].means != rules[1].means
 
 
 def test_models_without_a_limit_are_counted_and_not_drawn():
@@ -169,7 +196,7 @@ def test_too_few_rows_refuse_nothing_and_say_so():
     rule = unknown_rule(crossed)
     assert rule.threshold == math.inf
     assert rule.notes == ("too few calibration rows (12) to accept 95 % of the known: nothing is refused",)
-    assert rule.knows([1e9, -1e9, 0.0])
+    assert rule.knows([1e9, -1e9, 0.0], [1e9, -1e9, 0.0])
     assert UnknownRule.from_dict(rule.to_dict()) == rule
 
 
@@ -240,11 +267,14 @@ def test_bad_questions(crossed):
         GOOD.knows([1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match="finite"):
         GOOD.knows([1.0, math.nan])
-    rule = unknown_rule(crossed, kind="learners")
-    with pytest.raises(ValueError, match="binary must hold the scores"):
-        rule.knows([1.0, 2.0, 3.0, 4.0])
-    with pytest.raises(ValueError, match="same rows"):
-        rule.knows([1.0, 2.0, 3.0, 4.0], np.zeros((2, 6)))
+    for kind in ("hinge_distance", "learners"):
+        rule = unknown_rule(crossed, kind=kind)
+        with pytest.raises(ValueError, match="binary must hold the scores"):
+            rule.knows([1.0, 2.0, 3.0, 4.0])
+        with pytest.raises(ValueError, match="same rows"):
+            rule.knows([1.0, 2.0, 3.0, 4.0], np.zeros((2, 6)))
+        with pytest.raises(ValueError, match=r"binary must have shape \(6,\)"):
+            rule.knows([1.0, 2.0, 3.0, 4.0], np.zeros(4))
     with pytest.raises(ValueError, match="share_known"):
         unknown_rule(crossed, share_known=0.0)
     with pytest.raises(ValueError, match="kind must be one of"):

@@ -50,7 +50,7 @@ def test_rules_are_set_on_the_recordings_held_out_and_come_back(identifier, tmp_
 
 def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier, data):
     rules, stream = Rules.of(identifier.core), StreamingIdentifier(identifier)
-    values = identifier.decision_function(data.X)
+    values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
     for k, x in enumerate(data.X[:6]):
         stream.reset()
         stream.push(x[:40])
@@ -59,7 +59,7 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
         stream.push(x[40:])
         decision = stream.decision()
         assert decision.candidates == rules.conformal.names(values[k], at_least_one=True)
-        assert decision.unknown == (not rules.unknown.knows(values[k]))
+        assert decision.unknown == (not rules.unknown.knows(values[k], scores[k]))
         assert decision.candidates[0] == decision.label
         assert decision.to_dict()["candidates"] == list(decision.candidates)
         assert identifier.identify(x).candidates == decision.candidates

@@ -34,7 +34,7 @@ def assess(
     kind: str = "margin",
     per_class: bool = False,
     share_known: float = 0.95,
-    unknown_kind: str = "value_distance",
+    unknown_kind: str | None = None,
     compare: bool = False,
     n_seeds: int = 20,
     n_folds: int | None = None,
@@ -111,9 +111,9 @@ def assess(
     notes = [*conformal.notes, *unknown.notes]
     open_set = None
     if len(rows.classes) > 2:
-        kinds = [unknown_kind]
+        kinds = [unknown.kind]
         if compare:
-            kinds += [other for other in available_kinds(scored) if other != unknown_kind]
+            kinds += [other for other in available_kinds(scored) if other != unknown.kind]
         open_set = leave_one_material_out(
             rows, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
         )

@@ -60,8 +60,8 @@ def leave_one_material_out(
     share_known : float, default 0.95
         Share of known rows that is to be accepted.
     kinds : sequence of str, optional
-        Keys of `STRANGENESS` to compare, the first is the one of interest. Default: ``"value_distance"`` and all
-        others that the model allows.
+        Keys of `STRANGENESS` to compare, the first is the one of interest. Default: that of
+        `unknown_rule`, and all others that the model allows.
 
     Returns
     -------

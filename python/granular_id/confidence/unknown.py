@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id.confidence._stored import Reader
+from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc.decoding import decode
 
-__all__ = ["STRANGENESS", "UnknownRule", "uses_learners"]
+__all__ = ["STRANGENESS", "UnknownRule", "hinge_values", "uses_learners"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,7 +29,8 @@ FORMAT = "granular-id unknown rule 1"
 
 STRANGENESS: Mapping[str, str] = MappingProxyType(
     {
-        "value_distance": "Mahalanobis distance of the class values to those of the nearest class",
+        "hinge_distance": "Mahalanobis distance of the class values under the hinge to those of the nearest class",
+        "value_distance": "the same under the loss that decides",
         "learner_distance": "Mahalanobis distance of the learners' scores to those of the nearest class",
         "learners": "how clearly the least clear learner of the winning class speaks for it, negated",
         "value": "minus the largest class value",
@@ -36,8 +39,9 @@ STRANGENESS: Mapping[str, str] = MappingProxyType(
 )
 """How strange a row is, by name; larger is stranger."""
 
-_OF_LEARNERS = ("learner_distance", "learners")
-_OF_DISTANCE = ("learner_distance", "value_distance")
+_OF_LEARNERS = ("hinge_distance", "learner_distance", "learners")
+_OF_DISTANCE = ("hinge_distance", "value_distance", "learner_distance")
+_OF_CLASSES = ("hinge_distance", "value_distance")
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,7 @@ class UnknownRule:
     held_out : str
         What these rows were to the models that scored them.
     means : tuple of tuple of float
-        Of the distances: mean scores of each class (K, S), S = K class values or L learners; else empty.
+        Of the distances: mean scores of each class (K, S), S = K classes or L learners; else empty.
     whitener : tuple of tuple of float
         Of the distances: matrix (S, S) whose product with a score has the unit matrix as covariance within a class.
     coding : tuple of tuple of float
@@ -113,7 +117,7 @@ class UnknownRule:
             size = arrays["means"].shape[1]
             if arrays["whitener"].shape != (size, size):
                 raise ValueError(f"whitener must have shape ({size}, {size}), got {arrays['whitener'].shape}")
-            if self.kind == "value_distance" and size != n_classes:
+            if self.kind in _OF_CLASSES and size != n_classes:
                 raise ValueError(f"means must have {n_classes} values a class, got {size}")
             # A distance to a mean is then one product, and differences from K rows.
             arrays["white_means"] = arrays["means"] @ arrays["whitener"]
@@ -139,7 +143,8 @@ class UnknownRule:
         values : array-like, shape (K,) or (n, K)
             Class values of the fitted model, larger for what is likelier.
         binary : array-like, shape (L,) or (n, L), optional
-            Scores of its learners, which the kinds ``"learners"`` and ``"learner_distance"`` need.
+            Scores of its learners, which the kinds ``"hinge_distance"``, ``"learner_distance"`` and ``"learners"``
+            need.
 
         Returns
         -------
@@ -161,12 +166,19 @@ class UnknownRule:
             return _distance(given @ arrays["whitener"], arrays["white_means"])
         if binary is None:
             raise ValueError(f"binary must hold the scores of the learners for kind {self.kind!r}, got None")
-        width = (arrays["coding"] if self.kind == "learners" else arrays["means"]).shape[1]
+        n_classes = len(self.classes)
+        width = (
+            n_classes * (n_classes - 1) // 2
+            if self.kind == "hinge_distance"
+            else (arrays["coding"] if self.kind == "learners" else arrays["means"]).shape[1]
+        )
         of_learners = _scores("binary", binary, width)
         if of_learners.shape[:-1] != given.shape[:-1]:
             raise ValueError(
                 f"values and binary must hold the same rows, got shapes {given.shape} and {of_learners.shape}"
             )
+        if self.kind == "hinge_distance":
+            return _distance(hinge_values(of_learners, n_classes) @ arrays["whitener"], arrays["white_means"])
         if self.kind == "learner_distance":
             return _distance(of_learners @ arrays["whitener"], arrays["white_means"])
         sides = arrays["coding"][given.argmax(axis=-1)]
@@ -213,6 +225,18 @@ class UnknownRule:
         )
         reader.finish()
         return rule
+
+
+def hinge_values(binary: FloatArray, n_classes: int) -> FloatArray:
+    """Class values (..., K) under the hinge, from the scores (..., L) of one learner for each pair.
+
+    Examples
+    --------
+    >>> hinge_values(np.array([2.0, 0.5, -1.0]), 3).tolist()
+    [-0.125, -1.25, -0.375]
+    """
+    values = decode(binary.reshape(-1, binary.shape[-1]), onevsone(n_classes), "hinge")
+    return values.reshape(*binary.shape[:-1], n_classes)
 
 
 def uses_learners(kind: str) -> bool:

@@ -11,7 +11,8 @@ from sklearn.covariance import ledoit_wolf
 
 from granular_id.confidence.conformal_fit import conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
-from granular_id.confidence.unknown import STRANGENESS, UnknownRule, uses_learners
+from granular_id.confidence.unknown import STRANGENESS, UnknownRule, hinge_values, uses_learners
+from granular_id.ecoc.codings import onevsone
 
 __all__ = ["available_kinds", "unknown_rule"]
 
@@ -24,12 +25,16 @@ _LEAST_VARIANCE = 1e-12
 
 def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
     """Kinds of `STRANGENESS` that the scores suffice for."""
-    return tuple(kind for kind in STRANGENESS if scored.scores.binary is not None or not uses_learners(kind))
+    coding = scored.scores.coding
+    return tuple(
+        kind
+        for kind in STRANGENESS
+        if not uses_learners(kind)
+        or (coding is not None and (kind != "hinge_distance" or _is_of_pairs(coding)))
+    )
 
 
-def unknown_rule(
-    scored: HeldOutScores, *, share_known: float = 0.95, kind: str = "value_distance"
-) -> UnknownRule:
+def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str | None = None) -> UnknownRule:
     """Set the limit so that a wanted share of the rows of known materials is accepted.
 
     Parameters
@@ -39,8 +44,9 @@ def unknown_rule(
     share_known : float, default 0.95
         In (0, 1). The threshold is the ceil((n + 1) share)-th smallest strangeness, so that a new row of a known
         material, recorded as the others were, is accepted at least so often.
-    kind : str, default "value_distance"
-        A key of `STRANGENESS`. The default did best where one material after the other was left out; see
+    kind : str, optional
+        A key of `STRANGENESS`. Default: ``"hinge_distance"`` where a model has a learner for each pair of classes,
+        else ``"value_distance"``; these did best where one material after the other was left out, see
         ``docs/confidence.md``. The covariance within classes is shrunken after Ledoit & Wolf (2004), "A
         well-conditioned estimator for large-dimensional covariance matrices".
 
@@ -61,18 +67,22 @@ def unknown_rule(
     >>> from granular_id.ecoc import ECOCClassifier
     >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
     >>> rule = unknown_rule(scored)
-    >>> float(rule.knows(scored.scores.values).mean()) >= 0.95
+    >>> float(rule.knows(scored.scores.values, scored.scores.binary).mean()) >= 0.95
     True
     """
+    kind = available_kinds(scored)[0] if kind is None else kind
     if kind not in STRANGENESS:
         raise ValueError(f"kind must be one of {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
     values, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
-    if uses_learners(kind) and (binary is None or coding is None):
+    if kind not in available_kinds(scored):
+        of_pairs = " with a learner for each pair of classes" if kind == "hinge_distance" else ""
         raise ValueError(
-            f"kind {kind!r} needs a model that ends in ECOCClassifier with one coding matrix for all folds; "
+            f"kind {kind!r} needs a model that ends in ECOCClassifier{of_pairs}, with one coding matrix for all folds; "
             f"{', '.join(map(repr, available_kinds(scored)))} do not"
         )
-    own = binary if kind == "learner_distance" else values if kind == "value_distance" else None
+    own = values if kind == "value_distance" else None
+    if binary is not None and kind in ("hinge_distance", "learner_distance"):
+        own = binary if kind == "learner_distance" else hinge_values(binary, len(scored.classes))
     parts: dict[str, Any] = {}
     if own is not None:
         parts = _distances(own, scored.truth)
@@ -91,15 +101,21 @@ def unknown_rule(
     return replace(rule, threshold=conformal_quantile(strange, rule.share_known))
 
 
+def _is_of_pairs(coding: npt.NDArray[np.int8]) -> bool:
+    return np.array_equal(coding, onevsone(len(coding)))
+
+
 def _held_out_distances(rule: UnknownRule, own: FloatArray, scored: HeldOutScores) -> FloatArray:
     """Strangeness of each row by means and covariance of the other folds: those of its own would flatter it."""
-    strange = np.empty(len(own))
+    strange, binary = np.empty(len(own)), scored.scores.binary
     for fold in np.unique(scored.folds):
         held, others = scored.folds == fold, scored.folds != fold
         if np.unique(scored.truth[others]).size < len(scored.classes):
             others = np.ones_like(held)  # a single fold, or one that holds all of a class
         partial = replace(rule, **_distances(own[others], scored.truth[others]))
-        strange[held] = partial.strangeness(scored.scores.values[held], own[held])
+        strange[held] = partial.strangeness(
+            scored.scores.values[held], None if binary is None else binary[held]
+        )
     return strange
 
 
