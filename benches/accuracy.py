@@ -41,6 +41,7 @@ examples:
   python benches/accuracy.py files --window-s 1.7 --partitions sessions     (files held out whole)
   python benches/accuracy.py recordings --only minirocket,hydra,raw+hfmh
   python benches/accuracy.py recordings --only ours
+  python benches/accuracy.py recordings --only best,ablation               (each block alone, each left out)
 
 A folder is read as `granular-id evaluate` reads it: label/*, label/session/*, label_*, or an index.csv. Two are known
 by name: sliding_wrench (100 Hz, gaps up to 1 s) and robot_failures (lp1.data to lp5.data, stratified folds).
@@ -69,7 +70,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--window-s", type=positive_number, metavar="S", help="cut recordings into windows of this length"
     )
-    p.add_argument("--only", metavar="NAMES", help="methods separated by commas; ours, peers: all of a kind")
+    p.add_argument(
+        "--only", metavar="NAMES", help="methods separated by commas; ours, peers, ablation: all of a kind"
+    )
     p.add_argument(
         "--reference", metavar="NAME", help="compare with this method (default: the first that ran)"
     )

@@ -14,7 +14,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from accuracy_data import BenchSet
-from accuracy_methods import Method, NotAvailableError, OurFeatures, Setting
+from accuracy_methods import Method, OurFeatures
+from accuracy_stages import NotAvailableError, Setting
 from granular_id.evaluation.origins import origins_of
 from granular_id.evaluation.partitions import Partition
 from granular_id.recording import Dataset

@@ -11,7 +11,15 @@ import granular_id as gid
 from granular_id.recording import Dataset, Recording
 
 BENCHES = Path(__file__).resolve().parents[2] / "benches"
-NAMES = ("accuracy", "accuracy_data", "accuracy_methods", "accuracy_run", "accuracy_table")
+NAMES = (
+    "accuracy",
+    "accuracy_data",
+    "accuracy_methods",
+    "accuracy_peers",
+    "accuracy_run",
+    "accuracy_stages",
+    "accuracy_table",
+)
 
 
 @pytest.fixture(scope="module")

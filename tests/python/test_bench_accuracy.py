@@ -141,7 +141,7 @@ def test_a_space_with_blocks_and_a_classifier_of_its_own(bench, monkeypatch):
     assert [blocks for blocks, *_ in told] == [blocks] * 4
     assert set(told[0][1]) == {"s1", "s2", "s3"}
     assert sorted(told[0][2]) == list(range(18))
-    scaled, behind = bench["methods"]._our_space(("best", "BlockScaler"))(bench["methods"].Setting(50.0, 20))
+    scaled, behind = bench["methods"]._our_space(("best", "BlockScaler"))(bench["stages"].Setting(50.0, 20))
     scaled.fit(data.X, data.y)
     assert list(scaled.steps[0].block_slices_) == ["mean", "spread"]
     assert isinstance(behind, gid.ECOCClassifier)  # its own would scale once more
@@ -175,11 +175,16 @@ def test_a_fault_of_one_method_is_a_row_that_says_so(bench):
 
 def test_names_of_methods(bench):
     chosen_methods, methods = bench["methods"].chosen_methods, bench["methods"].METHODS
-    assert chosen_methods(None) == list(methods)
+    assert chosen_methods(None) == [m for m in methods if m.kind != "ablation"]
     assert [m.name for m in chosen_methods("1nn, raw")] == ["raw", "1nn"]
     assert {m.ours for m in chosen_methods("ours")} == {True}
-    assert len(chosen_methods("ours")) + len(chosen_methods("peers")) == len(methods)
-    with pytest.raises(ValueError, match="--only got 'rocket', wanted names among ours, peers, best"):
+    assert len(chosen_methods("ours,peers,ablation")) == len(methods)
+    names = [m.name for m in chosen_methods("ablation")]
+    assert len(names) == 10
+    assert {"only-level", "without-coupling"} < set(names)
+    with pytest.raises(
+        ValueError, match="--only got 'rocket', wanted names among ours, peers, ablation, best"
+    ):
         chosen_methods("rocket")
     with pytest.raises(ValueError, match="--reference got 'hydra', wanted a method of this run: raw, 1nn"):
         chosen_methods("raw,1nn", "hydra")
@@ -262,5 +267,5 @@ def test_counts_of_hydra_are_scaled_as_aeon_does(bench):
     counts = np.random.default_rng(0).poisson(0.7, size=(30, 12)).astype(np.float32)
     wanted = hydra._SparseScaler().fit_transform(torch.from_numpy(counts)).numpy()
     np.testing.assert_allclose(
-        bench["methods"].SparseScaler().fit_transform(counts), wanted, rtol=1e-4, atol=1e-5
+        bench["peers"].SparseScaler().fit_transform(counts), wanted, rtol=1e-4, atol=1e-5
     )
