@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 
-import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 
 import granular_id as gid
@@ -136,11 +135,7 @@ def _blocks(blocks: tuple[str, ...]) -> Callable[[Setting], Stages]:
 
     def make(setting: Setting) -> Stages:
         optional = ("level",) if "level" in blocks and len(blocks) > 1 else ()
-        try:
-            space = spaces.MultiBand(rate_hz=setting.rate_hz, blocks=blocks, threads=1)
-            space.fit(np.zeros((1, setting.n_samples, 1)))
-        except ValueError as error:
-            raise NotAvailableError(str(error)) from error
+        space = spaces.MultiBand(rate_hz=setting.rate_hz, blocks=blocks, threads=1)
         return OurFeatures(space), BestClassifier(optional_blocks=optional)
 
     return make
