@@ -10,6 +10,7 @@ __all__ = [
     "AXES",
     "MAX_LINE_BYTES",
     "MAX_MODEL_FILE_BYTES",
+    "MAX_MULTIBAND_VALUES",
     "MAX_NAME_BYTES",
     "RDT_PORT",
     "RDT_SCALE_LIMITS",
@@ -48,6 +49,7 @@ SIMD: str
 SAMPLE_FLAGS: dict[str, int]
 MAX_LINE_BYTES: int
 MAX_MODEL_FILE_BYTES: int
+MAX_MULTIBAND_VALUES: int
 MAX_NAME_BYTES: int
 RDT_PORT: int
 RDT_SCALE_LIMITS: tuple[tuple[float, float], tuple[float, float]]

@@ -1,4 +1,4 @@
-//! The wrappers for AVX2 and AVX-512F, and the two primitives that plain loops do not reach.
+//! The wrappers for AVX2 and AVX-512F, and the primitives that plain loops do not reach.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::{
@@ -97,19 +97,20 @@ impl Isa for X86 {
     #[inline(always)]
     fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
         let mut columns = [[0.0; 4]; 4];
-        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of two elements of an array of four, or of all.
+        let halves = rows.map(|row| row.as_chunks::<2>().0);
+        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of an array, of two or of four.
         unsafe {
             // Halves are joined as they are loaded, so that only half of the exchanges are left to do.
-            let join = |a: &[f64; 4], b: &[f64; 4], half: usize| {
-                let (a, b) = (_mm_loadu_pd(a[half..].as_ptr()), _mm_loadu_pd(b[half..].as_ptr()));
+            let join = |a: &[f64; 2], b: &[f64; 2]| {
+                let (a, b) = (_mm_loadu_pd(a.as_ptr()), _mm_loadu_pd(b.as_ptr()));
                 _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), b)
             };
-            let (even, odd) = (join(rows[0], rows[2], 0), join(rows[1], rows[3], 0));
-            _mm256_storeu_pd(columns[0].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
-            _mm256_storeu_pd(columns[1].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
-            let (even, odd) = (join(rows[0], rows[2], 2), join(rows[1], rows[3], 2));
-            _mm256_storeu_pd(columns[2].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
-            _mm256_storeu_pd(columns[3].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
+            for half in 0..2 {
+                let even = join(&halves[0][half], &halves[2][half]);
+                let odd = join(&halves[1][half], &halves[3][half]);
+                _mm256_storeu_pd(columns[2 * half].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
+                _mm256_storeu_pd(columns[2 * half + 1].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
+            }
         }
         columns
     }

@@ -12,7 +12,7 @@ use crate::{BatchShape, Extractor, FeatureSpec};
 pub const MAX_MULTIBAND_AXES: usize = 32;
 
 /// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
-/// design takes up to 512 bytes for each, however small the file that asks for it.
+/// design takes up to 150 bytes for each, however small the file that asks for it, and 650 more once it works.
 pub const MAX_MULTIBAND_VALUES: usize = 1 << 18;
 
 /// What is extracted from a recording, before anybody has looked at it.

@@ -9,9 +9,9 @@ const TOP: f64 = 0.98;
 /// Cycles that the lower edge of an octave completes within a recording.
 const MIN_CYCLES: f64 = 1.5;
 
-/// Order of the low-pass in front of every halving of the rate. What it leaves above the new Nyquist frequency folds to
-/// the upper half of the new spectrum; the octave taken there lies below, where this is down by 39 dB or more.
-const HALVING_ORDER: usize = 5;
+/// Order of the low-pass in front of every halving of the rate. What lies at 0.755 to 0.878 of Nyquist folds onto the octave
+/// that is taken next; there the low-pass is down by 55 dB or more.
+const HALVING_ORDER: usize = 7;
 
 /// One band of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,8 +94,8 @@ pub(super) struct Filters {
     pub(super) top: Poles,
     /// The octave below; zeros likewise.
     pub(super) octave: Poles,
-    /// Before the rate is halved: `(A(a0) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
-    pub(super) halving: [f64; 2],
+    /// Before the rate is halved: `(A(a0) A(a2) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
+    pub(super) halving: [f64; 3],
 }
 
 impl Filters {
@@ -106,14 +106,14 @@ impl Filters {
 }
 
 /// A Butterworth low-pass of odd order that ends at half the Nyquist frequency has its poles on the imaginary axis, so that
-/// it is the sum of two all-passes in `z^-2`, one of them a sample later (Gazsi, "Explicit formulas for lattice wave digital
-/// filters", 1985). The poles take turns.
-fn all_passes() -> Result<[f64; 2]> {
+/// it is the sum of two chains of all-passes in `z^-2`, one of them a sample later (Gazsi, "Explicit formulas for lattice
+/// wave digital filters", 1985). The poles take turns.
+fn all_passes() -> Result<[f64; 3]> {
     let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0)?;
     let mut squares: Vec<_> = sos.sections().iter().map(|section| section.a2).collect();
     squares.sort_by(f64::total_cmp);
     // The first is the pole at zero.
-    Ok([squares[1], squares[2]])
+    Ok([squares[1], squares[2], squares[3]])
 }
 
 /// A design with edges as shares of the Nyquist frequency.
@@ -151,10 +151,11 @@ mod tests {
     }
 
     #[test]
-    fn two_all_passes_are_the_low_pass() {
+    fn all_passes_are_the_low_pass() {
         let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0).unwrap();
-        let [mut expected, mut even] = [[0.0; 40]; 2];
-        (expected[0], even[0]) = (1.0, 1.0);
+        let mut impulse = [0.0; 40];
+        impulse[0] = 1.0;
+        let mut expected = impulse;
         for s in sos.sections() {
             let (mut z0, mut z1) = (0.0, 0.0);
             for x in &mut expected {
@@ -163,14 +164,16 @@ mod tests {
                 *x = y;
             }
         }
-        let [first, second] = all_passes().unwrap().map(|a| {
+        let all_pass = |a: f64, x: [f64; 40]| {
             let mut y = [0.0; 40];
             for t in 0..40 {
                 let before = |values: &[f64; 40]| if t < 2 { 0.0 } else { values[t - 2] };
-                y[t] = a * even[t] + before(&even) - a * before(&y);
+                y[t] = a * x[t] + before(&x) - a * before(&y);
             }
             y
-        });
+        };
+        let [a0, a1, a2] = all_passes().unwrap();
+        let (first, second) = (all_pass(a2, all_pass(a0, impulse)), all_pass(a1, impulse));
         for t in 1..40 {
             assert!((expected[t] - 0.5 * (first[t] + second[t - 1])).abs() < 1e-15, "{t}");
         }

@@ -22,20 +22,20 @@ use crate::lanes::Path;
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
-/// The largest number of values of a recording, an hour and a half of six axes at 500 Hz: bands and transforms take up to
-/// 256 bytes for each, and memory that is not there would end the process.
-const MAX_VALUES: usize = 1 << 24;
+/// The largest number of values of a recording, 23 minutes of six axes at 500 Hz: bands and transforms take up to 800 bytes
+/// for each, and memory that is not there would end the process.
+const MAX_VALUES: usize = 1 << 22;
 
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
-/// Immutable, shared between threads.
+/// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
 #[derive(Clone, Debug)]
 pub struct MultiBand {
-    spec: MultiBandSpec,
-    n_samples: usize,
-    n_axes: usize,
-    n_features: usize,
+    pub(super) spec: MultiBandSpec,
+    pub(super) n_samples: usize,
+    pub(super) n_axes: usize,
+    pub(super) n_features: usize,
     pub(super) scales: Scales,
-    bands: Vec<FrequencyBand>,
+    pub(super) bands: Vec<FrequencyBand>,
     /// The largest magnitude of each axis that can be worked with.
     pub(super) limits: Vec<f64>,
     pub(super) bank: Bank,
@@ -99,70 +99,6 @@ impl MultiBand {
         };
         this.n_features = this.block_sizes().iter().map(|(_, size)| size).sum();
         Ok(this)
-    }
-
-    /// What is computed.
-    #[must_use]
-    pub fn spec(&self) -> &MultiBandSpec {
-        &self.spec
-    }
-
-    /// Samples of a whole recording.
-    #[must_use]
-    pub fn n_samples(&self) -> usize {
-        self.n_samples
-    }
-
-    /// Axes of a recording.
-    #[must_use]
-    pub fn n_axes(&self) -> usize {
-        self.n_axes
-    }
-
-    /// Bands, band 0 included.
-    #[must_use]
-    pub fn n_bands(&self) -> usize {
-        self.bands.len()
-    }
-
-    /// The bands: band 0, which is the recording without its mean, then octave after octave downward.
-    #[must_use]
-    pub fn bands(&self) -> &[FrequencyBand] {
-        &self.bands
-    }
-
-    /// Middle of each bin of the spectrum, in hertz; none without that block.
-    #[must_use]
-    pub fn frequencies_hz(&self) -> Vec<f64> {
-        let step = self.spec.rate_hz / self.n_samples as f64;
-        let edges = self.spectrum.as_ref().map_or(&[][..], Spectrum::edges);
-        // From the first to the last frequency of a bin, both included.
-        edges.windows(2).map(|bin| 0.5 * (bin[0] + bin[1] - 1) as f64 * step).collect()
-    }
-
-    /// The scales.
-    #[must_use]
-    pub fn scales(&self) -> &Scales {
-        &self.scales
-    }
-
-    /// Features of a recording.
-    #[must_use]
-    pub fn n_features(&self) -> usize {
-        self.n_features
-    }
-
-    /// The blocks that there are, in order, and how many features each has.
-    #[must_use]
-    pub fn block_sizes(&self) -> Vec<(Block, usize)> {
-        let sizes = [
-            (Block::Coupling, self.coupling.as_ref().map(Coupling::n_features)),
-            (Block::Quantiles, self.quantiles.as_ref().map(Quantiles::n_features)),
-            (Block::Envelope, self.envelope.map(Envelope::n_features)),
-            (Block::Spectrum, self.spectrum.as_ref().map(Spectrum::n_features)),
-            (Block::Level, self.level.as_ref().map(Level::n_features)),
-        ];
-        sizes.into_iter().filter_map(|(block, size)| size.map(|size| (block, size))).collect()
     }
 
     /// Memory for [`extract_into`](Self::extract_into).

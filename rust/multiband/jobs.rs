@@ -6,7 +6,8 @@ use super::limits::means_within;
 use super::workspace::Workspace;
 use crate::lanes::{Isa, Job};
 
-/// Splits a recording into the bands of a workspace and measures their energies; false, and nothing split, where a value is not to be worked with.
+/// Splits a recording into the bands of a workspace and measures their energies; false, and nothing split, where a value is
+/// not to be worked with.
 pub(super) struct Split<'a> {
     pub(super) design: &'a MultiBand,
     pub(super) rows: &'a [f64],

@@ -16,6 +16,7 @@
 //! # Ok::<(), granular_id::Error>(())
 //! ```
 
+mod about;
 mod bands;
 mod bank;
 mod batch;

@@ -28,7 +28,7 @@ impl Wide {
 pub(super) struct Coefficients {
     top: Wide,
     octave: Wide,
-    halving: [Quad; 2],
+    halving: [Quad; 3],
 }
 
 impl Coefficients {
@@ -66,13 +66,13 @@ pub(super) struct Memory {
     top: [Last; 2],
     octave: [Last; 2],
     /// What the all-passes gave last.
-    halving: [Quad; 2],
+    halving: [Quad; 3],
 }
 
 impl Memory {
     /// As if the first sample had lasted for ever: signals are counted from it, so that it is zero.
     pub(super) const REST: Self =
-        Self { rise: Last::REST, top: [Last::REST; 2], octave: [Last::REST; 2], halving: [Quad::ZERO; 2] };
+        Self { rise: Last::REST, top: [Last::REST; 2], octave: [Last::REST; 2], halving: [Quad::ZERO; 3] };
 
     /// What the zeros that both octaves share make of a row and the one two rows earlier.
     #[inline(always)]
@@ -85,12 +85,13 @@ impl Memory {
 
     /// A row of half the rate, of the last four; twice as large as the input.
     #[inline(always)]
-    fn halve(&mut self, [a0, a1]: &[Quad; 2], [x3, x2, x1, x0]: [Quad; 4]) -> Quad {
-        let [y0, y1] = self.halving;
-        let y0 = a0.times(x0).plus(x2).minus(a0.times(y0));
-        let y1 = a1.times(x1).plus(x3).minus(a1.times(y1));
-        self.halving = [y0, y1];
-        y0.plus(y1)
+    fn halve(&mut self, [a0, a1, a2]: &[Quad; 3], [x3, x2, x1, x0]: [Quad; 4]) -> Quad {
+        let [before0, before1, before2] = self.halving;
+        let y0 = a0.times(x0).plus(x2).minus(a0.times(before0));
+        let y1 = a1.times(x1).plus(x3).minus(a1.times(before1));
+        let y2 = a2.times(y0).plus(before0).minus(a2.times(before2));
+        self.halving = [y0, y1, y2];
+        y2.plus(y1)
     }
 }
 
@@ -107,8 +108,8 @@ impl Rows {
     }
 }
 
-/// At most [`ROWS`] rows of a level, `input` with the [`BACK`] before them, through its filters: `TOP` on the first one, which
-/// has two octaves. `halved` are the rows of the next level.
+/// At most [`ROWS`] rows of a level, `input` with the [`BACK`] before them, through its filters: `TOP` on the first one,
+/// which has two octaves. `halved` are the rows of the next level.
 #[inline(always)]
 pub(super) fn run<const TOP: bool>(
     c: &Coefficients,

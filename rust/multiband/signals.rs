@@ -4,8 +4,8 @@ use super::bank::{BandSignals, Place};
 use super::energies::{measure, Energies, STRETCHES};
 use crate::lanes::Path;
 
-/// Asserts that features of restless signals are finite and have the same bits on every path; a list of many lengths, and more
-/// axes than fit into a vector.
+/// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
+/// same bits on every path.
 pub(super) fn same_on_every_path(compute: impl Fn(Path, &Signals) -> Vec<f64>) {
     let signals = Signals::new(&[1000, 1000, 500, 61, 9, 1], 7);
     let all: Vec<_> = Path::available().into_iter().map(|path| compute(path, &signals)).collect();

@@ -43,6 +43,7 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("MAX_MODEL_FILE_BYTES", crate::model::MAX_FILE_BYTES)?;
+        module.add("MAX_MULTIBAND_VALUES", crate::model::MAX_MULTIBAND_VALUES)?;
         module.add("MAX_NAME_BYTES", crate::model::MAX_NAME_BYTES)?;
         module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
         module.add("RDT_PORT", crate::rdt::PORT)?;

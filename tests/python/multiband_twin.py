@@ -58,7 +58,7 @@ def band_signals(x, n_samples=None):
         if k < 2:
             low, high = TOP / 2 ** (k + 1), TOP / 2**k
         else:  # half the rate for every octave further down; the low-pass leaves nothing to alias into the band
-            level = filtered(butter(5, 0.5, output="sos"), level)[::2]
+            level = filtered(butter(7, 0.5, output="sos"), level)[::2]
             low, high = TOP / 4, TOP / 2
         signals.append(filtered(butter(2, [low, high], "bandpass", output="sos"), level))
     return signals

@@ -54,7 +54,7 @@ impl Model {
     /// allows).
     ///
     /// Memory stays below twice the size of the file and some megabytes for the header and the edges of the histograms; of
-    /// multi-band features below 512 bytes for each sample of a recording, of which
+    /// multi-band features below 150 bytes for each value of a recording, of which
     /// [`MAX_MULTIBAND_VALUES`](crate::model::MAX_MULTIBAND_VALUES) are allowed.
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, Fault> {
         check_size(bytes.len() as u64, max_file_bytes)?;
