@@ -7,7 +7,8 @@ alternate, so that a change in the machine's speed meets all alike. The answers 
 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
 weights have left the caches. `bands`: the same for a model of multi-band features, which computes all of them when it
-is asked; its answers are compared with those of its own whole recordings.
+is asked; its answers are compared with those of its own whole recordings. `with rules`: the warm model, which also
+names candidates and says whether the recording is like none of the materials.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from granular_id.synthetic import PAPER_MATERIALS
 N_BINS, LOW, HIGH = 100, -1.5, 1.5
 BLOCK, EVERY = 10, 16  # rows of a block; rows between provisional decisions
 OURS = "ours, warm"
+RULED = "ours, warm, with rules"
 WHOLE_BANDS = "multi-band Model.scores, whole"
 
 
@@ -89,11 +91,13 @@ def main() -> None:
     svc = SVC(kernel="linear").fit(rows, y)
     identifier = Identifier.fit(train, "raw+hfmh", estimate=False)
     stream = StreamingIdentifier(identifier)
+    ruled = StreamingIdentifier(Identifier.fit(train, "raw+hfmh"))
     banded = Identifier.fit(train, "multiband", estimate=False)
     bands = StreamingIdentifier(banded)
     streams = {
         OURS: (stream, True),
         "ours, cold": (stream, False),
+        RULED: (ruled, True),
         "ours, bands, warm": (bands, True),
         "ours, bands, cold": (bands, False),
     }
@@ -121,7 +125,12 @@ def main() -> None:
             label = answer(recording)
             seconds[name].append(time.perf_counter() - start)
             labels[name].append(str(label))
-    if not labels[OURS] == labels["ours, cold"] == labels["scipy + numpy, ECOCClassifier.predict"]:
+    if (
+        not labels[OURS]
+        == labels["ours, cold"]
+        == labels[RULED]
+        == labels["scipy + numpy, ECOCClassifier.predict"]
+    ):
         sys.exit("the labels of the stream differ from those of ECOCClassifier")
     if not labels["ours, bands, warm"] == labels["ours, bands, cold"] == labels[WHOLE_BANDS]:
         sys.exit("the labels of the stream of multi-band features differ from those of whole recordings")

@@ -14,8 +14,10 @@ from sklearn.svm import LinearSVC
 from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
 from granular_id.confidence.open_set import area_under_roc, false_positives
 from granular_id.confidence.rows import rows_of
-from granular_id.confidence.unknown import STRANGENESS
+from granular_id.confidence.unknown import STRANGENESS, hinge_values
 from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc.decoding import decode
 
 
 def clouds(n_classes=4, n_each=40, n_features=6, seed=0, distance=4.0):
@@ -170,9 +172,19 @@ def test_the_loss_that_decides_has_no_say_in_the_distance_under_the_hinge():
     rules = [unknown_rule(crossed) for crossed in each]
     assert rules[0] == rules[1] == rules[2]
     own = [unknown_rule(crossed, kind="value_distance") for crossed in each]
-    assert own[0].means == rules[0].means
-    assert own[0].threshold == rules[0].threshold
+    assert np.array(own[0].means) == pytest.approx(np.array(rules[0].means), abs=1e-14)
+    assert own[0].threshold == pytest.approx(rules[0].threshold, rel=1e-9)
     assert own[1].means != rules[1].means
+
+
+@pytest.mark.parametrize("n_classes", [2, 3, 11])
+def test_class_values_of_pairs_are_those_that_the_hinge_decodes(n_classes):
+    coding = onevsone(n_classes)
+    scores = np.random.default_rng(n_classes).normal(scale=2.0, size=(50, coding.shape[1]))
+    wanted = decode(scores, coding, "hinge")
+    slack = 4e-15 * np.abs(wanted).max()
+    assert np.abs(hinge_values(scores, n_classes) - wanted).max() <= slack
+    assert np.abs(hinge_values(scores[0], n_classes) - wanted[0]).max() <= slack
 
 
 def test_models_without_a_limit_are_counted_and_not_drawn():

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -19,9 +20,8 @@ import numpy.typing as npt
 
 from granular_id.confidence._stored import Reader
 from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.decoding import decode
 
-__all__ = ["STRANGENESS", "UnknownRule", "hinge_values", "uses_learners"]
+__all__ = ["STRANGENESS", "UnknownRule", "hinge_values", "is_of_pairs", "uses_learners"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -178,7 +178,8 @@ class UnknownRule:
                 f"values and binary must hold the same rows, got shapes {given.shape} and {of_learners.shape}"
             )
         if self.kind == "hinge_distance":
-            return _distance(hinge_values(of_learners, n_classes) @ arrays["whitener"], arrays["white_means"])
+            values_of_pairs = hinge_values(of_learners, n_classes)
+            return _distance(values_of_pairs @ arrays["whitener"], arrays["white_means"])
         if self.kind == "learner_distance":
             return _distance(of_learners @ arrays["whitener"], arrays["white_means"])
         sides = arrays["coding"][given.argmax(axis=-1)]
@@ -230,13 +231,31 @@ class UnknownRule:
 def hinge_values(binary: FloatArray, n_classes: int) -> FloatArray:
     """Class values (..., K) under the hinge, from the scores (..., L) of one learner for each pair.
 
+    They are those of `granular_id.ecoc.decoding.decode`, without its checks, which take most of the time of a single
+    row.
+
     Examples
     --------
     >>> hinge_values(np.array([2.0, 0.5, -1.0]), 3).tolist()
     [-0.125, -1.25, -0.375]
     """
-    values = decode(binary.reshape(-1, binary.shape[-1]), onevsone(n_classes), "hinge")
-    return values.reshape(*binary.shape[:-1], n_classes)
+    losses = np.maximum(0.0, np.concatenate((1.0 - binary, 1.0 + binary), axis=-1))
+    values: FloatArray = losses @ _sides_of_pairs(n_classes) / (2.0 - 2.0 * n_classes)
+    return values
+
+
+@lru_cache(maxsize=4)
+def _sides_of_pairs(n_classes: int) -> FloatArray:
+    """Which losses count for which of K classes (2 L, K), 0 or 1: of the L pairs with code +1, then with -1."""
+    coding = onevsone(n_classes).T
+    sides = np.concatenate((coding > 0, coding < 0)).astype(np.float64)
+    sides.flags.writeable = False  # all who ask share it
+    return sides
+
+
+def is_of_pairs(coding: npt.NDArray[np.int8]) -> bool:
+    """Whether a coding matrix (K, L) has one learner for each pair of classes, in their order."""
+    return np.array_equal(coding, onevsone(len(coding)))
 
 
 def uses_learners(kind: str) -> bool:

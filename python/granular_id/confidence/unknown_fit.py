@@ -11,8 +11,7 @@ from sklearn.covariance import ledoit_wolf
 
 from granular_id.confidence.conformal_fit import conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
-from granular_id.confidence.unknown import STRANGENESS, UnknownRule, hinge_values, uses_learners
-from granular_id.ecoc.codings import onevsone
+from granular_id.confidence.unknown import STRANGENESS, UnknownRule, hinge_values, is_of_pairs, uses_learners
 
 __all__ = ["available_kinds", "unknown_rule"]
 
@@ -30,7 +29,7 @@ def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
         kind
         for kind in STRANGENESS
         if not uses_learners(kind)
-        or (coding is not None and (kind != "hinge_distance" or _is_of_pairs(coding)))
+        or (coding is not None and (kind != "hinge_distance" or is_of_pairs(coding)))
     )
 
 
@@ -99,10 +98,6 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     )
     strange = rule.strangeness(values, binary) if own is None else _held_out_distances(rule, own, scored)
     return replace(rule, threshold=conformal_quantile(strange, rule.share_known))
-
-
-def _is_of_pairs(coding: npt.NDArray[np.int8]) -> bool:
-    return np.array_equal(coding, onevsone(len(coding)))
 
 
 def _held_out_distances(rule: UnknownRule, own: FloatArray, scored: HeldOutScores) -> FloatArray:
