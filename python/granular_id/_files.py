@@ -9,7 +9,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["cannot_write", "check_target", "made_folder", "new_file", "whole_file", "write_json"]
+__all__ = [
+    "cannot_write",
+    "check_source",
+    "check_target",
+    "made_folder",
+    "new_file",
+    "whole_file",
+    "write_json",
+]
+
+
+def check_source(path: str | os.PathLike[str]) -> Path:
+    """Return a path to be read; FileNotFoundError where there is nothing."""
+    source = Path(path)
+    if not source.exists():
+        raise FileNotFoundError(f"{os.fspath(path)}: no such file or folder")
+    return source
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:

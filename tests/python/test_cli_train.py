@@ -125,6 +125,8 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
         (["--figure", "f.doc"], "must end in one of"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
+        (["--n-bins", "50"], "--n-bins must be left out with --space best, which has no use for it"),
+        (["--space", "raw", "--n-bins", "50"], "--n-bins must be left out with --space raw, which has no"),
         (["--space", "hfmh", "--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
     ],
 )
@@ -323,7 +325,7 @@ def test_probabilities_are_shown_where_the_model_has_them(folder, tmp_path):
 
 
 def test_identify_says_what_is_missing(folder, model):
-    for words, got in (((), "neither"), ((folder,), f"{folder} alone"), (("-m", model), f"{model} alone")):
+    for words, got in (((), "neither"), ((folder,), f"{folder} alone")):
         line = refused("identify", *words)
         assert line.startswith(
             f"error: a model file and recordings are needed, got {got}: granular-id identify"
@@ -333,6 +335,10 @@ def test_identify_says_what_is_missing(folder, model):
         turned
         == f"error: {folder}: is a directory; the model comes first: granular-id identify MODEL PATH..."
     )
+    named = refused("identify", "-m", folder / "absent.safetensors", model)
+    assert named == f"error: {folder / 'absent.safetensors'}: no such file or directory"
+    alone = refused("identify", "-m", model)
+    assert alone == "error: no recordings given: granular-id identify -m MODEL PATH..."
     assert ended_well("identify", folder, "--model", model) == ended_well("identify", model, folder)
 
 

@@ -14,7 +14,7 @@ from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
-from granular_id.cli.settings import at_least, known_spaces, positive
+from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -90,12 +90,13 @@ def confidence(
     wanted = _shares("--levels", levels)
     (share_known,) = _shares("--known", str(known))
     method.fits(steps.preparation.rate_hz)
-    known_spaces(space)
     check_targets(figure, json, source=reading.path)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
         file_format(figure)
+    reading.refuse_absent()
+    method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)
 
     from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import: --help must not wait)

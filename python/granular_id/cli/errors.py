@@ -47,6 +47,7 @@ OPTIONS = {
     "bin_range": "--bin-range",
     "random_state": "--seed",
     "order": "--order",
+    "initial": "--initial",
     "threads": "--threads",
     "spaces": "--spaces",
     "protocol": "--protocol",

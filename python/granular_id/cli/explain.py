@@ -15,7 +15,7 @@ from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
-from granular_id.cli.settings import known_spaces, positive
+from granular_id.cli.settings import positive
 
 if TYPE_CHECKING:
     from granular_id.explanation import Explanation
@@ -66,12 +66,13 @@ def explain(
     """Print what decides between two materials; see `TEXT`."""
     positive("--C", c)
     method.fits(steps.preparation.rate_hz)
-    known_spaces(space)
     check_targets(figure, json, source=reading.path)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
         file_format(figure)
+    reading.refuse_absent()
+    method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:

@@ -90,7 +90,10 @@ class Recordings:
         topic: Topic = None,
         max_file_mb: MaxFileMb = None,
     ) -> None:
+        self.is_named = model is not None
         given = [*([] if model is None else [model]), *(files or [])]
+        if self.is_named and not files:
+            raise ValueError("no recordings given: granular-id identify -m MODEL PATH...")
         if len(given) < 2:
             got = f"{given[0]} alone" if given else "neither"
             raise ValueError(
@@ -190,7 +193,7 @@ def identify(
     try:
         identifier = Identifier.load(recordings.model)
     except (OSError, ValueError) as error:
-        if not any(path.suffix == ENDING for path in recordings.paths):
+        if recordings.is_named or not any(path.suffix == ENDING for path in recordings.paths):
             raise
         raise ValueError(
             f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."

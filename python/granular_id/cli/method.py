@@ -6,7 +6,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any
 
 from granular_id.cli.groups import option
-from granular_id.cli.settings import at_least, bin_range_of, method_fits, positive
+from granular_id.cli.settings import at_least, bin_range_of, known_spaces, method_fits, positive
 
 if TYPE_CHECKING:
     from granular_id.spaces import FeatureSpace
@@ -105,6 +105,22 @@ class Method:
             threads=self.threads,
             **self._options,
         )
+
+    def refuse_unused(self, space: str, weights: Weights, cost: float | None = None) -> None:
+        """Refuse what was asked for and would change nothing: options that a feature space does not have.
+
+        `cost`: ``--C``, where only spaces without a classifier of their own have a use for it.
+        """
+        known_spaces(space)
+        made = self.spaces(500.0, weights)[space]
+        takes = {name.rpartition("__")[2]: value for name, value in made.transformer.get_params().items()}
+        usual = {**Method()._options, "block_weights": Weights.plain.value}
+        given = {**self._options, "block_weights": weights.value}
+        unused = [name for name, value in given.items() if value not in (usual[name], takes.get(name))]
+        if unused:
+            raise ValueError(f"{unused[0]} must be left out with space={space!r}, which has no use for it")
+        if cost is not None and cost != 1 and made.classifier is not None:
+            raise ValueError(f"C must be left out with space={space!r}, which brings its own classifier")
 
     def of_model(self) -> dict[str, Any]:
         """Return the settings as `granular_id.identifier.Identifier.fit` takes them."""

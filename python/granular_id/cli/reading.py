@@ -87,6 +87,12 @@ class Reading:
         self.path = path
         self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
 
+    def refuse_absent(self) -> None:
+        """Refuse a path with nothing there, before an import that takes longer than a look."""
+        from granular_id._files import check_source  # noqa: PLC0415 (--help must not wait)
+
+        check_source(self.path)
+
     def load(self, *, quiet: bool) -> Dataset:
         """Read the recordings and say what was read; when quiet, only what was skipped."""
         data = loaded(self.path, self.settings, quiet=quiet)

@@ -115,14 +115,16 @@ def train(
         "posterior": None if posterior is Probabilities.none else posterior.value,
         "random_state": seed,
     }
-    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
-
-    recipe = Recipe(**settings)
     check_targets(output, figure, json, source=reading.path)
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
         file_format(figure)
+    reading.refuse_absent()
+    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    recipe = Recipe(**settings)
+    method.refuse_unused(space, block_weights)
     data = equal_recordings(reading, steps, quiet=quiet)
 
     from granular_id.identifier import Identifier  # noqa: PLC0415

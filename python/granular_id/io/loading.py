@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
@@ -86,9 +87,7 @@ def load(
     Recording('rice_1.csv', label='rice', 2 samples at 500 Hz)
     """
     options = LoadOptions(rate_hz, on_error, on_time_error, max_file_bytes, topic)
-    place = Path(path)
-    if not place.exists():
-        raise FileNotFoundError(f"{os.fspath(path)}: no such file or folder")
+    place = check_source(path)
     known = format_of(place)
     with showing(progress) as callback:
         if known is not None:

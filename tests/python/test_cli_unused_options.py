@@ -1,0 +1,69 @@
+"""Options that a feature space has no use for are refused, and a wrong path before anything slow is imported."""
+
+import subprocess
+import sys
+
+import pytest
+
+from cli_cases import make, refused, saved
+
+COMMANDS = {"train": ("-o", "m.safetensors"), "explain": ("oat", "rice"), "confidence": ()}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return saved(make(n=4), tmp_path_factory.mktemp("unused") / "recordings")
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--cutoff-hz", 11),
+        ("--order", 4),
+        ("--n-bins", 50),
+        ("--bin-range", "auto"),
+        ("--initial", "steady"),
+        ("--block-weights", "unit"),
+        ("--C", 3),
+    ],
+)
+def test_best_refuses_options_of_other_spaces(folder, command, option, value):
+    said = refused(command, folder, *COMMANDS[command], option, value)
+    assert said.startswith(f"error: {option} ")
+    assert "--space best" in said
+
+
+@pytest.mark.parametrize("command", ["explain", "confidence"])
+@pytest.mark.parametrize(
+    ("space", "option", "value"),
+    [
+        ("multiband", "--C", 3),
+        ("hfmh", "--block-weights", "unit"),
+        ("dft", "--n-bins", 50),
+        ("raw-histogram", "--bin-range", "-2,2"),
+    ],
+)
+def test_every_space_refuses_what_would_change_nothing(folder, command, space, option, value):
+    said = refused(command, folder, *COMMANDS[command], "--space", space, option, value)
+    assert said.startswith(f"error: {option} must be left out with --space {space}, which ")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_wrong_path_is_told_before_anything_slow_is_imported(tmp_path, command):
+    code = (
+        "import sys; from granular_id.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: print('slow', sorted({'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    )
+    words = [command, str(tmp_path / "absent"), *COMMANDS[command]]
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stderr == f"error: {tmp_path / 'absent'}: no such file or folder\n"
+    assert done.stdout == "slow []\n"
