@@ -14,6 +14,15 @@ from granular_id.identifier.batch import identify_all
 from granular_id.identifier.sure import KEY, Rules
 from granular_id.identifier.words import promises
 
+CHOICE = {
+    "note": "halves",
+    "random_state": 4,
+    "machines": [],
+    "chosen": ["plain, C 1"],
+    "accuracy_on_the_folds_that_chose": None,
+    "in_partitions": [],
+}
+
 
 @pytest.fixture(scope="module")
 def data():
@@ -116,6 +125,38 @@ def test_rules_that_are_none_are_refused_when_the_file_is_read(identifier, tmp_p
     with pytest.raises(ModelFileError, match=message) as caught:
         Identifier.load(file)
     assert str(caught.value).startswith(str(file))
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        ({"recordings": 3}, "recordings must be an object, got 3"),
+        ({"recordings": {"a": "3"}}, "recordings.a must be a whole number, got '3'"),
+        ({"n_sessions": True}, "n_sessions must be a whole number, got True"),
+        ({"estimate": 3}, "estimate must be an object, got 3"),
+        ({"estimate": {"held_out": "x"}}, "estimate must hold 'note', got"),
+        ({"early": {"why_not": "", "target_error": 0.1}}, "early must hold 'answered_early', got"),
+        ({"notes": "none"}, "notes must be a list, got 'none'"),
+        ({"choice": {"note": "x"}}, "choice must hold 'random_state'"),
+        ({"choice": {**CHOICE, "machines": []}}, "choice.machines must hold at least one"),
+        ({"choice": {**CHOICE, "machines": [{"name": "a"}]}}, r"choice.machines\[0\] must hold 'chosen'"),
+    ],
+)
+def test_what_is_known_must_have_its_shape_when_the_file_is_read(identifier, tmp_path, part, message):
+    file = tmp_path / "m.safetensors"
+    file.write_bytes(changed(identifier.core, {**identifier.trained, **part}).to_bytes())
+    with pytest.raises(ModelFileError, match=f"trained: {message}") as caught:
+        Identifier.load(file)
+    assert str(caught.value).startswith(str(file))
+
+
+def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):
+    machine = {"name": "plain, C 1", "chosen": True, "accuracies": [0.5, 1.0]}
+    file = tmp_path / "m.safetensors"
+    file.write_bytes(changed(identifier.core, {"choice": {**CHOICE, "machines": [machine]}}).to_bytes())
+    said = promises(Identifier.load(file))
+    assert "chosen (>): 1 of 1 machines tried, on halves; seed 4" in said
+    assert any(line.startswith("  > plain, C 1") and "75.0 %" in line for line in said)
 
 
 def test_shares_out_of_range_are_refused_before_anything_is_trained(data):

@@ -64,6 +64,8 @@ class Choice:
         What a fold was.
     note : str
         How the folds were made, as a line to read.
+    random_state : int or None, default None
+        What drew random folds, where it was a number.
     """
 
     machines: tuple[Machine, ...]
@@ -72,6 +74,7 @@ class Choice:
     joint: FloatArray
     held_out: str
     note: str
+    random_state: int | None = None
 
     @property
     def accuracy(self) -> float:
@@ -108,6 +111,7 @@ class Choice:
         return {
             "held_out": self.held_out,
             "note": self.note,
+            "random_state": self.random_state,
             "n_folds": len(self.accuracies),
             "accuracy_on_the_folds_that_chose": float(self.accuracy) if self.joint.size else None,
             "chosen": [self.machines[k].name for k in self.chosen],

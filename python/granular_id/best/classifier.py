@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -210,7 +211,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
         self.held_out_scores_ = _means_of_rows(together, planned, len(rows), matrix.shape[1])
-        self.choice_ = Choice(machines, chosen, accuracies, joint, planned.held_out, planned.note)
+        number = int(self.random_state) if isinstance(self.random_state, Integral) else None
+        self.choice_ = Choice(machines, chosen, accuracies, joint, planned.held_out, planned.note, number)
         return self
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:

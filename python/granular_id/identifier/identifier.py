@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ from granular_id._progress import ProgressCallback
 from granular_id.identifier.answers import Answers
 from granular_id.identifier.building import MAX_FILE_BYTES, core_of
 from granular_id.identifier.fitting import Begin, fitted, refuse_others
+from granular_id.identifier.known import check_known
 from granular_id.identifier.parts import parts_of
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.sure import Rules
@@ -258,6 +260,7 @@ class Identifier(Answers):
         """
         core = _core.Model.read(path, max_file_bytes=max_file_bytes)
         try:
+            check_known(json.loads(core.metadata["trained"]))
             Rules.of(core)
         except (TypeError, ValueError) as fault:
             raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None

@@ -130,11 +130,11 @@ def _choice(trained: Mapping[str, Any]) -> list[str]:
     choice = trained.get("choice")
     if not choice:
         return []
-    machines, chosen, elsewhere = choice["machines"], choice["chosen"], choice.get("in_partitions", [])
+    machines, chosen, elsewhere = choice["machines"], choice["chosen"], choice["in_partitions"]
+    seed = "" if choice["random_state"] is None else f"; seed {choice['random_state']}"
     width = max(len(machine["name"]) for machine in machines)
-    seed = trained["settings"]["classifier"]["random_state"]
     lines = [
-        f"chosen (>): {len(chosen)} of {len(machines)} machines tried, on {choice['note']}; seed {seed}",
+        f"chosen (>): {len(chosen)} of {len(machines)} machines tried, on {choice['note']}{seed}",
         f"    {'':<{width}}  held out{'  chosen in the estimate' if elsewhere else ''}",
     ]
     for machine in machines:
