@@ -127,6 +127,23 @@ def test_rules_that_are_none_are_refused_when_the_file_is_read(identifier, tmp_p
     assert str(caught.value).startswith(str(file))
 
 
+@pytest.mark.parametrize("kind", ["hinge_distance", "learner_distance", "learners"])
+def test_a_refusal_by_other_learners_than_the_model_has_is_refused(data, identifier, tmp_path, kind):
+    classes = tuple(identifier.classes)
+    own, scores = identifier.core.coding_matrix, identifier.scores(data.X)
+    parts = {"coding": own.tolist()}
+    if kind != "learners":
+        means = identifier.decision_function(data.X) if kind == "hinge_distance" else scores
+        parts = {"means": means[: len(classes)].tolist(), "whitener": np.eye(means.shape[1]).tolist()}
+    rule = UnknownRule(classes, kind, 1.0, 0.95, 60, **{k: tuple(map(tuple, v)) for k, v in parts.items()})
+    assert rule.fits(own)
+    others = Identifier.fit(data, "hfmh", coding="onevsall", estimate=False)
+    file = tmp_path / "m.safetensors"
+    file.write_bytes(changed(others.core, {KEY: {"unknown": rule.to_dict()}}).to_bytes())
+    with pytest.raises(ModelFileError, match=f"the rule '{kind}' is for other learners than the model has"):
+        Identifier.load(file)
+
+
 @pytest.mark.parametrize(
     ("part", "message"),
     [

@@ -48,7 +48,7 @@ class Rules:
         Raises
         ------
         TypeError, ValueError
-            Something else stands in their place, or they are for other classes.
+            Something else stands in their place, or they are for other classes or learners.
         """
         stored = json.loads(core.metadata["trained"]).get(KEY)
         if stored is None:
@@ -63,6 +63,10 @@ class Rules:
         for rule in (rules.conformal, rules.unknown):
             if rule is not None and tuple(rule.classes) != tuple(core.classes):
                 raise ValueError(f"{KEY}: the rule is for other classes than the model: {rule.classes!r:.80}")
+        if rules.unknown is not None and not rules.unknown.fits(core.coding_matrix):
+            raise ValueError(
+                f"{KEY}: the rule {rules.unknown.kind!r} is for other learners than the model has"
+            )
         return rules
 
     def candidates(self, values: FloatArray) -> tuple[str, ...]:
