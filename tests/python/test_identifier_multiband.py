@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ import multiband_twin as twin
 from cli_cases import ended_well, refused, saved
 from evaluation_cases import LABELS, make_data
 from granular_id import ECOCClassifier, FeatureSpec
+from granular_id._core import MAX_MULTIBAND_VALUES
 from granular_id.best import BestClassifier
 from granular_id.evaluation.origins import origins_of
 from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.identifier.building import MAX_FILE_BYTES, refuse_large
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import fit_pipeline
 from granular_id.identifier.words import description, promises
+from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
 
@@ -58,7 +62,7 @@ def test_labels_and_scores_are_those_of_the_pipeline(data, new, space, settings)
     pipeline = Recipe(space=space, **settings).pipeline(500.0)
     same_answers(identifier, fit_pipeline(pipeline, data.X, data.y, origins_of(data)), new.X)
     assert identifier.classes == LABELS
-    assert identifier.space == (space if space != "best" else identifier.space)
+    assert identifier.space == space
 
 
 def test_pipelines_are_taken_over_whatever_scales_in_between(data, new):
@@ -170,7 +174,7 @@ def test_what_was_chosen_is_known_and_said(best):
     assert choice["held_out"] == "sessions"
     assert choice["chosen"]
     assert len(choice["machines"]) == 8
-    assert best.trained["settings"]["space"] == "best"
+    assert best.trained["settings"]["space"] == best.space == "best"
     said = promises(best)
     assert any(f"{len(choice['chosen'])} of 8 machines tried, on {choice['note']}" in line for line in said)
     elsewhere = choice["in_partitions"]
@@ -233,6 +237,23 @@ def test_a_model_too_large_for_its_file_names_ways_out(data):
         Identifier.fit(data, "best", max_file_bytes=10_000)
 
 
+@pytest.mark.parametrize("space", ["best", "multiband"])
+def test_recordings_too_long_for_a_file_are_refused_before_anything_is_trained(monkeypatch, space):
+    fitted = []
+    monkeypatch.setattr("granular_id.identifier.training.fit_pipeline", lambda *given: fitted.append(given))
+    longest = MAX_MULTIBAND_VALUES // 6
+    refuse_large(Recipe(space=space), 2, (longest, 6), MAX_FILE_BYTES)
+    wrench = np.zeros((longest + 1, 6))
+    long = Dataset([Recording(wrench, 500.0, label=label, name=label) for label in ("oat", "rice")])
+    wanted = (
+        f"recordings of {longest + 1} samples of 6 axes are too long for a model of multi-band features: "
+        f"{6 * longest + 6} values, at most {MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(wanted)}$"):
+        Identifier.fit(long, space)
+    assert fitted == []
+
+
 def test_too_loud_and_too_short_recordings_are_refused_by_name(best):
     with pytest.raises(ValueError, match="recording 1"):
         best.predict(np.stack([np.zeros((80, 6)), np.full((80, 6), 1e200)]))
@@ -245,7 +266,7 @@ def test_the_command_line_trains_chooses_and_tells(tmp_path, data):
     out = ended_well("train", folder, "-o", file, "--target-error", 0.2)
     assert "accuracy, held-out sessions: " in out
     said = ended_well("model", "info", file, "--json", tmp_path / "m.json")
-    assert "features: multiband" in said
+    assert "features: best, " in said
     assert "chosen (>): " in said
     chosen = said[said.index("chosen (>)") : said.index("early answers")]
     assert chosen in out

@@ -13,6 +13,7 @@ from granular_id import _core
 from granular_id.ecoc.posterior import Posterior
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import axes_of, lead_of
+from granular_id.identifier.recipe import BANDED
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces.multiband import USUAL_BLOCKS
 
@@ -59,10 +60,16 @@ class Answers:
 
     @property
     def space(self) -> str:
-        """Feature space: "raw", "hfmh", "raw+hfmh", "multiband", or "multiband" with the blocks added or left out."""
+        """Feature space that the model was trained in: one of `granular_id.identifier.recipe.SPACES`.
+
+        Of a classifier that was taken over with multi-band features: "multiband", with the blocks added or left out.
+        """
         spec = self.spec
         if isinstance(spec, FeatureSpec):
             return "+".join(name for name in ("raw", "hfmh") if getattr(spec, name))
+        settings = self.trained.get("settings")
+        if isinstance(settings, dict) and settings.get("space") in BANDED:
+            return str(settings["space"])
         left_out = [name for name in USUAL_BLOCKS if name not in spec.blocks]
         added = [name for name in spec.blocks if name not in USUAL_BLOCKS]
         return "+".join(["multiband", *added]) + "".join(f"-{name}" for name in left_out)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._core import MAX_MULTIBAND_VALUES
 from granular_id.identifier.early import EarlyRule
 from granular_id.identifier.parts import Parts
 from granular_id.identifier.recipe import BANDED, Recipe
@@ -115,7 +116,7 @@ def fingerprint(data: Dataset, settings: Mapping[str, Any]) -> str:
 
 
 def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: int) -> None:
-    """Refuse a model that would not fit into its file, before any time is spent on it.
+    """Refuse a model that no file could hold, before any time is spent on it.
 
     Parameters
     ----------
@@ -131,13 +132,18 @@ def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: i
     ValueError
         Naming ways out.
     """
+    is_banded, n_values = recipe.space in BANDED, shape[0] * shape[1]
+    if is_banded and n_values > MAX_MULTIBAND_VALUES:
+        raise ValueError(
+            f"recordings of {shape[0]} samples of {shape[1]} axes are too long for a model of multi-band features: "
+            f"{n_values} values, at most {MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
+        )
     n_raw, n_features = recipe.n_features(*shape)
     n_counts = recipe.n_bins * shape[1]
     n_learners = recipe.n_learners(n_classes)
     size = 8 * (n_learners * (n_features + n_classes + 4) + 3 * n_raw) + _HEADER_BYTES
     if size <= most:
         return
-    is_banded = recipe.space in BANDED
     ways = [f"the space 'hfmh' ({n_counts} features)"] if n_raw or is_banded else []
     ways += ["shorter recordings, or a lower rate"] if n_raw else []
     coding = f"the coding 'onevsall' ({n_classes} learners)"
