@@ -9,6 +9,8 @@ import json
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from cli_cases import ended_well, refused, saved
 from granular_id.best import BestClassifier
@@ -16,6 +18,7 @@ from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
 from granular_id.evaluation.choice_tables import choice_tables
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.controls import plan_controls
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.origins import origins_of
@@ -92,7 +95,7 @@ def test_what_was_chosen_is_shown_for_each_partition_and_over_all(data):
     assert [row[1] for row in each.rows[2:]] == [" ".join(str(k + 1) for k in one.chosen) for one in of_each]
     assert over_all.title in result.table()
     assert each.title in result.table()
-    assert result.portrait.looked_with == "" or result.portrait.looked_at == "best"
+    assert (result.portrait.looked_with != "") == (result.portrait.looked_at == "best")
 
 
 def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_path):
@@ -123,16 +126,34 @@ def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
     for change, message in (
         ({"chosen": [8]}, "chosen must be among the 8 machines"),
         ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 machines, got 1"),
+        ({"chosen": [1.0, True]}, r"chosen must be a list of int, got \[1.0, True\]"),
+        ({"machines": "ab"}, "machines must be a list of str, got 'ab'"),
+        ({"together": "0.5"}, "together must be a list of int or float"),
     ):
         wrong = copy.deepcopy(saved)
         wrong["spaces"][0]["protocols"]["session"]["chosen"][0].update(change)
         (tmp_path / "wrong.json").write_text(json.dumps(wrong), encoding="utf-8")
         with pytest.raises(ValueError, match=message):
             EvaluationResult.from_json(tmp_path / "wrong.json")
+    del wrong["spaces"][0]["protocols"]["session"]["chosen"][0]["note"]
+    with pytest.raises(ValueError, match="a choice must hold note"):
+        Chosen.from_dict(wrong["spaces"][0]["protocols"]["session"]["chosen"][0])
     saved["spaces"][0]["protocols"]["session"]["chosen"].pop()
     (tmp_path / "wrong.json").write_text(json.dumps(saved), encoding="utf-8")
     with pytest.raises(ValueError, match="2 choices, wanted 3"):
         EvaluationResult.from_json(tmp_path / "wrong.json")
+
+
+def test_only_a_choice_of_ours_is_one(data):
+    class Foreign(ECOCClassifier):
+        choice_ = "of its own"
+
+    assert Chosen.of(Foreign()) is None
+    assert Chosen.of(ECOCClassifier()) is None
+    X, y = data.X[:, :40, 0], data.y
+    fitted = make_pipeline(StandardScaler(), BestClassifier(relative_costs=[1.0], n_folds=2)).fit(X, y)
+    assert Chosen.of(fitted) == Chosen.of(fitted[-1])
+    assert len(Chosen.of(fitted).machines) == 2
 
 
 @pytest.mark.parametrize("axes", [("fz",), ("x", "y", "z"), tuple(f"s{k}" for k in range(13))])

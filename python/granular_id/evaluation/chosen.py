@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
+
+from sklearn.pipeline import Pipeline
 
 __all__ = ["Chosen"]
 
@@ -35,7 +37,9 @@ class Chosen:
 
     @classmethod
     def of(cls, classifier: Any) -> Chosen | None:
-        """Return what a fitted classifier chose in its `choice_`; None where it had nothing to choose from.
+        """Return what a fitted classifier chose, or the last step of a pipeline; None where there was no choice.
+
+        Only the `choice_` of a `granular_id.best.BestClassifier` counts: another classifier's may be anything.
 
         Examples
         --------
@@ -45,8 +49,11 @@ class Chosen:
         >>> Chosen.of(fitted).machines
         ('all blocks, plain, C 1', 'all blocks, whitened 0.001, C 1')
         """
-        choice = getattr(classifier, "choice_", None)
-        if choice is None or len(choice.machines) < 2:
+        from granular_id.best.choice import Choice  # noqa: PLC0415 (it imports this package)
+
+        last = classifier[-1] if isinstance(classifier, Pipeline) else classifier
+        choice = getattr(last, "choice_", None)
+        if not isinstance(choice, Choice) or len(choice.machines) < 2:
             return None
         return cls(
             machines=tuple(machine.name for machine in choice.machines),
@@ -70,13 +77,33 @@ class Chosen:
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Chosen:
-        """Make one from what `to_dict` gave; a TypeError or ValueError where parts do not fit together."""
-        machines = tuple(map(str, saved["machines"]))
-        chosen = tuple(saved["chosen"])
-        accuracies = tuple(map(float, saved["accuracies"]))
-        together = None if saved["together"] is None else float(saved["together"])
+        """Make one from what `to_dict` gave.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Parts that are missing, of another type, or do not fit together.
+        """
+        missing = [field.name for field in fields(cls) if field.name not in saved]
+        if missing:
+            raise ValueError(f"a choice must hold {', '.join(missing)}")
+        machines, chosen, accuracies = (
+            _list(name, saved[name], kinds)
+            for name, kinds in (("machines", (str,)), ("chosen", (int,)), ("accuracies", (int, float)))
+        )
+        together = saved["together"]
+        if together is not None:
+            (together,) = _list("together", [together], (int, float))
         if not chosen or not set(chosen) <= set(range(len(machines))):
             raise ValueError(f"chosen must be among the {len(machines)} machines, got {chosen}")
         if len(accuracies) not in (0, len(machines)):
             raise ValueError(f"wanted an accuracy of each of {len(machines)} machines, got {len(accuracies)}")
         return cls(machines, chosen, accuracies, together, str(saved["note"]))
+
+
+def _list(name: str, values: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return a list as JSON gave it; no text for a list, and no true for a 1."""
+    if not isinstance(values, list | tuple) or any(type(value) not in kinds for value in values):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} must be a list of {wanted}, got {values!r:.80}")
+    return tuple(values)
