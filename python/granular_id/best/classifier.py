@@ -23,17 +23,15 @@ from granular_id.ecoc.decoding import class_values
 from granular_id.ecoc.learners import line_scores
 from granular_id.ecoc.losses import fitting_loss
 from granular_id.ecoc.training import checked_n_jobs, class_indices
+from granular_id.spaces.multiband import BAND_LOSS
 from granular_id.spaces.scaling import BlockSizes, block_slices
 
-__all__ = ["BAND_LOSS", "DECODING", "BestClassifier"]
+__all__ = ["DECODING", "BestClassifier"]
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 DECODING = "loss_weighted"
-
-BAND_LOSS = "root"
-"""Binary loss of the preset, and of every model of multi-band features unless told otherwise."""
 
 
 class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]

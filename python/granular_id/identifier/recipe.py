@@ -11,14 +11,13 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id.best import BestClassifier
-from granular_id.best.classifier import BAND_LOSS
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import design
 from granular_id.evaluation.describe import describe_estimator
 from granular_id.identifier.banded import blocks_of
 from granular_id.spaces import HFMH, BlockScaler, RawHFMH, RawSignal, WithinClassWhitening
 from granular_id.spaces.hfmh import DEFAULT_RANGE, BinRange
-from granular_id.spaces.multiband import MultiBand
+from granular_id.spaces.multiband import BAND_LOSS, MultiBand
 from granular_id.spaces.weights import BlockWeights
 
 __all__ = ["BANDED", "GROWING", "SPACES", "Recipe"]

@@ -20,7 +20,7 @@ from granular_id._core import MultiBandExtractor
 from granular_id.spaces.base import RecordingTransformer, check_rate
 from granular_id.spaces.blocks import FeatureBlock
 
-__all__ = ["ALL_BLOCKS", "USUAL_BLOCKS", "FrequencyBand", "MultiBand"]
+__all__ = ["ALL_BLOCKS", "BAND_LOSS", "USUAL_BLOCKS", "FrequencyBand", "MultiBand"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,6 +29,9 @@ USUAL_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
 
 ALL_BLOCKS = (*USUAL_BLOCKS, "level")
 """Every block, in the order of the features."""
+
+BAND_LOSS = "root"
+"""Binary loss that models of these features decode with unless told otherwise, those of the preset included."""
 
 # A scale below this share of the whole signal is rounding, not signal.
 _ROUNDING = 1e-9
