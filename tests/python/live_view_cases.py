@@ -36,6 +36,8 @@ class Answer:
     sure: bool = False
     n_seen: int = 0
     warnings: tuple = field(default=())
+    candidates: tuple = ()
+    unknown: bool | None = None
 
 
 def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0, rate_hz=RATE_HZ):

@@ -1,6 +1,7 @@
 """``granular-id record`` and ``granular-id live``, end to end with a simulated sensor."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -67,6 +68,38 @@ def test_live_without_a_terminal_prints_lines_of_what_changes(model):
     words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1)
     out = ended_well("live", *words)
     assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
+
+
+def test_what_is_like_no_known_material_is_told_and_counted(folder, tmp_path):
+    strict = tmp_path / "strict.safetensors"
+    ended_well("train", folder, "-o", strict, "--space", "hfmh", "--share-known", 0.01, "--quiet")
+    words = ("--source", "sim:macaroni?seed=3", "--speed", 20, "--model", strict, "--n", 1)
+    out = ended_well("live", *words)
+    assert "Done: like no known material (final, after 1.00 s, nearest: " in out
+    assert "SYNTHETIC: 1 answer, 1 right (100 %); 1 like no known material" in out
+    out = ended_well("live", *words, "--quiet")
+    assert "like no known material  right" in out
+
+
+def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
+    words = ("live", "--source", "sim:rice?seed=3", "--speed", "10", "--model", str(model), "--quiet")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "granular_id", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    try:
+        for _ in range(2):
+            assert "final: margin" in process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130
+    assert error == ""
+    assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right \(\d+ %\)", out.splitlines()[-1])
 
 
 def test_a_page_is_offered_and_logs_are_whole(model, tmp_path):

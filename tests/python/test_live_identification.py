@@ -60,6 +60,24 @@ def test_simulated_pushes_are_named_and_the_truth_is_told(model):
     assert (live.n_pushes, live.n_answered, live.n_right) == (4, 4, 4)
 
 
+def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_an_answer(pushes):
+    strict = gid.Identifier.fit(pushes, "hfmh", share_known=0.01)  # refuses nearly everything
+    said = []
+    with opened("sim:macaroni?seed=3&speed=20") as stream:
+        stranger = LiveIdentifier(stream, strict)
+        push = stranger.push(said.append)
+    assert (push.decision.unknown, push.is_right) == (True, True)
+    assert (stranger.n_answered, stranger.n_right, stranger.n_unknown) == (1, 1, 1)
+    provisional = [decision for decision in said if not decision.final]
+    assert provisional
+    assert all(decision.unknown is None and decision.candidates == () for decision in provisional)
+    with opened("sim:rice?seed=3&speed=20") as stream:
+        known = LiveIdentifier(stream, strict)
+        push = known.push()
+    assert (push.decision.label, push.decision.unknown, push.is_right) == ("rice", True, False)
+    assert (known.n_right, known.n_unknown) == (0, 1)
+
+
 def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
     chosen = Dataset([pushes[k] for k in (0, 13, 5)])
     scores = model.scores(chosen.X)

@@ -16,16 +16,18 @@ HOSTILE = (
     "a name " * 20,
     "süß 糖",
 )
+FINISHED = listening(3.2)[1]
 CASES = {
     "idle": Snapshot("idle", source="rdt://192.168.1.1", classes=CLASSES),
     "listening": listening(1.7)[1],
-    "finished": listening(3.2)[1],
+    "finished": FINISHED,
     "in trouble": replace(
         listening(1.7)[1],
         warnings=("gap", "saturation"),
         lag_s=0.043,
         counters={"missing": 14, "gaps": 2, "saturated": 3},
     ),
+    "stranger": replace(FINISHED, decision=replace(FINISHED.decision, unknown=True)),
     "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
     "hostile names": replace(listening(3.2, classes=HOSTILE)[1], source=HOSTILE[0], warnings=HOSTILE),
 }
@@ -162,6 +164,14 @@ def test_the_decision_is_spoken(opened, monitor):
     assert page.evaluate(
         "[...document.querySelectorAll('canvas, svg')].every((n) => n.getAttribute('aria-label'))"
     )
+
+
+def test_a_stranger_is_not_called_by_the_nearest_name(opened):
+    page = opened(CASES["stranger"])
+    page.wait_for_function("() => document.getElementById('spoken').textContent.startsWith('Final answer: ')")
+    assert page.inner_text("#title") == "like no known material"
+    assert page.inner_text("#detail").startswith(f"nearest: {FINISHED.decision.label}, margin ")
+    assert page.get_attribute("#top", "data-kind") == "unknown"
 
 
 def test_reduced_motion_is_respected(opened, monitor):

@@ -143,10 +143,25 @@ def test_a_pipe_gets_a_line_per_change_and_one_a_second():
         ({"settled": True}, "can no longer change"),
         ({"sure": True}, "sure enough to stop"),
         ({"probability": 0.934}, "probability 93 %"),
+        ({"candidates": ("rice", "salt")}, "may be rice or salt"),
     ],
 )
 def test_how_sure_it_is_is_told(options, words):
     assert words in line_of(replace(MIDDLE, decision=answer(1.7, **options)))
+
+
+@pytest.mark.parametrize("width", [40, 100])
+def test_what_is_like_no_known_material_is_not_called_by_the_nearest_name(width):
+    decision = replace(END.decision, unknown=True, candidates=("fine sugar", "cat litter"))
+    stranger = replace(END, decision=decision)
+    text = " ".join(drawn(stranger, width).replace("┃", " ").split())
+    assert "LIKE NO KNOWN MATERIAL" in text
+    assert "FINE SUGAR" not in text
+    for said in (text, line_of(stranger)):
+        assert "nearest: fine sugar, margin" in said
+        assert "may be fine sugar or cat litter" in said
+    assert "Done: like no known material (final, after 3.20 s, nearest: fine sugar" in line_of(stranger)
+    assert "may be" not in line_of(replace(END, decision=replace(decision, candidates=("fine sugar",))))
 
 
 def test_an_early_answer_that_was_given_is_not_called_provisional():

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from granular_id.cli.interrupts import heeding_interrupts
 
-__all__ = ["DEBUG", "guarded", "in_options", "words_of"]
+__all__ = ["DEBUG", "INTERRUPTED", "guarded", "in_options", "words_of"]
 
 DEBUG = "GRANULAR_ID_DEBUG"
 """Environment variable: when set, an error ends in its traceback instead of one line."""

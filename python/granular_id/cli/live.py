@@ -9,9 +9,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
 
-from granular_id.cli.errors import guarded
+from granular_id.cli.errors import INTERRUPTED, guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
 from granular_id.cli.sentences import counted
@@ -28,7 +29,11 @@ TEXT = """
 Name the material of each push while the tool moves.
 
 The screen shows the six axes, the ranking of materials as it grows, the answer, lag and losses. `--view` adds a page
-for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a replay.
+for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a replay; how many answers
+there were, and how many of them were right where the source knows it, stands at the end of either.
+
+A final answer says whether the signal is like no known material, with the nearest one, and which others it may be,
+where the model has rules for that (see `granular-id model info`); answers before the end of a push say neither.
 
 Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it was. What a
 simulation answers says nothing about real materials.
@@ -130,6 +135,8 @@ def live(
                     console.print(_line(push), soft_wrap=True, markup=False)
         except CaptureError as error:
             raise ValueError(str(error)) from error
+        except KeyboardInterrupt:  # how a session without --n ends: the tally says all
+            raise typer.Exit(INTERRUPTED) from None
         finally:
             views.close()
             _sum_up(console, identifying, views)
@@ -177,7 +184,7 @@ def _line(push: Push) -> str:
     if push.decision is None:
         return f"no answer: {push.text}"
     verdict = {True: "  right", False: f"  WRONG, it was {push.truth}", None: ""}[push.is_right]
-    if push.is_right is False and push.truth not in dict(push.decision.ranking):
+    if push.is_right is False and not push.decision.unknown and push.truth not in dict(push.decision.ranking):
         verdict += ", which the model does not know"
     return f"{push.decision}{verdict}"
 
@@ -185,8 +192,6 @@ def _line(push: Push) -> str:
 def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None:
     for complaint in views.complaints:
         console.print(f"a view ended: {complaint}", style="yellow", soft_wrap=True, markup=False)
-    if not identifying.n_pushes:
-        return
     n, failed = identifying.n_answered, identifying.n_pushes - identifying.n_answered
     right = (
         f", {identifying.n_right} right ({100 * identifying.n_right / n:.0f} %)"
@@ -195,4 +200,5 @@ def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None
     )
     synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
     lost = f"; {failed} could not be captured" if failed else ""
-    console.print(f"{synthetic}{counted(n, 'answer')}{right}{lost}", soft_wrap=True)
+    refused = f"; {identifying.n_unknown} like no known material" if identifying.n_unknown else ""
+    console.print(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}", soft_wrap=True)

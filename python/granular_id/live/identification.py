@@ -55,8 +55,15 @@ class Push:
 
     @property
     def is_right(self) -> bool | None:
-        """Whether the answer is the truth; None where either is missing."""
-        return None if self.decision is None or self.truth is None else self.decision.label == self.truth
+        """Whether the answer is the truth; None where either is missing.
+
+        An answer that it is like no known material is right where the model does not know the truth.
+        """
+        if self.decision is None or self.truth is None:
+            return None
+        if self.decision.unknown:
+            return self.truth not in dict(self.decision.ranking)
+        return self.decision.label == self.truth
 
 
 class LiveIdentifier:
@@ -124,7 +131,7 @@ class LiveIdentifier:
                 f"pre_s is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
             )
         self.stream, self.model = stream, model
-        self.n_pushes = self.n_answered = self.n_right = 0
+        self.n_pushes = self.n_answered = self.n_right = self.n_unknown = 0
         self.knows_truth = False
         self._setup = setup_of(stream.source) if setup is None else setup
         self._rest_s = rest_s
@@ -264,6 +271,7 @@ class LiveIdentifier:
             self.n_answered += 1
             self.knows_truth |= truth is not None
             self.n_right += bool(push.is_right)
+            self.n_unknown += bool(push.decision.unknown)
         self._show(capture, push.decision, hint=push.text, state="failed" if failed else "complete")
         return push
 

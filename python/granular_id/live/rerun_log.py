@@ -10,13 +10,14 @@ import numpy as np
 from granular_id._files import cannot_write, check_target
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
-from granular_id.live.wording import SYNTHETIC, answer_of, state_of, warnings_of
+from granular_id.live.wording import GIVEN, SYNTHETIC, answer_of, state_of, warnings_of
 from granular_id.plotting.style import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from granular_id.live.snapshot import Snapshot
+    from granular_id.live.wording import Answer
 
 __all__ = ["TIMELINE", "RerunLog"]
 
@@ -116,10 +117,9 @@ class RerunLog(BackgroundView):
         self._not_logged += snapshot.fresh_lost
         answer = answer_of(snapshot)
         state = f"{state_of(snapshot)}: {snapshot.hint}" if snapshot.hint else state_of(snapshot)
-        named = answer.kind in ("provisional", "final")
         told = {
             "state": (state, "ERROR" if snapshot.state == "failed" else "INFO"),
-            "answer": (f"{answer.kind}: {answer.title}" if named else "", "INFO"),
+            "answer": (_named(answer) if answer.kind in GIVEN else "", "INFO"),
             "warnings": ("; ".join(warnings_of(snapshot)), "WARN"),
             "not logged": (f"{self._not_logged:,} rows not logged so far" * bool(self._not_logged), "WARN"),
         }
@@ -161,3 +161,10 @@ class RerunLog(BackgroundView):
                 columns=self._rerun.Scalars.columns(scalars=np.asarray(values, np.float64)),
                 recording=self._log,
             )
+
+
+def _named(answer: Answer) -> str:
+    """Return the answer; where it refuses to name a material, with the nearest one."""
+    if answer.kind == "unknown":
+        return f"final: {answer.title} ({answer.detail})"
+    return f"{answer.kind}: {answer.title}"

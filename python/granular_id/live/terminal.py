@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
 from granular_id.live.wording import (
+    GIVEN,
     SYNTHETIC,
     answer_of,
     figures_of,
@@ -113,7 +114,7 @@ def line_of(snapshot: Snapshot) -> str:
     """
     answer = answer_of(snapshot)
     state = state_of(snapshot)
-    if answer.kind in ("provisional", "final"):
+    if answer.kind in GIVEN:
         said = (
             f"{state}: {answer.title} ({', '.join(part for part in (answer.stage, answer.detail) if part)})"
         )

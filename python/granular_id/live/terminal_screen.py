@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from granular_id.live.wording import (
+    GIVEN,
     SYNTHETIC,
     answer_of,
     figures_of,
@@ -35,7 +36,7 @@ __all__ = ["screen"]
 
 _LEVELS = "▁▂▃▄▅▆▇█"
 _ASCII_LEVELS = "_.-~=+*#"
-_STYLES = {"none": "white", "provisional": "yellow", "final": "green", "failed": "red"}
+_STYLES = {"none": "white", "provisional": "yellow", "final": "green", "unknown": "yellow", "failed": "red"}
 _NARROW = 64  # below this many columns there is one trace per axis, not two
 
 
@@ -79,7 +80,7 @@ def _head(snapshot: Snapshot) -> RenderableType:
 def _answer(snapshot: Snapshot, *, ascii_only: bool) -> RenderableType:
     answer = answer_of(snapshot)
     style = _STYLES[answer.kind]
-    strong = f"bold reverse {style}" if answer.kind in ("provisional", "final") else f"bold {style}"
+    strong = f"bold reverse {style}" if answer.kind in GIVEN else f"bold {style}"
     words = Group(
         Align.center(Text(f"  {answer.title.upper()}  ", style=strong)),
         Text(answer.stage, style="bold", justify="center"),

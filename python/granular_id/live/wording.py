@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from granular_id.live.snapshot import Snapshot
 
 __all__ = [
+    "GIVEN",
     "SYNTHETIC",
     "Answer",
     "Figure",
@@ -55,7 +56,10 @@ _WARNINGS = {
 }
 """Warnings of a decision, and what they mean."""
 
-Kind = Literal["none", "provisional", "final", "failed"]
+Kind = Literal["none", "provisional", "final", "unknown", "failed"]
+
+GIVEN: frozenset[Kind] = frozenset(("provisional", "final", "unknown"))
+"""Kinds of an answer that rest on a decision."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +68,15 @@ class Answer:
 
     Parameters
     ----------
-    kind : {"none", "provisional", "final", "failed"}
+    kind : {"none", "provisional", "final", "unknown", "failed"}
         What sort of an answer it is. Final is what nothing will be added to: early answers that were given, too.
+        Unknown is a final answer that refuses to name a material.
     title : str
-        The material, or that there is none yet.
+        The material, that it is like no known one, or that there is none yet.
     stage : str
         How far the answer is.
     detail : str
-        By how much it leads.
+        Which material is nearest where it is like none, by how much it leads, and what else it may be.
     """
 
     kind: Kind
@@ -119,16 +124,20 @@ def answer_of(snapshot: Snapshot) -> Answer:
             stage += ", can no longer change (forces as in training)"
         elif decision.sure:
             stage += ", sure enough to stop"
+    if decision.unknown:
+        return Answer("unknown", "like no known material", stage, _lead(decision))
     kind: Kind = "final" if given else "provisional"
     return Answer(kind, printable(decision.label), stage, _lead(decision))
 
 
 def _lead(decision: Decision) -> str:
-    parts = []
+    parts = [f"nearest: {printable(decision.label)}"] if decision.unknown else []
     if len(decision.ranking) > 1:
         parts.append(f"margin {decision.margin:.3f} ahead of {printable(decision.ranking[1][0])}")
     if decision.probability is not None:
         parts.append(f"probability {100 * decision.probability:.0f} %")
+    if len(decision.candidates) > 1:
+        parts.append(f"may be {' or '.join(map(printable, decision.candidates))}")
     return ", ".join(parts)
 
 

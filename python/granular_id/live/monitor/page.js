@@ -44,8 +44,9 @@ function warnings(list) {
 
 function speak(now) {
   const { kind, title, detail } = frame.answer;
-  const text = kind === "final" ? `Final answer: ${title}, ${detail}` : kind === "none" ? frame.state_name : `${title}, ${kind}`;
-  if ($("spoken").textContent === text || (now - spoken < SPEECH_MS && kind !== "final" && kind !== "failed")) return;
+  const given = kind === "final" || kind === "unknown";
+  const text = given ? `Final answer: ${title}, ${detail}` : kind === "none" ? frame.state_name : `${title}, ${kind}`;
+  if ($("spoken").textContent === text || (now - spoken < SPEECH_MS && !given && kind !== "failed")) return;
   spoken = now;
   write($("spoken"), text);
 }
@@ -62,7 +63,7 @@ function tell(now) {
   write($("synthetic"), frame.synthetic);
   $("synthetic").hidden = !frame.synthetic;
   const seen = frame.history_s.length ? frame.history_s[frame.history_s.length - 1] : 0;
-  $("progress").style.transform = `scaleX(${kind === "provisional" || kind === "final" ? Math.min(1, seen / frame.capture_s) : 0})`;
+  $("progress").style.transform = `scaleX(${kind === "none" || kind === "failed" ? 0 : Math.min(1, seen / frame.capture_s)})`;
   document.title = `${frame.synthetic ? "SYNTHETIC: " : ""}${title} \u00b7 granular_id live`;
   figures(frame.figures);
   warnings(frame.warnings);
