@@ -132,6 +132,15 @@ class Told(ECOCClassifier):
         return super().fit(X, y)
 
 
+@pytest.mark.parametrize("n_folds", [2, 7])
+def test_no_more_models_are_trained_than_were_counted(n_folds):
+    Told.seen.clear()
+    rows = rows_of(np.arange(48.0)[:, np.newaxis] * [1.0, -1.0], list("abcabcabcabc") * 4)
+    assess(rows, Told(), n_seeds=1, n_folds=n_folds)
+    most = count_trainings(rows, n_seeds=1, n_folds=n_folds)
+    assert 0.8 * most < len(Told.seen) <= most
+
+
 def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows():
     Told.seen.clear()
     days = np.repeat(["mon", "tue", "wed", "thu"], 12)

@@ -135,8 +135,8 @@ def assess(
     )
 
 
-def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20) -> int:
-    """Count the models that `assess` trains at most, to say beforehand how long it may take.
+def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | None = None) -> int:
+    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take.
 
     Examples
     --------
@@ -147,10 +147,13 @@ def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20) -> int:
     122
     """
     rows = rows_of(data)
-    once, drawn = (len(rows.folds(strict=strict)[0]) for strict in (True, False))
-    honest, outer = rows.honest()[0], len(rows.honest(N_FOLDS)[0])
+    once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
+    honest = rows.honest(n_folds)[0]
     strictly = 0 if honest[0].protocol == "kfold" else len(honest) * (1 + once)
-    left_out = len(rows.classes) * outer * (1 + len(rows.folds(N_FOLDS)[0])) if len(rows.classes) > 2 else 0
+    left_out = 0
+    if len(rows.classes) > 2:
+        outer, inner = rows.honest(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
+        left_out = len(rows.classes) * len(outer) * (1 + len(inner))
     return once + n_seeds * (1 + drawn) + strictly + left_out
 
 
