@@ -116,17 +116,15 @@ class EvaluationResult:
 
     def space(self, name: str) -> SpaceSummary:
         """Return one space by name, or raise a ValueError that lists the names."""
-        for candidate in self.spaces:
-            if candidate.name == name:
-                return candidate
-        known = ", ".join(repr(candidate.name) for candidate in self.spaces)
-        raise ValueError(f"space must be one of {known}, got {name!r}")
+        named = {space.name: space for space in self.spaces}
+        if name not in named:
+            raise ValueError(f"space must be one of {', '.join(map(repr, named))}, got {name!r}")
+        return named[name]
 
     def best_space(self, protocol: str | None = None) -> str:
         """Name of the space with the highest mean accuracy; the first of equals.
 
-        The choice uses the tested recordings: good for picking what to look at, not for claiming its
-        accuracy.
+        The choice uses the tested recordings: good for picking what to look at, not for claiming its accuracy.
         """
         return max(self.spaces, key=lambda space: self.mean_accuracy(space.name, protocol)).name
 
@@ -245,15 +243,12 @@ class EvaluationResult:
         """Tables of accuracies, gaps, choices and seconds as plain text."""
         return plain_text(self)
 
-    def __str__(self) -> str:
-        return self.table()
+    __str__ = table
 
     def __repr__(self) -> str:
         means = ", ".join(f"{s.name} {tables.percent(self.mean_accuracy(s.name))}" for s in self.spaces)
-        synthetic = "SYNTHETIC, " if self.synthetic else ""
-        return (
-            f"EvaluationResult({synthetic}{len(self.names)} recordings, {len(self.labels)} labels, {means})"
-        )
+        mark = "SYNTHETIC, " if self.synthetic else ""
+        return f"EvaluationResult({mark}{len(self.names)} recordings, {len(self.labels)} labels, {means})"
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON knows; see `to_json`."""
@@ -261,7 +256,7 @@ class EvaluationResult:
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write figures, settings, partitions and predictions as one JSON file; whole or not at all."""
-        write_json(path, export.as_dict(self))
+        write_json(path, self.to_dict())
 
     @classmethod
     def from_json(cls, path: str | os.PathLike[str]) -> EvaluationResult:
