@@ -82,7 +82,7 @@ def test_the_library_evaluates_without_the_extra():
     assert done.stdout.startswith("Accuracy on SYNTHETIC recordings")
 
 
-def interrupted_after(first_line, module, *words):
+def interrupted_after(first_line, module, *words, told=""):
     """Start a command, press Ctrl-C after its first line, and check that it ends as promised."""
     running = subprocess.Popen(
         [sys.executable, "-m", module, *map(str, words)],
@@ -98,7 +98,7 @@ def interrupted_after(first_line, module, *words):
     finally:
         running.kill()
     assert running.returncode == 130
-    assert errors == "Interrupted: no file was left half-written.\n"
+    assert errors.removeprefix(told) == "Interrupted: no file was left half-written.\n"
 
 
 def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
@@ -109,7 +109,8 @@ def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
 
 
 def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
-    interrupted_after("SYNTHETIC data", "granular_id", "demo", "-o", tmp_path / "new" / "demo")
+    words = ("demo", "-o", tmp_path / "new" / "demo")
+    interrupted_after("SYNTHETIC data", "granular_id", *words, told="simulating 682 pushes\n")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -188,6 +189,22 @@ def test_the_demo_shows_that_it_simulates(tmp_path):
     with Terminal(["demo", "--quick", "-o", str(tmp_path)]) as terminal:
         terminal.read_until("simulating 132 pushes")
         assert "simulating 132 pushes" in terminal.shown
+
+
+def test_the_demo_tells_its_steps_in_lines_without_a_terminal(tmp_path):
+    running = subprocess.Popen(
+        [sys.executable, "-m", "granular_id.cli", "demo", "--quick", "-o", str(tmp_path)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=ENVIRONMENT,
+    )
+    try:
+        assert running.stderr.readline() == "simulating 132 pushes\n"
+        assert re.fullmatch(r"1 of \d+: .+\n", running.stderr.readline())
+    finally:
+        running.kill()
+        running.communicate()
 
 
 @needs_terminal

@@ -269,7 +269,7 @@ def test_rates_that_differ_are_refused_with_the_lowest_proposed():
     [
         (["--space", "paper"], "there is no feature space 'paper'; there are raw"),
         (["--space", "raw,hfmh"], "there is no feature space 'raw,hfmh'"),
-        (["--figure", "f.xyz"], "path must end in one of"),
+        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf, got 'f.xyz'"),
         (["--figure", "one.svg", "--json", "one.svg"], "one.svg would be written twice"),
         (["--json", "no/where.json"], "the folder no does not exist"),
     ],
@@ -292,3 +292,18 @@ def test_a_result_that_is_not_there_is_told_in_words(tmp_path):
     )
     line = refused("report", tmp_path / "folder", "-o", tmp_path / "a.html")
     assert line == f"error: {tmp_path}/folder: is a directory"
+
+
+def test_a_model_is_no_result_and_nothing_is_said_of_bytes(tmp_path):
+    model = tmp_path / "kitchen.safetensors"
+    model.write_bytes(b"\x90\x10\x00\x00{}")
+    line = refused("report", model)
+    assert line == f"error: {model} is no JSON of an evaluation, as granular-id evaluate --json writes it"
+
+
+@pytest.mark.parametrize("spaces", ["multiband,best", "raw,best"])
+def test_select_refuses_spaces_with_a_classifier_before_anything_is_read(tmp_path, spaces):
+    line = refused("select", tmp_path / "absent", "--spaces", spaces)
+    assert "--spaces must leave out" in line
+    assert "there are raw+hfmh" in line
+    assert f"granular-id evaluate --spaces {spaces}" in line

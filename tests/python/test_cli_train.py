@@ -123,7 +123,7 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
             "--posterior wu_lin_weng needs one learner for each",
         ),
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
-        (["--figure", "f.doc"], "must end in one of"),
+        (["--figure", "f.doc"], "--figure must end in .png, .svg or .pdf"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
         (["--n-bins", "50"], "--n-bins must be left out with --space best, which has no use for it"),
         (["--space", "raw", "--n-bins", "50"], "--n-bins must be left out with --space raw, which has no"),

@@ -194,7 +194,7 @@ def test_command(tmp_path):
         (["--known", "1"], "--known must be between 0 and 1"),
         (["--seeds", "0"], "--seeds"),
         (["--space", "paper"], "there is no feature space 'paper'"),
-        (["--figure", "f.xyz"], "path must end in one of"),
+        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),
         (["--figure", "one.svg", "--json", "one.svg"], "would be written twice"),
     ],
 )

@@ -167,7 +167,7 @@ def test_a_failed_save_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
 
 
 def test_unknown_endings_and_missing_folders_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"path must end in one of .*png.*, got .*figure.xyz"):
+    with pytest.raises(ValueError, match=r"path must end in .*png.*, got .*figure.xyz"):
         plot_confusion([[1]], ["a"], path=tmp_path / "figure.xyz")
     with pytest.raises(FileNotFoundError, match="does not exist"):
         plot_confusion([[1]], ["a"], path=tmp_path / "missing" / "figure.png")

@@ -94,7 +94,7 @@ def confidence(
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
-        file_format(figure)
+        file_format(figure, "--figure")
     reading.refuse_absent()
     method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -11,6 +11,9 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.session import Outputs, Run, evaluate_and_show
 from granular_id.cli.settings import at_least
+
+if TYPE_CHECKING:
+    from granular_id._progress import ProgressCallback
 
 __all__ = ["demo"]
 
@@ -71,11 +74,29 @@ def _run(outputs: Outputs, counts: dict[str, int], seed: int, threads: int | Non
         f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
         "figures below show that the program works, not how well it knows real materials."
     )
-    with Console(stderr=True).status(f"simulating {n} pushes"):
+    told = Console(stderr=True, highlight=False)
+    step = f"simulating {n} pushes"
+    if not told.is_terminal:
+        told.print(step)
+    with told.status(step):
         data = synthesize(n_per_class=n_per_class, seed=seed)
     known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
     run = Run(
         spaces={name: known[name] for name in in_paper_order(known)},
         arguments={**counts, "random_state": seed, "n_jobs": threads if threads is not None else -1},
+        progress=True if told.is_terminal else _in_lines(told),
     )
     evaluate_and_show(data, run, outputs, quiet=False)
+
+
+def _in_lines(console: Console) -> ProgressCallback:
+    """Tell progress where there is no terminal for a bar: a line when a space or protocol is first met."""
+    told = set[str]()
+
+    def tell(done: int, total: int, what: str) -> None:
+        step = what.partition(", ")[0]
+        if step not in told:
+            told.add(step)
+            console.print(f"{done} of {total}: {step}", markup=False, soft_wrap=True)
+
+    return tell

@@ -14,7 +14,7 @@ from granular_id.cli.method import Method
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Outputs, repeated_command, say_written
-from granular_id.cli.settings import at_least, chosen_spaces
+from granular_id.cli.settings import at_least, chosen_spaces, without_classifier
 
 __all__ = ["select"]
 
@@ -24,6 +24,9 @@ Choose a feature space, the weights of its blocks and C, and say how sure the ch
 Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
 Whole sessions are held out where the recordings have several of each material; else blocks in time order; else
 random folds. The output says which.
+
+Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for itself.
+`granular-id evaluate --spaces` compares them with others.
 
 PATH is a file or folder of any format, as for `granular-id evaluate`.
 
@@ -61,6 +64,7 @@ def select(
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, None) if spaces else None
+    without_classifier(chosen or ())
     outputs = Outputs(json=json, source=reading.path)
     with outputs.ready():
         data = equal_recordings(reading, steps, quiet=quiet)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 if TYPE_CHECKING:
+    from granular_id._progress import ProgressCallback
     from granular_id.evaluation import EvaluationResult
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
@@ -84,13 +85,17 @@ def check_targets(*paths: Path | None, source: Path | None = None) -> None:
 
 @dataclass(frozen=True)
 class Run:
-    """An evaluation to make: see `granular_id.evaluate`. `fresh` forgets what an interrupted run had finished."""
+    """An evaluation to make: see `granular_id.evaluate`.
+
+    `fresh` forgets what an interrupted run had finished; `progress` is heeded unless the command is quiet.
+    """
 
     spaces: Mapping[str, FeatureSpace]
     protocol: str | tuple[str, ...] = "auto"
     confusion_of: str | None = None
     fresh: bool = False
     arguments: Mapping[str, Any] = field(default_factory=dict)
+    progress: bool | ProgressCallback = True
 
 
 def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool) -> None:
@@ -114,7 +119,12 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
     with kept_for(command, fresh=run.fresh) as kept:
         result = kept.going_on(
             lambda folder: evaluate(
-                data, run.spaces, run.protocol, checkpoint=folder, progress=not quiet, **run.arguments
+                data,
+                run.spaces,
+                run.protocol,
+                checkpoint=folder,
+                progress=not quiet and run.progress,
+                **run.arguments,
             )
         )
         result = replace(result, command=command)

@@ -119,7 +119,7 @@ def train(
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
-        file_format(figure)
+        file_format(figure, "--figure")
     reading.refuse_absent()
     from granular_id.identifier.recipe import Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
 

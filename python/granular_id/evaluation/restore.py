@@ -48,6 +48,10 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     try:
         saved = json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=_no_number)
+    except UnicodeDecodeError:  # no text: where it stops being one says nothing
+        raise ValueError(
+            f"{path} is no JSON of an evaluation, as granular-id evaluate --json writes it"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path} is no JSON: {error}") from None
     form = saved.get("format") if isinstance(saved, dict) else None

@@ -116,13 +116,12 @@ def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
         figure.savefig(draft, format=form, dpi=150)
 
 
-def file_format(path: str | os.PathLike[str]) -> str:
-    """Return the format that the ending of a path chooses, or say which endings there are."""
+def file_format(path: str | os.PathLike[str], name: str = "path") -> str:
+    """Return the format that the ending of a path chooses, or say which are usual; `name` is that of the argument."""
     target = Path(path)
     form = target.suffix.removeprefix(".").lower()
-    supported = new_figure(1, 1).canvas.get_supported_filetypes()
-    if form not in supported:
-        raise ValueError(f"path must end in one of {', '.join(sorted(supported))}, got {str(target)!r}")
+    if form not in new_figure(1, 1).canvas.get_supported_filetypes():
+        raise ValueError(f"{name} must end in .png, .svg or .pdf, got {str(target)!r}")
     return form
 
 

@@ -74,7 +74,7 @@ def plot(
     from granular_id import plotting  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.plotting.style import file_format  # noqa: PLC0415
 
-    file_format(output)
+    file_format(output, "--output")
     data = steps.taken(reading.load(quiet=False), quiet=False, onsets=what is What.onset)
     chosen = names_in(axes)
     if what is What.mean:
