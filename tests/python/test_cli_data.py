@@ -151,7 +151,9 @@ def test_plots(pushes, tmp_path, what):
 
 
 def test_plots_that_cannot_be_are_told(folder, tmp_path):
-    assert "--output must end in .png, .svg or .pdf" in refused("data", "plot", folder, "-o", tmp_path / "x.xyz")
+    assert "--output must end in .png, .svg or .pdf" in refused(
+        "data", "plot", folder, "-o", tmp_path / "x.xyz"
+    )
     assert "mixes units" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "fx,tx")
     assert "wanted some of fx" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "force")
     assert list(tmp_path.iterdir()) == []
