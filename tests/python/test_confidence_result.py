@@ -200,5 +200,5 @@ def test_command(tmp_path):
 )
 def test_command_is_refused_before_anything_is_read(tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    assert message in refused("confidence", tmp_path / "nowhere", *words)
+    assert message in refused("confidence", tmp_path, *words)
     assert list(tmp_path.iterdir()) == []
