@@ -135,6 +135,15 @@ def test_defaults_are_the_first_protocol_and_the_best_space(result):
     assert make_result(protocols=("paper",)).gap("raw") is None
 
 
+def test_of_equals_the_strictest_protocol_prefers():
+    equal = make_result(right=(1.0, 0.5))  # all right with random draws, the halves differ
+    halves = {name: equal.mean_accuracy(name, "chronological") for name in ("raw+hfmh", "raw")}
+    assert len(set(halves.values())) == 2
+    assert equal.best_space("paper") == max(halves, key=halves.get)
+    other = next(seed for seed in range(20) if make_result(right=(1.0, 0.5), seed=seed).best_space() == "raw")
+    assert make_result(right=(1.0, 0.5), seed=other, protocols=("paper",)).best_space() == "raw+hfmh"
+
+
 def test_the_paper_stands_beside_its_own_materials_only(result):
     text = result.table()
     assert str(result) == text

@@ -122,11 +122,12 @@ class EvaluationResult:
         return named[name]
 
     def best_space(self, protocol: str | None = None) -> str:
-        """Name of the space with the highest mean accuracy; the first of equals.
+        """Name of the space with the highest mean accuracy; of equals that which the strictest protocol prefers.
 
         The choice uses the tested recordings: good for picking what to look at, not for claiming its accuracy.
         """
-        return max(self.spaces, key=lambda space: self.mean_accuracy(space.name, protocol)).name
+        protocols = (protocol, self.strictest)
+        return max(self.spaces, key=lambda s: [self.mean_accuracy(s.name, p) for p in protocols]).name
 
     def accuracies(self, space: str, protocol: str | None = None) -> NDArray[np.float64]:
         """Share of tested recordings named rightly, one value per partition.
