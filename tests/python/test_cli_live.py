@@ -81,8 +81,8 @@ def test_what_is_like_no_known_material_is_told_and_counted(folder, tmp_path):
     assert "like no known material  right" in out
 
 
-def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
-    words = ("live", "--source", "sim:rice?seed=3", "--speed", "10", "--model", str(model), "--quiet")
+def interrupted(*words, after):
+    """Press Ctrl-C after two lines of output that hold some text; return the rest of it, and the errors."""
     process = subprocess.Popen(
         [sys.executable, "-m", "granular_id", *words],
         stdout=subprocess.PIPE,
@@ -92,12 +92,18 @@ def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
     )
     try:
         for _ in range(2):
-            assert "final: margin" in process.stdout.readline()
+            assert after in process.stdout.readline()
         process.send_signal(signal.SIGINT)
         out, error = process.communicate(timeout=30)
     finally:
         process.kill()
     assert process.returncode == 130
+    return out, error
+
+
+def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
+    words = ("live", "--source", "sim:rice?seed=3", "--speed", "10", "--model", str(model), "--quiet")
+    out, error = interrupted(*words, after="final: margin")
     assert error == ""
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right \(\d+ %\)", out.splitlines()[-1])
 
@@ -211,26 +217,8 @@ def test_nobody_pushes(model):
 
 
 def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
-    command = [
-        sys.executable,
-        "-m",
-        "granular_id",
-        "record",
-        "--source",
-        "sim:rice?seed=1",
-        "--label",
-        "rice",
-    ]
-    command += ["--speed", "10", "--n", "500", "-o", str(tmp_path / "x")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        for _ in range(2):
-            assert "1600 samples" in process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        _, error = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert process.returncode == 130
+    words = ("record", "--source", "sim:rice?seed=1", "--label", "rice", "--speed", "10", "--n", "500")
+    _, error = interrupted(*words, "-o", str(tmp_path / "x"), after="1600 samples")
     assert error == "Interrupted: no file was left half-written.\n"
     assert len(gid.load(tmp_path / "x")) >= 2
     assert not list((tmp_path / "x").rglob(".*"))
