@@ -14,15 +14,7 @@ const N_RECORDINGS: usize = 64;
 
 /// Only some blocks.
 fn only(blocks: &[Block]) -> MultiBandSpec {
-    let has = |block| blocks.contains(&block);
-    MultiBandSpec {
-        rate_hz: 500.0,
-        coupling: has(Block::Coupling),
-        quantiles: has(Block::Quantiles),
-        envelope: has(Block::Envelope),
-        spectrum: has(Block::Spectrum),
-        level: has(Block::Level),
-    }
+    MultiBandSpec::of(500.0, |block| blocks.contains(&block))
 }
 
 fn design(spec: MultiBandSpec) -> MultiBand {

@@ -28,17 +28,7 @@ fn noise(seed: u64, n: usize) -> Vec<f64> {
 
 /// Any selection of blocks but none.
 fn spec() -> impl Strategy<Value = MultiBandSpec> {
-    (1..32_u8).prop_map(|bits| {
-        let has = |place: u8| bits >> place & 1 == 1;
-        MultiBandSpec {
-            rate_hz: 500.0,
-            coupling: has(0),
-            quantiles: has(1),
-            envelope: has(2),
-            spectrum: has(3),
-            level: has(4),
-        }
-    })
+    (1..32_u8).prop_map(|bits| MultiBandSpec::of(500.0, |block| bits >> block as u8 & 1 == 1))
 }
 
 /// Scores of the beginning of a recording in the order of addition that is promised, one number at a time.

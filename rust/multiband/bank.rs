@@ -2,7 +2,7 @@
 
 use super::bands::{halved, halvings, n_octaves, Filters};
 use super::octave::{run, Coefficients, Memory, Rows, BACK, ROWS};
-use super::quad::{spread, Quad, QUAD};
+use super::quad::{first, spread, Quad, QUAD};
 use crate::error::{Error, Result};
 use crate::lanes::Isa;
 
@@ -74,7 +74,7 @@ pub(super) struct BankWork {
     places: Vec<Place>,
     /// Four axes of the levels of the pyramid below the first, one after the other, each after [`BACK`] rows at rest.
     levels: Vec<Quad>,
-    first: Box<FirstLevel>,
+    first_level: Box<FirstLevel>,
 }
 
 /// One block of the first level.
@@ -137,7 +137,7 @@ impl Bank {
             values: vec![0.0; n_values + LINE],
             places,
             levels: vec![Quad::ZERO; n_rows],
-            first: Box::new(FirstLevel {
+            first_level: Box::new(FirstLevel {
                 input: [Quad::ZERO; BACK + ROWS],
                 centred: [Quad::ZERO; ROWS],
                 rows: Rows::new(),
@@ -192,11 +192,11 @@ impl Bank {
         means: &[f64],
         work: &mut BankWork,
     ) {
-        let BankWork { values, places, levels, first } = work;
+        let BankWork { values, places, levels, first_level } = work;
         let start = aligned(values);
         let mut target = Target::<N> { values: &mut values[start..], places, axis, bank: self };
-        self.first_level::<I, N>(recording, Quad::load::<N>(&means[axis..]), levels, first, &mut target);
-        let rows = &mut first.rows;
+        self.first_level::<I, N>(recording, first::<N>(&means[axis..]), levels, first_level, &mut target);
+        let rows = &mut first_level.rows;
         let mut rest = &mut **levels;
         for octave in 2..self.octaves {
             let n_rows = target.places[1 + octave].len;
@@ -225,14 +225,14 @@ impl Bank {
         let FirstLevel { input, centred, rows } = work;
         let mut memory = Memory::REST;
         input[..BACK].fill(Quad::ZERO);
-        let first = Quad::load::<N>(&recording[target.axis..]);
+        let at_start = first::<N>(&recording[target.axis..]);
         for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
             let (start, n) = (block * ROWS, samples.len() / self.n_axes);
             for (sample, (input, centred)) in
                 samples.chunks_exact(self.n_axes).zip(input[BACK..].iter_mut().zip(&mut *centred))
             {
-                *input = Quad::load::<N>(&sample[target.axis..]).minus(first);
-                *centred = input.minus(mean);
+                *input = first::<N>(&sample[target.axis..]) - at_start;
+                *centred = *input - mean;
             }
             target.write::<I>(0, start, n, centred);
             if self.octaves == 0 {

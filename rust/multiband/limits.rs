@@ -1,6 +1,6 @@
 //! What a recording may hold: numbers, and none so large that a square leaves float64.
 
-use super::quad::{Quad, QUAD};
+use super::quad::{first, Quad, QUAD};
 use super::scales::Scales;
 
 /// Larger magnitudes, in units of the smallest scale, are refused. Filters overshoot and sums of squares grow with the
@@ -37,7 +37,7 @@ pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64])
 #[inline(always)]
 fn quad_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], means: &mut [f64]) -> bool {
     let n_axes = limits.len();
-    let first = Quad::load::<N>(&recording[axis..]);
+    let at_start = first::<N>(&recording[axis..]);
     // Four sums side by side: one would wait for itself at every row.
     let mut sums = [Quad::ZERO; 4];
     let mut largest = [Quad::ZERO; 4];
@@ -45,18 +45,18 @@ fn quad_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], m
     let rest = fours.remainder();
     for four in fours {
         for i in 0..4 {
-            let x = Quad::load::<N>(&four[i * n_axes + axis..]);
-            sums[i] = sums[i].plus(x.minus(first));
-            largest[i] = largest[i].largest(x);
+            let x = first::<N>(&four[i * n_axes + axis..]);
+            sums[i] = sums[i] + (x - at_start);
+            largest[i] = x.abs().above(largest[i]).select(x.abs(), largest[i]);
         }
     }
     for (i, row) in rest.chunks_exact(n_axes).enumerate() {
-        let x = Quad::load::<N>(&row[axis..]);
-        sums[i] = sums[i].plus(x.minus(first));
-        largest[i] = largest[i].largest(x);
+        let x = first::<N>(&row[axis..]);
+        sums[i] = sums[i] + (x - at_start);
+        largest[i] = x.abs().above(largest[i]).select(x.abs(), largest[i]);
     }
     let n = (recording.len() / n_axes) as f64;
-    let sum = sums[0].plus(sums[1]).plus(sums[2].plus(sums[3]));
+    let sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
     let mut within = true;
     for lane in 0..N {
         // NaN is never the larger one of two, but it stays in a sum.

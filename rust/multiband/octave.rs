@@ -19,7 +19,7 @@ struct Wide([[Quad; 2]; 2]);
 
 impl Wide {
     fn new(poles: &Poles) -> Self {
-        Self(poles.pairs.map(|pair| pair.map(Quad::all)))
+        Self(poles.pairs.map(|pair| pair.map(Quad::splat)))
     }
 }
 
@@ -34,7 +34,7 @@ pub(super) struct Coefficients {
 impl Coefficients {
     pub(super) fn new(filters: &Filters) -> Self {
         let [top, octave] = [filters.top, filters.octave].map(|poles| Wide::new(&poles));
-        Self { top, octave, halving: filters.halving.map(Quad::all) }
+        Self { top, octave, halving: filters.halving.map(Quad::splat) }
     }
 }
 
@@ -52,7 +52,7 @@ impl Last {
     /// difference wait for the row before.
     #[inline(always)]
     fn resonate(&mut self, [a1, a2]: &[Quad; 2], x: Quad) -> Quad {
-        let y = x.minus(a2.times(self.before)).minus(a1.times(self.latest));
+        let y = x - *a2 * self.before - *a1 * self.latest;
         *self = Self { latest: y, before: self.latest };
         y
     }
@@ -77,8 +77,8 @@ impl Memory {
     /// What the zeros that both octaves share make of a row and the one two rows earlier.
     #[inline(always)]
     fn numerator(&mut self, x: Quad, earlier: Quad) -> Quad {
-        let rise = x.minus(earlier);
-        let out = rise.minus(self.rise.before);
+        let rise = x - earlier;
+        let out = rise - self.rise.before;
         self.rise = Last { latest: rise, before: self.rise.latest };
         out
     }
@@ -87,11 +87,11 @@ impl Memory {
     #[inline(always)]
     fn halve(&mut self, [a0, a1, a2]: &[Quad; 3], [x3, x2, x1, x0]: [Quad; 4]) -> Quad {
         let [before0, before1, before2] = self.halving;
-        let y0 = a0.times(x0).plus(x2).minus(a0.times(before0));
-        let y1 = a1.times(x1).plus(x3).minus(a1.times(before1));
-        let y2 = a2.times(y0).plus(before0).minus(a2.times(before2));
+        let y0 = *a0 * x0 + x2 - *a0 * before0;
+        let y1 = *a1 * x1 + x3 - *a1 * before1;
+        let y2 = *a2 * y0 + before0 - *a2 * before2;
         self.halving = [y0, y1, y2];
-        y2.plus(y1)
+        y2 + y1
     }
 }
 

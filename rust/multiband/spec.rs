@@ -70,6 +70,12 @@ impl Default for MultiBandSpec {
 }
 
 impl MultiBandSpec {
+    /// The blocks for which `wants` is true.
+    pub fn of(rate_hz: f64, wants: impl Fn(Block) -> bool) -> Self {
+        let [coupling, quantiles, envelope, spectrum, level] = Block::NAMED.map(|(_, block)| wants(block));
+        Self { rate_hz, coupling, quantiles, envelope, spectrum, level }
+    }
+
     /// Whether a block is asked for.
     #[must_use]
     pub const fn wants(&self, block: Block) -> bool {

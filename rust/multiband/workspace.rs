@@ -43,15 +43,7 @@ mod tests {
         let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
         let designs: Vec<_> = (1..1 << Block::NAMED.len())
             .map(|blocks| {
-                let has = |place: u8| blocks >> place & 1 == 1;
-                let spec = MultiBandSpec {
-                    rate_hz: 500.0,
-                    coupling: has(0),
-                    quantiles: has(1),
-                    envelope: has(2),
-                    spectrum: has(3),
-                    level: has(4),
-                };
+                let spec = MultiBandSpec::of(500.0, |block| blocks >> block as u8 & 1 == 1);
                 MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
             })
             .collect();

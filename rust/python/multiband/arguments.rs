@@ -24,15 +24,7 @@ pub(super) fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<Mult
         }
         wanted.push(block);
     }
-    let has = |block| wanted.contains(&block);
-    Ok(MultiBandSpec {
-        rate_hz,
-        coupling: has(Block::Coupling),
-        quantiles: has(Block::Quantiles),
-        envelope: has(Block::Envelope),
-        spectrum: has(Block::Spectrum),
-        level: has(Block::Level),
-    })
+    Ok(MultiBandSpec::of(rate_hz, |block| wanted.contains(&block)))
 }
 
 /// Scales of one shape; ones where there are none.
