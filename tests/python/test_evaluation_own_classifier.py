@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import functools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -148,7 +149,11 @@ def test_only_a_choice_of_ours_is_one(data):
     class Foreign(ECOCClassifier):
         choice_ = "of its own"
 
+    class Namesake(ECOCClassifier):
+        choice_ = SimpleNamespace(reduced="of its own")
+
     assert Chosen.of(Foreign()) is None
+    assert Chosen.of(Namesake()) is None
     assert Chosen.of(ECOCClassifier()) is None
     X, y = data.X[:, :40, 0], data.y
     fitted = make_pipeline(StandardScaler(), BestClassifier(relative_costs=[1.0], n_folds=2)).fit(X, y)

@@ -178,7 +178,12 @@ def test_what_was_chosen_is_known_and_said(best):
     said = promises(best)
     assert any(f"{len(choice['chosen'])} of 8 machines tried, on {choice['note']}" in line for line in said)
     elsewhere = choice["in_partitions"]
-    assert len(elsewhere) == best.trained["estimate"]["n_partitions"]
+    assert len({one["partition"] for one in elsewhere}) == best.trained["estimate"]["n_partitions"]
+    names = {machine["name"] for machine in choice["machines"]}
+    for one in elsewhere:
+        assert set(one["chosen"]) <= names
+        assert one["note"].startswith("the earlier and the later half")  # of two sessions one trains
+        assert one["accuracy_on_the_folds_that_chose"] > 0.5
     for machine in choice["machines"]:
         (line,) = (line for line in said if line[4:].startswith(f"{machine['name']} "))
         assert line.startswith("  > ") == (machine["name"] in choice["chosen"])

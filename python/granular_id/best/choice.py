@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id.best.candidates import Machine
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.tables import Table, percent
 
 __all__ = ["Choice", "choose"]
@@ -81,6 +82,19 @@ class Choice:
         """Mean of `joint`; NaN where there were no folds."""
         return float(self.joint.mean()) if self.joint.size else float("nan")
 
+    @property
+    def reduced(self) -> Chosen | None:
+        """What a reader asks for; None where there was one machine, and nothing to choose."""
+        if len(self.machines) < 2:
+            return None
+        return Chosen(
+            machines=tuple(machine.name for machine in self.machines),
+            chosen=self.chosen,
+            accuracies=tuple(self.accuracies.mean(axis=0).tolist()) if len(self.accuracies) else (),
+            together=self.accuracy if self.joint.size else None,
+            note=self.note,
+        )
+
     def table(self) -> Table:
         """All machines, in the order of their accuracy on the folds; ``>`` marks the chosen ones."""
         n_machines = len(self.machines)
@@ -113,7 +127,7 @@ class Choice:
             "note": self.note,
             "random_state": self.random_state,
             "n_folds": len(self.accuracies),
-            "accuracy_on_the_folds_that_chose": float(self.accuracy) if self.joint.size else None,
+            "accuracy_on_the_folds_that_chose": self.accuracy if self.joint.size else None,
             "chosen": [self.machines[k].name for k in self.chosen],
             "machines": [
                 {

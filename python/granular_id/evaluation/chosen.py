@@ -49,27 +49,20 @@ class Chosen:
         >>> Chosen.of(fitted).machines
         ('all blocks, plain, C 1', 'all blocks, whitened 0.001, C 1')
         """
-        from granular_id.best.choice import Choice  # noqa: PLC0415 (it imports this package)
-
         last = classifier[-1] if isinstance(classifier, Pipeline) else classifier
-        choice = getattr(last, "choice_", None)
-        if not isinstance(choice, Choice) or len(choice.machines) < 2:
-            return None
-        return cls(
-            machines=tuple(machine.name for machine in choice.machines),
-            chosen=tuple(choice.chosen),
-            accuracies=tuple(choice.accuracies.mean(axis=0).tolist()) if len(choice.accuracies) else (),
-            together=float(choice.accuracy) if choice.joint.size else None,
-            note=choice.note,
-        )
+        reduced = getattr(getattr(last, "choice_", None), "reduced", None)
+        return reduced if isinstance(reduced, cls) else None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The machines that make up the model."""
+        return tuple(self.machines[k] for k in self.chosen)
 
     @property
     def words(self) -> str:
         """What makes up the model, as a line to read."""
-        names = "; ".join(self.machines[k] for k in self.chosen)
-        return (
-            f"the mean of the machines that were chosen, {len(self.chosen)} of {len(self.machines)}: {names}"
-        )
+        count = f"{len(self.chosen)} of {len(self.machines)}"
+        return f"the mean of the machines that were chosen, {count}: {'; '.join(self.names)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text."""

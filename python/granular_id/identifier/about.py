@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from granular_id import _core
+from granular_id.best import Choice
 from granular_id.evaluation.comparison import MIN_PARTITIONS
 from granular_id.evaluation.describe import describe_data, versions
 from granular_id.evaluation.metrics import confusion_counts, recall_per_class
@@ -18,7 +19,7 @@ from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
 from granular_id.recording import Dataset
 
-__all__ = ["axes_of", "described", "estimate_of", "lead_of"]
+__all__ = ["axes_of", "choice_of", "described", "estimate_of", "lead_of"]
 
 
 def axes_of(core: _core.Model) -> tuple[str, ...]:
@@ -75,4 +76,22 @@ def estimate_of(held: HeldOut, classes: Sequence[str]) -> dict[str, Any]:
         "accuracy": float(shares.mean()),
         "interval_95": None if math.isnan(low) else [low, high],
         "recall": dict(zip(classes, recall, strict=True)),
+    }
+
+
+def choice_of(choice: Choice, held: HeldOut | None) -> dict[str, Any]:
+    """Return what the model chose, and what those of the estimate chose, in types that JSON knows."""
+    elsewhere = [] if held is None else zip(held.partitions, held.chosen, strict=True)
+    return {
+        **choice.to_dict(),
+        "in_partitions": [
+            {
+                "partition": partition.description,
+                "chosen": list(chosen.names),
+                "note": chosen.note,
+                "accuracy_on_the_folds_that_chose": chosen.together,
+            }
+            for partition, chosen in elsewhere
+            if chosen is not None
+        ],
     }

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.partition import Partition, splittable_rows
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.protocols import plan_partitions, strictest
@@ -78,6 +79,8 @@ class HeldOut:
     partitions : tuple of Partition
     values, scores : ndarrays, shapes (n, K) and (n, L)
         Minus the mean losses, and the scores of the learners, of whole recordings; empty where nobody kept them.
+    chosen : tuple of (Chosen or None)
+        What the model of each partition chose; empty where nobody kept it.
     """
 
     n_seen: IntArray
@@ -92,6 +95,7 @@ class HeldOut:
     partitions: tuple[Partition, ...]
     values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     scores: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    chosen: tuple[Chosen | None, ...] = ()
 
     @property
     def right(self) -> npt.NDArray[np.bool_]:
@@ -161,7 +165,7 @@ def honest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> Part
 def answers_held_out(
     data: Dataset,
     drawn: Partitions,
-    fitted: Callable[[Partition], _core.Model],
+    fitted: Callable[[Partition], tuple[_core.Model, Chosen | None]],
     *,
     tick: Callable[[str], None] = lambda _: None,
 ) -> HeldOut:
@@ -174,7 +178,7 @@ def answers_held_out(
     drawn : Partitions
         Of `honest_partitions`.
     fitted : callable
-        From a partition to the model that was trained on its training rows.
+        From a partition to the model that was trained on its training rows, and what that chose.
     tick : callable
         Told the name of each partition that is done.
     """
@@ -182,9 +186,10 @@ def answers_held_out(
     labels, truth = np.unique(data.y, return_inverse=True)
     X = data.X
     n_seen = checkpoints(X.shape[1])
-    winners, margins, values, scores = [], [], [], []
+    winners, margins, values, scores, chosen = [], [], [], [], []
     for partition in partitions:
-        core = fitted(partition)
+        core, choice = fitted(partition)
+        chosen.append(choice)
         if tuple(core.classes) != tuple(labels.tolist()):
             raise ValueError(
                 f"partition {partition.description!r} trains on other classes than the data set has"
@@ -210,6 +215,7 @@ def answers_held_out(
         partitions=partitions,
         values=np.concatenate(values),
         scores=np.concatenate(scores),
+        chosen=tuple(chosen),
     )
 
 

@@ -14,11 +14,12 @@ from granular_id import _core
 from granular_id._blas import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.best import BestClassifier
+from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.complaints import heard_complaints
 from granular_id.evaluation.describe import warnings_in
 from granular_id.evaluation.origins import Origins, origins_of
 from granular_id.evaluation.partition import Partition, rows_of_class
-from granular_id.identifier.about import described, estimate_of
+from granular_id.identifier.about import choice_of, described, estimate_of
 from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
 from granular_id.identifier.early import EarlyRule, calibrate, checked_target
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
@@ -34,9 +35,6 @@ from granular_id.spaces import block_sizes, tell_blocks
 __all__ = ["Training", "fit_pipeline", "train"]
 
 FloatArray = npt.NDArray[np.float64]
-
-_OF_PARTITIONS = ("chosen", "note", "accuracy_on_the_folds_that_chose")
-"""What a model keeps of the choices of the models that its estimate comes from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +120,12 @@ def train(
             pipeline = recipe.pipeline(rate_hz, threads=threads)
             classifier = fit_pipeline(pipeline, X, y, origins)[-1]
             parts = parts_of(pipeline, rate_hz)
-            if recipe.posterior is not None and isinstance(classifier, BestClassifier):
+            chooses = isinstance(classifier, BestClassifier)
+            if recipe.posterior is not None and chooses:
                 parts = replace(parts, posterior=posterior_of(classifier, y, recipe.posterior))
-            choice = getattr(classifier, "choice_", None)
             ticker.tick("all recordings")
-            choices: list[dict[str, Any]] = []
             if drawn is not None:
-                of_rows = _of_rows(recipe, data, origins, threads, choices)
+                of_rows = _of_rows(recipe, data, origins, threads)
                 held = answers_held_out(data, drawn, of_rows, tick=ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     trained = {
@@ -136,7 +133,7 @@ def train(
         "estimate": None if held is None else estimate_of(held, tuple(classes)),
         "why_no_estimate": why_none,
         "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
-        **({} if choice is None else {"choice": {**choice.to_dict(), "in_partitions": choices}}),
+        **({"choice": choice_of(classifier.choice_, held)} if chooses else {}),
         **_confidence(held, tuple(classes), parts.coding_matrix, coverage, share_known),
         "left_out": getattr(pipeline[0], "dropped_", ""),
         # What may mislead a reader of the estimate.
@@ -202,21 +199,16 @@ def _confidence(
 
 
 def _of_rows(
-    recipe: Recipe, data: Dataset, origins: Origins, threads: int | None, choices: list[dict[str, Any]]
-) -> Callable[[Partition], _core.Model]:
-    """Return the function that trains on the rows of a partition, and adds what it chose to `choices`."""
+    recipe: Recipe, data: Dataset, origins: Origins, threads: int | None
+) -> Callable[[Partition], tuple[_core.Model, Chosen | None]]:
+    """Return the function that trains on the rows of a partition, and says what was chosen there."""
 
-    def fitted(partition: Partition) -> _core.Model:
+    def fitted(partition: Partition) -> tuple[_core.Model, Chosen | None]:
         X, y = data.X[partition.train], data.y[partition.train]
         pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
         fit_pipeline(pipeline, X, y, origins, partition.train)
-        choice = getattr(pipeline[-1], "choice_", None)
-        if choice is not None:
-            known = choice.to_dict()
-            choices.append(
-                {"partition": partition.description, **{name: known[name] for name in _OF_PARTITIONS}}
-            )
         parts = parts_of(pipeline, data.rate_hz)
-        return core_of(parts, axes=data.axes, samples=X if parts.takes_samples else None)
+        core = core_of(parts, axes=data.axes, samples=X if parts.takes_samples else None)
+        return core, Chosen.of(pipeline)
 
     return fitted
