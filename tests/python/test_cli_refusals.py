@@ -301,9 +301,15 @@ def test_a_model_is_no_result_and_nothing_is_said_of_bytes(tmp_path):
     assert line == f"error: {model} is no JSON of an evaluation, as granular-id evaluate --json writes it"
 
 
-@pytest.mark.parametrize("spaces", ["multiband,best", "raw,best"])
-def test_select_refuses_spaces_with_a_classifier_before_anything_is_read(tmp_path, spaces):
+@pytest.mark.parametrize(
+    ("spaces", "own"),
+    [
+        ("multiband,best", "'multiband' and 'best', with a classifier of their own"),
+        ("raw,best", "'best', with a classifier of its own"),
+        ("all", "'multiband' and 'best', with a classifier of their own"),
+    ],
+)
+def test_select_refuses_spaces_with_a_classifier_before_anything_is_read(tmp_path, spaces, own):
     line = refused("select", tmp_path / "absent", "--spaces", spaces)
-    assert "--spaces must leave out" in line
-    assert "there are raw+hfmh" in line
-    assert f"granular-id evaluate --spaces {spaces}" in line
+    assert f"--spaces must leave out {own}: granular-id evaluate --spaces " in line
+    assert spaces == "all" or f"evaluate --spaces {spaces}, or" in line

@@ -188,7 +188,9 @@ def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):
 
 
 def test_a_choice_of_costs_refuses_them(data):
-    with pytest.raises(ValueError, match="'best' brings its own: evaluate"):
+    with pytest.raises(
+        ValueError, match=r"spaces must leave out 'best', .*: granular-id evaluate --spaces raw,best"
+    ):
         select(data, spaces=["raw", "best"], n_outer=2, n_inner=2)
 
 

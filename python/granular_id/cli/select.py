@@ -14,7 +14,7 @@ from granular_id.cli.method import Method
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Outputs, repeated_command, say_written
-from granular_id.cli.settings import at_least, chosen_spaces, without_classifier
+from granular_id.cli.settings import at_least, chosen_spaces
 
 __all__ = ["select"]
 
@@ -63,8 +63,15 @@ def select(
     for name, count, least in (("--outer", outer, 2), ("--inner", inner, 2), ("--seed", seed, 0)):
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
-    chosen = chosen_spaces(spaces, None) if spaces else None
-    without_classifier(chosen or ())
+    chosen = None
+    if spaces:
+        from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415 (slow to import)
+        from granular_id.selection.candidates import refuse_own_classifiers  # noqa: PLC0415
+        from granular_id.spaces import feature_spaces  # noqa: PLC0415
+
+        known = feature_spaces()
+        chosen = chosen_spaces(spaces, None) or in_paper_order(known)
+        refuse_own_classifiers([known[name] for name in chosen])
     outputs = Outputs(json=json, source=reading.path)
     with outputs.ready():
         data = equal_recordings(reading, steps, quiet=quiet)
@@ -73,10 +80,10 @@ def select(
         from granular_id.selection import DEFAULT_SPACES  # noqa: PLC0415
         from granular_id.selection import select as select_space  # noqa: PLC0415
 
-        known = method.spaces(data.rate_hz)
+        made = method.spaces(data.rate_hz)
         selection = select_space(
             data,
-            spaces={name: known[name] for name in chosen or DEFAULT_SPACES},
+            spaces={name: made[name] for name in chosen or DEFAULT_SPACES},
             n_outer=outer,
             n_inner=inner,
             random_state=seed,

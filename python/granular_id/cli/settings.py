@@ -17,7 +17,6 @@ __all__ = [
     "names_in",
     "onsets_in",
     "positive",
-    "without_classifier",
 ]
 
 
@@ -120,20 +119,6 @@ def known_spaces(*names: str) -> None:
     for name in names:
         if name not in known:
             raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
-
-
-def without_classifier(names: Sequence[str]) -> None:
-    """Refuse ``--spaces`` of `granular-id select` with a classifier of their own, for which nothing can be chosen."""
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import)
-
-    known = feature_spaces()
-    bring = [name for name in names if known[name].classifier is not None]
-    if bring:
-        allowed = ", ".join(name for name, space in known.items() if space.classifier is None)
-        raise ValueError(
-            f"--spaces must leave out {' and '.join(bring)}, with a classifier and settings of their own; there are "
-            f"{allowed}. To compare them: granular-id evaluate --spaces {','.join(names)}"
-        )
 
 
 def of_paper() -> list[str]:

@@ -11,11 +11,11 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from granular_id._seeds import seeded_clone
-from granular_id.evaluation.plan import plan_spaces
+from granular_id.evaluation.plan import Space, plan_spaces
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 from granular_id.spaces.base import real_steps
 
-__all__ = ["DEFAULT_SPACES", "Candidate", "checked_costs", "plan_candidates"]
+__all__ = ["DEFAULT_SPACES", "Candidate", "checked_costs", "plan_candidates", "refuse_own_classifiers"]
 
 DEFAULT_SPACES = (
     "raw+hfmh",
@@ -99,12 +99,9 @@ def plan_candidates(
     if spaces is None:
         spaces = DEFAULT_SPACES
     candidates = []
-    for k, space in enumerate(plan_spaces(spaces, rate_hz)):
-        if space.classifier is not None:
-            raise ValueError(
-                f"spaces must take the classifier whose cost is chosen here, and {space.name!r} brings its own: "
-                "evaluate() compares it with others"
-            )
+    planned = plan_spaces(spaces, rate_hz)
+    refuse_own_classifiers(planned)
+    for k, space in enumerate(planned):
         transformer = seeded_clone(space.transformer, np.random.SeedSequence(seed, spawn_key=(5, k)))
         key = _weights_key(transformer)
         if key is None:
@@ -119,6 +116,31 @@ def plan_candidates(
             f"spaces and block_weights must give each candidate a name of its own, got {names!r}"
         )
     return candidates
+
+
+def refuse_own_classifiers(spaces: Sequence[Space | FeatureSpace]) -> None:
+    """Refuse spaces that bring a classifier, whose cost cannot be chosen here.
+
+    Raises
+    ------
+    ValueError
+        Naming all of them, and what compares them with others.
+
+    Examples
+    --------
+    >>> from granular_id.spaces import feature_spaces
+    >>> refuse_own_classifiers([feature_spaces()["best"]])
+    Traceback (most recent call last):
+        ...
+    ValueError: spaces must leave out 'best', with a classifier of its own: granular-id evaluate --spaces best, ...
+    """
+    names = [space.name for space in spaces]
+    own = [repr(space.name) for space in spaces if space.classifier is not None]
+    if own:
+        raise ValueError(
+            f"spaces must leave out {' and '.join(own)}, with a classifier of {'its' if len(own) == 1 else 'their'} "
+            f"own: granular-id evaluate --spaces {','.join(names)}, or evaluate() in Python, compares them"
+        )
 
 
 def checked_costs(relative_costs: Any) -> tuple[float, ...]:
