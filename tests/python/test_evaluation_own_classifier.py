@@ -10,6 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.linear_model import LogisticRegression
+from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
@@ -27,6 +29,7 @@ from granular_id.evaluation.plan import plan_spaces
 from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.selection import select
+from granular_id.spaces import HFMH, FeatureSpace
 from multiband_cases import louder
 
 OURS = ["multiband", "best"]
@@ -119,6 +122,35 @@ def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_pa
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"One model of best ({seen.looked_with})" in page
     assert "What best chose in each partition" in page
+
+
+class Nearest(KNeighborsClassifier):
+    """Without weights; counts how often it is trained."""
+
+    fits = 0
+
+    def fit(self, X, y):
+        Nearest.fits += 1
+        return super().fit(X, y)
+
+
+def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path):
+    near = FeatureSpace("near", HFMH(cutoff_hz=40.0), None, classifier=Nearest(n_neighbors=1))
+    line = FeatureSpace("line", HFMH(n_bins=7), None, classifier=LogisticRegression())
+
+    def looked(*spaces, **options):
+        named = {space.name: space for space in spaces}
+        return evaluate(data, named, "session", controls=False, **options).portrait
+
+    alone = looked(near, checkpoint=tmp_path)
+    assert (alone.looked_at, alone.weights) == (None, ())
+    assert Nearest.fits == 3  # once for each session held out
+    assert alone.high_pass.settings["cutoff_hz"] == 40.0
+    assert looked(near, checkpoint=tmp_path).looked_at is None
+    assert Nearest.fits == 3
+    both = looked(near, line)
+    assert (both.looked_at, both.looked_with) == ("line", "")
+    assert looked(line).weights[0].shares.tolist() == both.weights[0].shares.tolist()
 
 
 def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):

@@ -24,7 +24,7 @@ from granular_id.recording import Dataset
 
 __all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]
 
-FORMAT = "granular_id.checkpoint/2"
+FORMAT = "granular_id.checkpoint/3"
 RUN = "run.json"
 """Name of the file that says what a folder belongs to."""
 
@@ -153,6 +153,7 @@ class Checkpoint:
             "seconds": answer.seconds,
             "shared_seconds": answer.shared_seconds,
             "chosen": None if answer.chosen is None else answer.chosen.to_dict(),
+            "has_weights": answer.has_weights,
         }
         with whole_file(self._path(task, partition)) as draft:
             draft.write_text(json.dumps(saved), encoding="utf-8")
@@ -204,4 +205,5 @@ class Checkpoint:
             {stage: float(saved[key][stage]) for stage in STAGES} for key in ("seconds", "shared_seconds")
         )
         chosen = None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"])
-        return Answer(predicted.astype(np.intp), int(saved["n_features"]), seconds, shared, chosen)
+        n_features, has_weights = int(saved["n_features"]), saved["has_weights"] is True
+        return Answer(predicted.astype(np.intp), n_features, seconds, shared, chosen, has_weights)

@@ -107,6 +107,7 @@ def run_space(
         n_features=every[-1].n_features,
         seconds={stage: float(seconds[stage]) for stage in STAGES},
         complaints=tuple(complaints),
+        has_weights=every[-1].has_weights,
     )
 
 
@@ -182,6 +183,7 @@ class _Work:
             seconds=clock.seconds,
             shared_seconds=self._shared_seconds,
             chosen=Chosen.of(fitted),
+            has_weights=self._by_gram or hasattr(fitted, "coef_"),
         )
 
     def _fit(

@@ -96,7 +96,7 @@ class Portrait:
     weights : tuple of WeightBlock
         Of one linear model, fitted on all recordings in that space; nothing was held out.
     looked_with : str
-        What that model is, where the space brings its own classifier.
+        What that model chose, where it is of a classifier that chooses.
     """
 
     labels: tuple[str, ...]
@@ -155,7 +155,7 @@ def portrait(
     spaces: Mapping[str, BaseEstimator],
     *,
     classifier: BaseEstimator | None = None,
-    own: Mapping[str, BaseEstimator] | None = None,
+    own: Mapping[str, BaseEstimator | None] | None = None,
 ) -> Portrait:
     """Gather what a report draws beside accuracies.
 
@@ -169,8 +169,9 @@ def portrait(
         paper's settings do.
     classifier : estimator, optional
         See `granular_id.evaluation.gaze.weight_blocks`.
-    own : mapping of str to estimator, optional
-        Classifiers of those spaces that bring one. It is trained and looked at where it is linear in the features.
+    own : mapping of str to estimator or None, optional
+        Classifiers of those spaces that bring one. That of the space looked at is trained; None where it would have
+        no weights in `coef_`, and so nothing to look at.
 
     Returns
     -------
@@ -213,10 +214,12 @@ def _weights(
     data: Dataset,
     spaces: Mapping[str, BaseEstimator],
     classifier: BaseEstimator | None,
-    own: Mapping[str, BaseEstimator],
+    own: Mapping[str, BaseEstimator | None],
 ) -> tuple[str | None, tuple[WeightBlock, ...], str]:
     X, y = data.X, data.y
     for name, space in spaces.items():
+        if name in own and own[name] is None:
+            continue
         fitted = clone(space).fit(X, y)
         if not can_look(fitted):  # its features have no link to the recording: look at the next
             continue
@@ -228,16 +231,9 @@ def _weights(
             trained.fit(
                 fitted.transform(X), y, **origins_of(data).fit_arguments(trained, np.arange(len(data)))
             )
-        return name, weight_blocks(X, y, fitted, trained), _words_on(trained)
+        chosen = Chosen.of(trained)
+        return name, weight_blocks(X, y, fitted, trained), "" if chosen is None else chosen.words
     return None, (), ""
-
-
-def _words_on(trained: Any) -> str:
-    """Say which model of a space with its own classifier is looked at."""
-    chosen = Chosen.of(trained)
-    if chosen is not None:
-        return chosen.words
-    return "" if hasattr(trained, "coef_") else "a linear one, in place of the classifier of the space"
 
 
 def _per_material(X: Floats, groups: list[NDArray[np.intp]], statistic: Any) -> Floats:

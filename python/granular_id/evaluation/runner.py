@@ -224,7 +224,7 @@ def evaluate(
         command=_call(settings, None if classifier is None else chosen),
         controls=verdicts,
     )
-    seen = _portrait(data, result, planned, chosen)
+    seen = _portrait(data, result, planned, chosen, runs)
     return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
 
 
@@ -264,7 +264,11 @@ def _summary(space: Space, run: SpaceRun, settings: Mapping[str, Any]) -> SpaceS
 
 
 def _portrait(
-    data: Dataset, result: EvaluationResult, planned: Sequence[Space], classifier: BaseEstimator
+    data: Dataset,
+    result: EvaluationResult,
+    planned: Sequence[Space],
+    classifier: BaseEstimator,
+    runs: Mapping[str, SpaceRun],
 ) -> Portrait | None:
     """Look at the recordings, and at one model in the most accurate space whose features are not mixed."""
     if not_drawn(data):
@@ -277,7 +281,11 @@ def _portrait(
         # All recordings together may overlap where the training rows of no partition did.
         model.set_params(hard_margin=False)
     seed = np.random.SeedSequence(result.settings["seed"], spawn_key=(3,))
-    own = {s.name: seeded_clone(s.classifier, seed) for s in planned if s.classifier is not None}
+    own = {
+        s.name: seeded_clone(s.classifier, seed) if runs[s.name].has_weights else None
+        for s in planned
+        if s.classifier is not None
+    }
     return portrait(data, unmixed, classifier=model, own=own)
 
 

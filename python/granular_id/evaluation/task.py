@@ -70,6 +70,8 @@ class Answer:
         Of what all partitions of the space share.
     chosen : Chosen or None
         What a classifier that chooses took.
+    has_weights : bool
+        Whether the classifier, trained on features, says in `coef_` how it weighs them: such can be drawn.
     """
 
     predicted: Codes
@@ -77,6 +79,7 @@ class Answer:
     seconds: dict[str, float]
     shared_seconds: dict[str, float]
     chosen: Chosen | None = None
+    has_weights: bool = False
 
 
 class Answers(Protocol):
@@ -91,10 +94,14 @@ class Answers(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun:
-    """Predictions and choices of one space, one per partition, what they took, and what did not converge."""
+    """Predictions and choices of one space, one per partition, what they took, and what did not converge.
+
+    `has_weights` as in `Answer`, of the last.
+    """
 
     predicted: list[Codes]
     chosen: list[Chosen | None]
     n_features: int
     seconds: dict[str, float]
     complaints: tuple[str, ...] = ()
+    has_weights: bool = False
