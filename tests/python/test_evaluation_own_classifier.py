@@ -134,7 +134,8 @@ class Nearest(KNeighborsClassifier):
         return super().fit(X, y)
 
 
-def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path):
+def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path, monkeypatch):
+    monkeypatch.setattr(Nearest, "fits", 0)
     near = FeatureSpace("near", HFMH(cutoff_hz=40.0), None, classifier=Nearest(n_neighbors=1))
     line = FeatureSpace("line", HFMH(n_bins=7), None, classifier=LogisticRegression())
 
