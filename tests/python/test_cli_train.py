@@ -278,6 +278,21 @@ def test_longer_recordings_begin_at_their_trigger_or_where_it_is_said(fresh, tmp
         assert margins == (losses[:, 1] - losses[:, 0]).tolist(), words
 
 
+def test_what_trained_a_model_is_taken_by_it_with_the_same_steps(folder, fresh, tmp_path):
+    model = tmp_path / "m.safetensors"
+    ended_well("train", folder, "-o", model, "--n-samples", 50, *SMALL, "--quiet")
+    assert "rest ahead of the motion: not known, recordings begin at their first sample" in ended_well(
+        "model", "info", model
+    )
+    data, file = fresh
+    for words in ((), ("--begin-at", "first")):
+        out = ended_well("identify", model, file, "--json", tmp_path / "a.json", *words)
+        assert ("note: begins at the first sample, as in the training" in out) == (words == ())
+        answers = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["recordings"]
+        want = Identifier.load(model).predict(data.X[:, :50])
+        assert [answer["label"] for answer in answers] == want.tolist()
+
+
 def test_recordings_that_do_not_fit_are_refused_with_the_option_that_helps(folder, model, fresh, tmp_path):
     _, file = fresh
     line = refused("identify", model, file)  # 100 samples, a trigger, and a model that knows no lead

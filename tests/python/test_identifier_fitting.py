@@ -1,5 +1,6 @@
 """Recordings as a model takes them: its axes, rate and length, its rest before the motion."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -15,9 +16,12 @@ from granular_id.recording import Dataset, Recording
 N, RATE = 20, 100.0
 
 
-def model(lead_s=0.05, n_samples=N):
+def model(lead_s=0.05, n_samples=N, crops=()):
+    """Of recordings that were cropped from these triggers, one after the other."""
     spec = FeatureSpec(rate_hz=RATE, cutoff_hz=20.0, hfmh=False)
-    metadata = {"lead_s": "" if lead_s is None else repr(lead_s)}
+    history = [{"step": "align", "parameters": {"trigger": trigger}} for trigger in crops]
+    trained = {"history": [{"step": "load", "parameters": {}}, *history]}
+    metadata = {"lead_s": "" if lead_s is None else repr(lead_s), "trained": json.dumps(trained)}
     coef = np.random.default_rng(0).normal(size=(1, 6 * n_samples))
     return Model(spec, coef, [0.0], [[1], [-1]], ["a", "b"], n_samples=n_samples, metadata=metadata)
 
@@ -54,6 +58,22 @@ def test_a_stated_beginning_comes_first():
     assert np.array_equal(kept.wrench, data[0].wrench[6:26])
     with pytest.raises(ValueError, match="'r20' is too short"):
         fitted(data, model(), begin_at="trigger")
+
+
+def test_longer_ones_begin_at_the_first_sample_where_the_training_did():
+    data = Dataset([recording(30, trigger=8), recording(N)])
+    cropped = fitted(data, model(lead_s=None, crops=[None, None]))
+    assert [r.wrench.tolist() for r in cropped] == [r.wrench[:N].tolist() for r in data]
+    assert cropped.history[-1].notes == ("begins at the first sample, as in the training",)
+    assert cropped.history[-1].totals["dropped_samples"] == 10
+    for core, lead_s in (
+        (model(crops=[None]), None),  # all had the same lead, whatever cropped them
+        (model(lead_s=None, crops=[None]), 0.05),
+    ):
+        assert np.array_equal(fitted(data, core, lead_s=lead_s)[0].wrench, data[0].wrench[3:23])
+    for crops in (["recorded", None], ["given"], []):
+        with pytest.raises(ValueError, match="does not know how much rest"):
+            fitted(data, model(lead_s=None, crops=crops))
 
 
 @pytest.mark.parametrize(

@@ -154,6 +154,11 @@ def test_a_refusal_by_other_learners_than_the_model_has_is_refused(data, identif
         ({"estimate": {"held_out": "x"}}, "estimate must hold 'note', got"),
         ({"early": {"why_not": "", "target_error": 0.1}}, "early must hold 'answered_early', got"),
         ({"notes": "none"}, "notes must be a list, got 'none'"),
+        ({"history": [{"step": "align"}]}, r"history\[0\] must hold 'parameters', got \['step'\]"),
+        (
+            {"history": [{"step": "align", "parameters": []}]},
+            r"history\[0\].parameters must be an object, got",
+        ),
         ({"choice": {"note": "x"}}, "choice must hold 'random_state'"),
         ({"choice": {**CHOICE, "machines": []}}, "choice.machines must hold at least one"),
         ({"choice": {**CHOICE, "machines": [{"name": "a"}]}}, r"choice.machines\[0\] must hold 'chosen'"),

@@ -42,7 +42,8 @@ PATH is a file or folder of any format, as for `granular-id evaluate`; labels ar
 that the model knows, its answers are compared with them.
 
 Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length. Longer ones begin
-at their stored trigger, less the rest that the recordings of the training had before it; --begin-at says otherwise.
+as those of the training: at their stored trigger, less the rest ahead of it, or at their first sample; --begin-at says
+otherwise.
 
 Examples:
 
@@ -125,7 +126,7 @@ class Fitting:
                 "--begin-at",
                 PANEL,
                 "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
-                "the forces; auto: the trigger, of longer recordings.",
+                "the forces; auto: as in the training.",
             ),
         ] = Beginning.auto,
         lead_s: Annotated[

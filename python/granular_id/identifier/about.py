@@ -19,7 +19,7 @@ from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
 from granular_id.recording import Dataset
 
-__all__ = ["axes_of", "choice_of", "described", "estimate_of", "lead_of"]
+__all__ = ["axes_of", "begins_at_first", "choice_of", "described", "estimate_of", "lead_of"]
 
 
 def axes_of(core: _core.Model) -> tuple[str, ...]:
@@ -31,6 +31,15 @@ def lead_of(core: _core.Model) -> float | None:
     """Return the seconds of rest ahead of the trigger, where the recordings of the training agree on them."""
     text = core.metadata["lead_s"]
     return float(text) if text else None
+
+
+def begins_at_first(core: _core.Model) -> bool:
+    """Whether the recordings of the training were cropped to begin at their first sample, with no lead in common."""
+    if lead_of(core) is not None:
+        return False
+    history = json.loads(core.metadata["trained"]).get("history", [])
+    crops = [step["parameters"] for step in history if step["step"] == "align"]
+    return bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)
 
 
 def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:

@@ -6,12 +6,14 @@ from dataclasses import replace
 from typing import Literal
 
 from granular_id import _core
-from granular_id.identifier.about import axes_of, lead_of
+from granular_id.identifier.about import axes_of, begins_at_first, lead_of
 from granular_id.recording import Dataset
 
 __all__ = ["Begin", "fitted", "refuse_others"]
 
 Begin = Literal["auto", "first", "trigger"]
+
+_AS_TRAINED = "begins at the first sample, as in the training"
 
 
 def refuse_others(data: Dataset, core: _core.Model) -> None:
@@ -54,7 +56,8 @@ def fitted(
     core : granular_id._core.Model
     begin_at : {"auto", "first", "trigger"}, default "auto"
         Where to begin: at the first sample; at the trigger, less the lead; or, automatically, at the first sample
-        of recordings that have the length already, and at the trigger of longer ones.
+        of recordings that have the length already, and of longer ones as in the training: at the trigger where all
+        had the same lead, else at the first sample where that is how they were cropped.
     lead_s : float, optional
         Seconds kept ahead of the trigger. Default: as in the recordings of the training, where all had the same.
     on_short : {"raise", "skip"}
@@ -83,6 +86,9 @@ def fitted(
         )
     if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
         return data.align(n, on_short=on_short)
+    if begin_at == "auto" and lead_s is None and begins_at_first(core):
+        *before, step = (cropped := data.align(n, on_short=on_short)).history
+        return Dataset(cropped.recordings, [*before, replace(step, notes=[_AS_TRAINED])])
     lead = lead_of(core) if lead_s is None else lead_s
     if lead is None:
         longer = next((r for r in data if r.n_samples > n), data[0])

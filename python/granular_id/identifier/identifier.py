@@ -291,8 +291,8 @@ class Identifier(Answers):
         recording : Recording, or array-like of shape (T, C)
             An array has the length, rate and axes of the training. A recording may be longer.
         begin_at : {"auto", "first", "trigger"}, default "auto"
-            Where to begin in a recording: automatically at the first sample where it has the length of the model,
-            at its trigger (less the lead) where it is longer.
+            Where to begin in a recording: automatically at the first sample where it has the length of the model;
+            where it is longer as in the training, at its trigger (less the lead) or at the first sample.
         lead_s : float, optional
             Seconds kept ahead of the trigger; default: as in the training.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from granular_id import _core
 from granular_id.features import FeatureSpec
+from granular_id.identifier.about import begins_at_first
 from granular_id.identifier.answers import Answers
 from granular_id.identifier.early import outcome_text
 from granular_id.identifier.sure import Rules
@@ -32,6 +33,8 @@ def description(model: Answers) -> list[str]:
     core, spec, trained = model.core, model.spec, model.trained
     seconds = f"{model.n_samples / model.rate_hz:g} s"
     lead = "not the same in all recordings" if model.lead_s is None else f"{model.lead_s:g} s"
+    if begins_at_first(core):
+        lead = "not known, recordings begin at their first sample"
     size = len(core.to_bytes())
     learners = f"{core.n_learners} learners ({core.metadata['coding'] or 'own coding'})"
     lines = [
