@@ -49,6 +49,32 @@ def hdf5(path: Path) -> None:
             dataset[()]
 
 
+def save_mat_v73(path: Path, data: gid.Dataset) -> None:
+    """Write what MATLAB's ``save -v7.3`` does: sizes in reverse, chunks packed by gzip."""
+    labels = [np.array([[ord(c)] for c in label], np.uint16) for label in data.y]
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file.create_dataset("X", data=data.X.T, compression=3, shuffle=False)
+        file["rate_hz"] = [[500.0]]
+        for name in ("X", "rate_hz"):
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        references = np.empty((1, len(labels)), h5py.ref_dtype)
+        for i, label in enumerate(labels):
+            file[f"#refs#/{i}"] = label
+            file[f"#refs#/{i}"].attrs["MATLAB_class"] = np.bytes_("char")
+            references[0, i] = file[f"#refs#/{i}"].ref
+        file["y"] = references
+        file["y"].attrs["MATLAB_class"] = np.bytes_("cell")
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+
+
+def mat_v73(path: Path) -> None:
+    with h5py.File(path) as file:
+        file["X"][()]
+        for reference in file["y"][()].ravel():
+            bytes(file[reference][()].astype(np.uint8)).decode()
+
+
 def parquet(folder: Path) -> None:
     pq.read_table(folder / "recordings.parquet").to_pydict()
     for part in sorted((folder / "samples").glob("*.parquet")):
@@ -116,6 +142,7 @@ def main() -> None:
             ("parquet", root / "parquet", data, "parquet", {"pyarrow": parquet}),
             ("mat v7", root / "v7.mat", data, None, {"scipy.io.loadmat": scipy.io.loadmat}),
             ("mat v6", root / "v6.mat", data, None, {"scipy.io.loadmat": scipy.io.loadmat}),
+            ("mat v7.3", root / "v73.mat", data, None, {"h5py": mat_v73}),
             ("csv folder", root / "csv", few, "csv", {"numpy.loadtxt": loadtxt, "pandas.read_csv": read_csv}),
             ("mcap folder", root / "mcap", few, "mcap", {"rosbags": rosbags, "mcap": mcap}),
         ]
@@ -123,6 +150,8 @@ def main() -> None:
             start = time.perf_counter()
             if path.suffix == ".npy":
                 np.save(path, chosen.X)
+            elif name == "mat v7.3":
+                save_mat_v73(path, chosen)
             elif path.suffix == ".mat":
                 fields = {"X": chosen.X, "y": chosen.y.tolist(), "rate_hz": 500.0}
                 scipy.io.savemat(path, fields, do_compression=name == "mat v7")

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event, Lock
 from typing import TypeVar
 
-from joblib import effective_n_jobs
-from sklearn import config_context, get_config
-
-__all__ = ["in_threads"]
+__all__ = ["available_cores", "in_threads", "spread"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: int | None) -> list[Result]:
-    """Do some work for each item; results in the order of the items.
-
-    When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
-    several items that fail the first in order is told.
-    joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
-    back from compiled code into an interpreter that is no more.
+    """Do some work of scikit-learn for each item, as `spread` does, each thread with the caller's configuration.
 
     Parameters
     ----------
@@ -41,28 +34,52 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: in
     >>> in_threads(abs, [-2, 1], n_jobs=2)
     [2, 1]
     """
+    # slow to import, and reading recordings does without
+    from joblib import effective_n_jobs  # noqa: PLC0415
+    from sklearn import config_context, get_config  # noqa: PLC0415
+
+    configuration = get_config()  # scikit-learn keeps one for each thread
+
+    def configured(item: Item) -> Result:
+        with config_context(**configuration):
+            return work(item)
+
+    return spread(configured, items, effective_n_jobs(n_jobs))
+
+
+def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int) -> list[Result]:
+    """Do some work for each item; results in the order of the items.
+
+    When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
+    several items that fail the first in order is told.
+    joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
+    back from compiled code into an interpreter that is no more.
+
+    Examples
+    --------
+    >>> spread(abs, [-2, 1], n_threads=2)
+    [2, 1]
+    """
     every = list(items)
-    n_threads = min(effective_n_jobs(n_jobs), len(every))
+    n_threads = min(n_threads, len(every))
     if n_threads <= 1:
         return [work(item) for item in every]
     results: dict[int, Result] = {}
     errors: dict[int, BaseException] = {}
     places = iter(range(len(every)))
     next_place, stopped = Lock(), Event()
-    configuration = get_config()  # scikit-learn keeps one for each thread
 
     def work_on() -> None:
-        with config_context(**configuration):
-            while not stopped.is_set():
-                with next_place:
-                    place = next(places, None)
-                if place is None:
-                    return
-                try:
-                    results[place] = work(every[place])
-                except BaseException as error:
-                    errors[place] = error
-                    stopped.set()
+        while not stopped.is_set():
+            with next_place:
+                place = next(places, None)
+            if place is None:
+                return
+            try:
+                results[place] = work(every[place])
+            except BaseException as error:
+                errors[place] = error
+                stopped.set()
 
     # The caller does nothing but wait: Ctrl-C is raised there, and must not meet it with a lock in its hands.
     pool = ThreadPoolExecutor(n_threads)
@@ -75,3 +92,11 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: in
     if errors:
         raise errors[min(errors)]
     return [results[place] for place in range(len(every))]
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # where processes are not bound to cores
+        return os.cpu_count() or 1

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.bulk import all_finite
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat_checks import (
     NO_TRIGGER,
@@ -216,13 +217,9 @@ def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Re
     axes = checked_axes(tuple(flat.axes), wrench.shape)
     lengths = checked_lengths(flat.n_samples, len(wrench))
     n = len(lengths)
-    names = checked_texts(flat.name, "name", n, empty=True)
-    named = [
-        (source_name if n == 1 else f"{source_name}[{i}]") if name is None else name
-        for i, name in enumerate(names)
-    ]
+    named = _named(checked_texts(flat.name, "name", n, empty=True), source_name)
     rows = Rows(named, lengths)
-    if not finite:
+    if not finite and not all_finite(wrench):
         rows.refuse_samples(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
     rates = checked_rates(flat.rate_hz, rows)
     irregular = np.array([rate is None for rate in rates])
@@ -233,7 +230,7 @@ def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Re
             array.flags.writeable = False
     spans = [slice(start, end) for start, end in zip(rows.starts.tolist(), rows.ends.tolist(), strict=True)]
     columns: dict[str, Iterable[Any]] = {
-        "wrench": [wrench[span] for span in spans],
+        "wrench": map(wrench.__getitem__, spans),
         "rate_hz": rates,
         "label": checked_texts(flat.label, "label", n),
         "session": checked_texts(flat.session, "session", n),
@@ -245,11 +242,14 @@ def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Re
         "name": named,
         "axes": repeat(axes, n),
     }
-    fields = tuple(columns)
-    return [
-        Recording._trusted(**dict(zip(fields, row, strict=True)))
-        for row in zip(*columns.values(), strict=True)
-    ]
+    return Recording._trusted_rows(columns)
+
+
+def _named(names: Sequence[str | None], source_name: str) -> list[str]:
+    """Give those a name that have none: that of the file, and which one of it they are where it has several."""
+    if len(names) == 1:
+        return [source_name if names[0] is None else names[0]]
+    return [f"{source_name}[{i}]" if name is None else name for i, name in enumerate(names)]
 
 
 def _views(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,6 +16,8 @@ from granular_id.recording.flags import KNOWN_FLAGS
 
 NO_TRIGGER = -1
 """What stands in ``trigger_index`` where a recording has none."""
+
+_TEXT_OR_NONE = frozenset((str, type(None)))
 
 _DECODER = json.JSONDecoder()
 
@@ -144,12 +145,14 @@ def checked_flags(value: object, rows: Rows) -> tuple[NDArray[np.uint8] | None, 
 
 def checked_texts(values: object, name: str, n: int, *, empty: bool = False) -> list[str | None]:
     """Return n texts without control characters, or None; labels and sessions are neither empty nor spaced."""
-    known: dict[object, str | None] = {None: None}
     texts = _listed(values, name, n)
-    for i, text in enumerate(texts):
-        if text not in known:
-            known[text] = checked_text(text, f"{name}[{i}]", empty=empty, spaced=empty)
-    return [known[text] for text in texts]
+    for text in dict.fromkeys(texts):  # in order, so that the first fault is told
+        if text is not None:
+            try:
+                checked_text(text, name, empty=empty, spaced=empty)
+            except ValueError:
+                checked_text(text, f"{name}[{texts.index(text)}]", empty=empty, spaced=empty)
+    return list(texts)
 
 
 def checked_metas(values: object, n: int) -> list[Any]:
@@ -208,8 +211,8 @@ def _listed(values: object, name: str, n: int) -> Sequence[Any]:
         raise TypeError(f"{name} is a {type(values).__name__}; wanted a list of texts")
     if len(values) != n:
         raise ValueError(f"{name} has {len(values)} values for {n} recordings")
-    wrong = next((i for i, value in enumerate(values) if not isinstance(value, (str, type(None)))), None)
-    if wrong is not None:
+    if not set(map(type, values)) <= _TEXT_OR_NONE:
+        wrong = next(i for i, value in enumerate(values) if type(value) not in _TEXT_OR_NONE)
         raise TypeError(f"{name}[{wrong}] is a {type(values[wrong]).__name__}; wanted a text")
     return values
 
@@ -241,4 +244,10 @@ def _one_per(n: int, array: NDArray[Any], name: str) -> NDArray[Any]:
 
 
 def _none_for_nan(values: FloatArray) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values.tolist()]
+    unknown = np.isnan(values)
+    if unknown.all():
+        return [None] * len(values)
+    listed: list[float | None] = values.tolist()
+    for i in np.flatnonzero(unknown).tolist():
+        listed[i] = None
+    return listed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
@@ -129,6 +129,17 @@ class Recording:
         recording = object.__new__(cls)
         recording.__dict__.update(_DEFAULTS, **fields)
         return recording
+
+    @classmethod
+    def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
+        """Make many recordings at once: a column per field, none left out, each as `_trusted` wants it."""
+        make, names = object.__new__, tuple(columns)
+        recordings = []
+        for row in zip(*columns.values(), strict=True):
+            recording = make(cls)
+            recording.__dict__.update(zip(names, row, strict=True))
+            recordings.append(recording)
+        return recordings
 
     @property
     def n_samples(self) -> int:

@@ -10,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.arrays.tree import Origin
+from granular_id.io.bulk import all_finite
 from granular_id.recording import AXES
 from granular_id.recording._values import FloatArray
 
 _CLEARLY_LONGER = 4
 """Where only length can tell, the time axis is at least this many times as long as the one of recordings."""
-
-
-_SLAB = 32
-"""Samples copied at a time: 32 x 6 float64 are a few cache lines per recording."""
 
 
 @dataclass(frozen=True)
@@ -101,31 +98,20 @@ def samples_axes(shape: tuple[int, ...], known: Known, name: str, origin: Origin
     return shape[1] != n_axes
 
 
-def row_major(block: FloatArray) -> FloatArray:
-    """Return a block (n, T, C) in row-major order, copied only where it is not.
-
-    Column-major samples, as MATLAB keeps them, lie far apart for each recording: a few samples of all recordings at a
-    time use what the cache holds, and take half as long as the whole in one go.
-    """
-    if block.flags.c_contiguous:
-        return block
-    copied = np.empty(block.shape)
-    for start in range(0, block.shape[1], _SLAB):
-        copied[:, start : start + _SLAB] = block[:, start : start + _SLAB]
-    return copied
-
-
-def cut_padding(block: FloatArray, axes: Collection[str], name: str, origin: Origin) -> list[FloatArray]:
+def cut_padding(
+    block: FloatArray, axes: Collection[str], name: str, origin: Origin
+) -> FloatArray | list[FloatArray]:
     """Return the recordings of a block (n, T, C), without rows of NaN at the end that pad them to one length.
+
+    The block itself where there are none.
 
     Raises
     ------
     RecordingFileError
         NaN or infinity elsewhere, or a recording of nothing else; names recording, sample and axis.
     """
-    finite = np.isfinite(block)
-    if finite.all():
-        return list(block)
+    if all_finite(block):
+        return block
     lengths = _padded_lengths(np.asarray(np.isnan(block).all(axis=2)))
     for i, length in enumerate(lengths.tolist()):
         refuse_gaps(block[i, :length], axes, name, origin, i)

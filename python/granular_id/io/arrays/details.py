@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.labels import labels_of, whole_numbers
 from granular_id.io.arrays.names import Role
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
 from granular_id.io.flat_checks import NO_TRIGGER
-from granular_id.recording._values import FloatArray
 
 Entries = dict[Role, dict[str, Any]]
 """What the entries of a level are for, by their names: role, then name to node."""
@@ -23,88 +22,59 @@ _LONGEST_TEXT = 1000
 """Characters of a text that is kept in ``meta``."""
 
 
-@dataclass
-class Found:
-    """One recording of a file.
-
-    Attributes
-    ----------
-    wrench : ndarray, shape (T, C)
-        Finite samples.
-    axes : tuple of str
-        Names of its columns.
-    place : str
-        Name of the array.
-    n_padded : int
-        Samples with those that were left out as padding.
-    about : dict
-        What is known: label, session, name, rate, start, trigger, stamps, flags, meta; what is not is missing.
-    """
-
-    wrench: FloatArray
-    axes: tuple[str, ...]
-    place: str
-    n_padded: int
-    about: dict[str, Any] = field(default_factory=dict)
-
-
 def add_details(
-    groups: list[list[Found]], entries: Entries, rest: Mapping[str, Any], origin: Origin, notes: list[str]
+    found: Found, entries: Entries, rest: Mapping[str, Any], origin: Origin, notes: list[str]
 ) -> None:
     """Put onto recordings what their level of the file says, where no inner level said it already.
 
     Parameters
     ----------
-    groups : list of lists of Found
-        The recordings below that level, by array or cell.
+    found : Found
+        The recordings below that level.
     entries : dict
         What is known by name.
     rest : mapping
         Everything else: single values go into ``meta``, what is not used is said.
     """
-    every = [found for group in groups for found in group]
-    if not every:
+    n = len(found)
+    if not n:
         return
-    _add_labels(groups, every, entries, origin, notes)
+    _add_labels(found, entries, origin, notes)
     for role, (attribute, read) in _READERS.items():
         for name, node in entries.get(role, {}).items():
-            if n_values(node) == 1 and len(every) > 1 and role in _NEVER_SHARED:
+            if n_values(node) == 1 and n > 1 and role in _NEVER_SHARED:
                 rest = {**rest, name: node}  # it is about the file
             else:
-                _set(every, attribute, _spread(read(node, name, origin), len(every), name, origin))
+                found.fill(attribute, _spread(read(node, name, origin), n, name, origin))
     for name, node in entries.get("rate", {}).items():
         rates = numbers(node)
         if rates is None or not len(rates):
             raise origin.fault(name, "is no sampling rate; wanted a number in Hz, or one per recording")
-        _set(every, "rate", _spread([float(rate) for rate in rates], len(every), name, origin))
+        found.fill("rate", _spread([float(rate) for rate in rates], n, name, origin))
     for name, node in entries.get("time", {}).items():
-        _set(every, "stamps", _rows(node, every, name, origin))
+        found.fill("stamps", _rows(node, found, name, origin))
     for name, node in entries.get("flags", {}).items():
-        _set(every, "flags", _rows(node, every, name, origin))
-    _add_meta(every, rest, notes)
+        found.fill("flags", _rows(node, found, name, origin))
+    _add_meta(found, rest, notes)
 
 
-def _add_labels(
-    groups: list[list[Found]], every: list[Found], entries: Entries, origin: Origin, notes: list[str]
-) -> None:
+def _add_labels(found: Found, entries: Entries, origin: Origin, notes: list[str]) -> None:
     lists = {**entries.get("labels", {}), **entries.get("class_names", {})}
-    if all("label" in found.about for found in every):
+    n = len(found)
+    if not lists or None not in found.get("label"):
         return
     lengths = {n_values(node) for node in lists.values()}
-    if len(groups) > 1 and len(groups) in lengths and len(every) not in lengths:
-        labels = labels_of(lists, len(groups), origin, notes) or []
-        for group, label in zip(groups, labels, strict=True):
-            _set(group, "label", [label] * len(group))
-    elif lists:
-        if lengths == {1}:  # one label for all, as in a file per material
-            lists = {name: node if len(every) == 1 else [node] * len(every) for name, node in lists.items()}
-        _set(every, "label", labels_of(lists, len(every), origin, notes) or [])
-
-
-def _set(every: list[Found], attribute: str, column: list[Any]) -> None:
-    for found, value in zip(every, column, strict=True):
-        if value is not None:
-            found.about.setdefault(attribute, value)
+    n_groups = len(found.sizes)
+    if n_groups > 1 and n_groups in lengths and n not in lengths:
+        labels = labels_of(lists, n_groups, origin, notes) or []
+        found.fill(
+            "label",
+            [label for label, size in zip(labels, found.sizes, strict=True) for _ in range(size)],
+        )
+        return
+    if lengths == {1}:  # one label for all, as in a file per material
+        lists = {name: node if n == 1 else [node] * n for name, node in lists.items()}
+    found.fill("label", labels_of(lists, n, origin, notes) or [])
 
 
 def _spread(column: list[Any], n: int, name: str, origin: Origin) -> list[Any]:
@@ -146,9 +116,9 @@ _NEVER_SHARED: tuple[Role, ...] = ("names", "start")
 """What two recordings do not have in common."""
 
 
-def _rows(node: Any, every: list[Found], name: str, origin: Origin) -> list[NDArray[Any]]:
+def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[Any]]:
     """Return a list of values per recording: one for all, the rows or columns of a matrix, or a cell for each."""
-    n = len(every)
+    n = len(found)
     if isinstance(node, list):
         cells = [numbers(item) for item in node]
         rows = [cell for cell in cells if cell is not None]
@@ -167,31 +137,30 @@ def _rows(node: Any, every: list[Found], name: str, origin: Origin) -> list[NDAr
                 name, f"has the shape {matrix.shape} for {n} recordings; wanted a row for each"
             )
         rows = list(matrix)
-    for i, (row, found) in enumerate(zip(rows, every, strict=True)):
-        n_samples = len(found.wrench)
-        if len(row) not in (n_samples, found.n_padded):
-            problem = f"has {len(row)} values for the {n_samples} samples of recording {i} in {found.place}"
+    lengths = [len(wrench) for wrench in found.wrench]
+    for i, (row, n_samples) in enumerate(zip(rows, lengths, strict=True)):
+        if len(row) not in (n_samples, found.n_padded[i]):
+            problem = (
+                f"has {len(row)} values for the {n_samples} samples of recording {i} in {found.places[i]}"
+            )
             raise origin.fault(name, problem)
-    return [row[: len(found.wrench)] for row, found in zip(rows, every, strict=True)]
+    return [row[:n_samples] for row, n_samples in zip(rows, lengths, strict=True)]
 
 
-def _add_meta(every: list[Found], rest: Mapping[str, Any], notes: list[str]) -> None:
+def _add_meta(found: Found, rest: Mapping[str, Any], notes: list[str]) -> None:
     kept: dict[str, Any] = {}
     unread: dict[str, Any] = {}
     for name, node in rest.items():
         value = _single(node)
         (unread if value is None else kept)[name] = node if value is None else value
-    for found in every if kept else ():
-        found.about["meta"] = {
-            **{name.rpartition("/")[2]: kept[name] for name in kept},
-            **found.about.get("meta", {}),
-        }
     if kept:
+        shared = {name.rpartition("/")[2]: kept[name] for name in kept}
+        found.about["meta"] = [{**shared, **inner} if inner else shared for inner in found.get("meta")]
         notes.append(f"kept in meta: {', '.join(kept)}")
     if unread:
         notes.append(f"not used: {contents(unread)}")
     for name, node in unread.items():
-        if len(texts(node) or ()) == len(every) > 1 and not any("label" in found.about for found in every):
+        if len(texts(node) or ()) == len(found) > 1 and not any(found.get("label")):
             notes.append(f"{name} holds a text per recording: if it names the materials, save it as labels")
 
 

@@ -17,14 +17,14 @@ what the file holds.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from granular_id.io.arrays.axes import Known
-from granular_id.io.arrays.details import Found
+from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.hints import nothing_found
 from granular_id.io.arrays.search import Search
 from granular_id.io.arrays.tree import Origin
@@ -88,125 +88,132 @@ def recordings_of(
     """
     origin = Origin(source.path, describe, arrays, single)
     search = Search(origin)
-    groups = search.level(arrays, "", Known(), {}, 0)
-    every = [found for group in groups for found in group]
-    if not every:
+    found = search.level(arrays, "", Known(), {}, 0)
+    if not len(found):
         raise origin.unclear(f"no recordings are recognised: {nothing_found(origin.tree)}")
-    if len({found.axes for found in every}) > 1:
+    if len(set(found.axes)) > 1:
         raise origin.unclear("recordings differ in their axes")
     notes = list(dict.fromkeys(search.notes))
-    _set_rates(every, source, options, origin, notes)
-    if any("stamps" in found.about for found in every):
-        content = _stamped(every, source, options)
+    _share_stamps(found, source, options, notes)
+    _set_rates(found, source, options, origin)
+    if "stamps" in found.about:
+        content = _stamped(found, source, options)
     else:
-        content = unflatten(_flat(every), source.path, source, finite=True)
+        content = unflatten(_flat(found), source.path, source, finite=True)
     more = [f"... and {len(notes) - _MOST_NOTES} more notes like these"] if len(notes) > _MOST_NOTES else []
     content.notes += notes[:_MOST_NOTES] + more
     return content
 
 
-def _set_rates(
-    every: list[Found], source: FileSource, options: LoadOptions, origin: Origin, notes: list[str]
-) -> None:
-    """Give every recording without stamps its rate; stamps that all share and that are even become one."""
+def _set_rates(found: Found, source: FileSource, options: LoadOptions, origin: Origin) -> None:
+    """Give every recording without stamps the rate that is stated; it must be the file's own where that has one."""
     stated = options.rate_hz if source.rate_hz is None else source.rate_hz
-    _share_stamps(every, source, options, notes)
-    for found in every:
-        own = found.about.get("rate")
-        if "stamps" in found.about:
+    rates, stamps = found.get("rate"), found.get("stamps")
+    for i, (own, stamped) in enumerate(zip(rates, stamps, strict=True)):
+        if stamped is not None or (own == stated and own is not None):
             continue
         if own is None and stated is None:
             beside = "" if origin.single else ", or save fs (Hz) or t (s) beside the samples"
-            raise origin.fault(found.place, f"has neither a rate nor stamps; pass rate_hz={beside}")
-        if own is not None and stated is not None and own != stated:
-            raise origin.fault(found.place, f"the stated rate is {stated:g} Hz, but the file says {own:g} Hz")
-        found.about["rate"] = stated if own is None else own
+            raise origin.fault(found.places[i], f"has neither a rate nor stamps; pass rate_hz={beside}")
+        if own is not None and stated is not None:
+            problem = f"the stated rate is {stated:g} Hz, but the file says {own:g} Hz"
+            raise origin.fault(found.places[i], problem)
+    if stated is not None:
+        found.fill("rate", [stated if stamped is None else None for stamped in stamps])
 
 
-def _share_stamps(every: list[Found], source: FileSource, options: LoadOptions, notes: list[str]) -> None:
-    stamps = every[0].about.get("stamps")
-    if stamps is None or len(every) == 1 or source.irregular:
+def _share_stamps(found: Found, source: FileSource, options: LoadOptions, notes: list[str]) -> None:
+    """Turn stamps that all recordings share, and that are even, into a rate."""
+    stamps = found.get("stamps")
+    if stamps[0] is None or len(found) == 1 or source.irregular:
         return
     same = all(
-        "stamps" in found.about and np.array_equal(found.about["stamps"], stamps[: len(found.wrench)])
-        for found in every
+        own is not None and np.array_equal(own, stamps[0][: len(wrench)])
+        for own, wrench in zip(stamps, found.wrench, strict=True)
     )
     if not same:
         return
-    shared = stamps - stamps[0]  # one vector cannot say when each of several recordings began
-    recording, _ = _read_stamped(
-        replace(every[0], about={**every[0].about, "stamps": shared}), source, options
-    )
-    if recording.rate_hz is not None and len(recording.wrench) == len(every[0].wrench):
-        for found in every:
-            del found.about["stamps"]
-            found.about["rate"] = recording.rate_hz
+    shared = stamps[0] - stamps[0][0]  # one vector cannot say when each of several recordings began
+    recording, _ = _read_stamped(found, 0, {**found.one(0), "stamps": shared}, source, options)
+    if recording.rate_hz is not None and len(recording.wrench) == len(found.wrench[0]):
+        del found.about["stamps"]
+        found.about["rate"] = [recording.rate_hz] * len(found)
         notes.append(f"the stamps that all recordings share are even: {recording.rate_hz:g} Hz")
 
 
-def _stamped(every: list[Found], source: FileSource, options: LoadOptions) -> FileContent:
+def _stamped(found: Found, source: FileSource, options: LoadOptions) -> FileContent:
     """Make recordings one by one, where stamps must be looked at."""
     recordings: list[Recording] = []
     rows: list[dict[str, Any]] = []
-    for i, found in enumerate(every):
-        named = found.about.get("name") or (source.name if len(every) == 1 else f"{source.name}[{i}]")
-        own = replace(source, name=named, rate_hz=found.about.get("rate", source.rate_hz))
-        recording, remarks = _read_stamped(found, own, options)
-        labels = {key: found.about[key] for key in ("label", "session") if key in found.about}
+    for i in range(len(found)):
+        about = found.one(i)
+        named = about.get("name") or (source.name if len(found) == 1 else f"{source.name}[{i}]")
+        own = replace(source, name=named, rate_hz=about.get("rate", source.rate_hz))
+        recording, remarks = _read_stamped(found, i, about, own, options)
+        labels = {key: about[key] for key in ("label", "session") if key in about}
         try:
             recordings.append(replace(recording, **labels))
         except (TypeError, ValueError) as error:
-            raise RecordingFileError(source.path, str(error), place=found.place) from error
+            raise RecordingFileError(source.path, str(error), place=found.places[i]) from error
         rows += [{"name": named, **remarks}] if remarks else []
     return FileContent(recordings, rows)
 
 
-def _read_stamped(found: Found, source: FileSource, options: LoadOptions) -> tuple[Recording, dict[str, Any]]:
-    about = found.about
-    stamps = about.get("stamps")
+def _read_stamped(
+    found: Found, i: int, about: Mapping[str, Any], source: FileSource, options: LoadOptions
+) -> tuple[Recording, dict[str, Any]]:
+    stamps, place = about.get("stamps"), found.places[i]
     if stamps is not None:
         stamps = np.asarray(stamps, np.float64)
         if not np.isfinite(stamps).all():
             first = int(np.flatnonzero(~np.isfinite(stamps))[0])
             problem = f"the stamp of sample {first} is {stamps[first]}; wanted seconds"
-            raise RecordingFileError(source.path, problem, place=found.place)
+            raise RecordingFileError(source.path, problem, place=place)
 
     def locate(sample: int | None) -> dict[str, Any]:
-        return {"place": found.place if sample is None else f"{found.place}, sample {sample}"}
+        return {"place": place if sample is None else f"{place}, sample {sample}"}
 
     return stamped_recording(
-        found.wrench,
+        found.wrench[i],
         source,
         options,
         stamps=stamps,
         start_time=about.get("start"),
         flags=about.get("flags"),
         trigger=about.get("trigger"),
-        axes=found.axes,
+        axes=found.axes[i],
         meta=about.get("meta"),
         locate=locate,
     )
 
 
-def _flat(every: Sequence[Found]) -> FlatRecordings:
-    def column(attribute: str, missing: Any = None) -> list[Any]:
-        return [found.about.get(attribute, missing) for found in every]
+def _flat(found: Found) -> FlatRecordings:
+    def numbers(attribute: str, missing: float) -> list[Any]:
+        return [missing if value is None else value for value in found.get(attribute)]
 
+    wrench = found.wrench
+    if isinstance(wrench, np.ndarray):
+        lengths = np.full(len(wrench), wrench.shape[1])
+    else:
+        lengths = np.array([len(recording) for recording in wrench], np.int64)
     flags = None
-    if any("flags" in found.about for found in every):
+    if "flags" in found.about:
         flags = np.concatenate(
-            [found.about.get("flags", np.zeros(len(found.wrench), np.uint8)) for found in every]
+            [
+                np.zeros(n, np.uint8) if own is None else own
+                for own, n in zip(found.get("flags"), lengths, strict=True)
+            ]
         )
     return FlatRecordings(
-        axes=every[0].axes,
-        wrench=joined([found.wrench for found in every]),
-        n_samples=np.array([len(found.wrench) for found in every], np.int64),
-        rate_hz=np.array(column("rate"), np.float64),
-        start_time=np.array(column("start", np.nan), np.float64),
-        trigger_index=np.array(column("trigger", NO_TRIGGER), np.int64),
-        label=column("label"),
-        session=column("session"),
-        name=column("name"),
-        meta_json=[json.dumps(meta) if meta else None for meta in column("meta")],
+        axes=found.axes[0],
+        wrench=wrench.reshape(-1, wrench.shape[2]) if isinstance(wrench, np.ndarray) else joined(wrench),
+        n_samples=lengths,
+        rate_hz=np.array(numbers("rate", np.nan), np.float64),
+        start_time=np.array(numbers("start", np.nan), np.float64),
+        trigger_index=np.array(numbers("trigger", NO_TRIGGER), np.int64),
+        label=found.get("label"),
+        session=found.get("session"),
+        name=found.get("name"),
+        meta_json=[json.dumps(meta) if meta else None for meta in found.get("meta")],
         flags=flags,
     )

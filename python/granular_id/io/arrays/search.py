@@ -13,13 +13,14 @@ from granular_id.io.arrays.axes import (
     cut_padding,
     recordings_samples_axes,
     refuse_gaps,
-    row_major,
     samples_axes,
 )
-from granular_id.io.arrays.details import Entries, Found, add_details
+from granular_id.io.arrays.details import Entries, add_details
+from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.names import Role, is_general, label_of_name, role_of, without_tables
 from granular_id.io.arrays.parts import THREE, Halves, axis_arrays, halves_of, in_parts
 from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, has_axis, is_leaf, n_values, texts, values
+from granular_id.io.bulk import row_major
 from granular_id.recording._values import FloatArray
 
 _ONE_PER_RECORDING: tuple[Role, ...] = (
@@ -37,9 +38,6 @@ _MEANINGS = ("recordings", "samples", "axes")
 _FIRST = 3
 """Items of a list that are looked at to tell what it holds."""
 
-Groups = list[list[Found]]
-"""Recordings, in one list for each array, cell or struct that they stood in."""
-
 
 @dataclass
 class Search:
@@ -55,7 +53,7 @@ class Search:
     origin: Origin
     notes: list[str] = field(default_factory=list)
 
-    def level(self, tree: Mapping[str, Any], name: str, known: Known, outer: Entries, depth: int) -> Groups:
+    def level(self, tree: Mapping[str, Any], name: str, known: Known, outer: Entries, depth: int) -> Found:
         """Return the recordings of a struct, group or archive, with what it says about them.
 
         Parameters
@@ -84,14 +82,14 @@ class Search:
         used: Collection[str] = samples
         if vectors and not samples:
             wrench, used = self._stacked(vectors, name), vectors
-            groups = [self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)]
+            found = self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)
         elif halves is not None:
-            groups, used = self._joined(halves, name, known), (halves.force, halves.torque)
+            found, used = self._joined(halves, name, known), (halves.force, halves.torque)
         else:
-            groups = self._groups(samples, name, known, entries, depth)
+            found = self._several(samples, name, known, entries, depth)
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
-        add_details(groups, entries, rest, self.origin, self.notes)
-        return groups
+        add_details(found, entries, rest, self.origin, self.notes)
+        return found
 
     def _entries(self, tree: Mapping[str, Any], name: str) -> tuple[Entries, dict[str, Any]]:
         entries: Entries = {}
@@ -132,20 +130,15 @@ class Search:
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
         return has_axis(node, len(known.axes))
 
-    def _groups(
+    def _several(
         self, samples: Mapping[str, Any], name: str, known: Known, entries: Entries, depth: int
-    ) -> Groups:
+    ) -> Found:
         if len(samples) == 1:
             key, node = next(iter(samples.items()))
             found = self._node(node, _path(name, key), known, entries, depth)
-            if (
-                name
-                and not isinstance(node, list)
-                and len(found) == len(found[0]) == 1
-                and not is_general(key)
-            ):
+            if name and not isinstance(node, list) and found.sizes == [1] and not is_general(key):
                 # rice/1, which others would be called that have rice/2 beside them
-                found[0][0].about.setdefault("name", _path(name, key))
+                found.fill("name", [_path(name, key)])
             return found
         groups = []
         for key, node in samples.items():
@@ -153,27 +146,24 @@ class Search:
                 raise self.origin.unclear(
                     f"{' and '.join(map(repr, list(samples)[:5]))} may all be the recordings"
                 )
-            inner = [
-                found for group in self._node(node, _path(name, key), known, {}, depth) for found in group
-            ]
-            groups.append((key, inner))
+            inner = self._node(node, _path(name, key), known, {}, depth)
+            groups.append((key, Found.joined([inner], as_one=True)))
         single = all(len(found) == 1 for _, found in groups)
         if not single and "labels" in entries:
             both = f"labels in {next(iter(entries['labels']))}, and recordings under names of their own"
             raise self.origin.unclear(f"{both} ({', '.join(list(samples)[:5])})")
         alone = single and "labels" not in entries and all(_numbered_in(name, *group) for group in groups)
         self._name(groups, name, single and not alone)
-        return [found for _, found in groups]
+        return Found.joined([found for _, found in groups])
 
-    def _name(self, groups: list[tuple[str, list[Found]]], level: str, single: bool) -> None:
+    def _name(self, groups: list[tuple[str, Found]], level: str, single: bool) -> None:
         """Take the names of several arrays as names of recordings, or as labels of what they hold."""
         numbered = all(label_of_name(key) is not None for key, _ in groups)
-        for key, group in groups:
-            for found in group:
-                if single:
-                    found.about.setdefault("name", _path(level, key))
-                if not single or numbered:
-                    found.about.setdefault("label", label_of_name(key) if single else key)
+        for key, found in groups:
+            if single:
+                found.fill("name", [_path(level, key)])
+            if not single or numbered:
+                found.fill("label", [label_of_name(key) if single else key] * len(found))
         if not groups:
             return
         keys = ", ".join(key for key, _ in groups[:3]) + (", ..." if len(groups) > 3 else "")
@@ -181,25 +171,24 @@ class Search:
         part = ", and the part before the number as label" if single and numbered else ""
         self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
 
-    def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Groups:
+    def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Found:
         if isinstance(node, Mapping):
             inherited: Entries = {role: found for role, found in entries.items() if role == "class_names"}
             return self.level(node, name, known, inherited, depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)
-        return [self._array(values(node), name, known)]
+        return self._array(values(node), name, known)
 
-    def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Groups:
+    def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Found:
         items = [as_tree(item) for item in self._turned(items, known)]
-        groups: Groups = []
+        cells: list[Found] = []
         for i, item in enumerate(items):
             place = f"{name}[{i}]"
             if not self._holds(item, known, depth + 1):
                 raise self.origin.fault(place, f"is no recording: wanted (samples, {len(known.axes)})")
             inner = self._node(item, place, known, entries if isinstance(item, Mapping) else {}, depth + 1)
-            groups.append([found for group in inner for found in group])
-        single = all(len(group) == 1 for group in groups)
-        return [[found for group in groups for found in group]] if single else groups
+            cells.append(Found.joined([inner], as_one=True))
+        return Found.joined(cells, as_one=all(len(cell) == 1 for cell in cells))
 
     def _turned(self, items: list[Any], known: Known) -> list[Any]:
         """Turn a table of cells whose columns, not rows, there is one label for."""
@@ -221,23 +210,22 @@ class Search:
             raise self.origin.unclear(f"the axes differ in shape: {shapes}")
         return np.stack(flat, axis=-1)
 
-    def _joined(self, halves: Halves, level: str, known: Known) -> Groups:
+    def _joined(self, halves: Halves, level: str, known: Known) -> Found:
         """Put torques behind forces, of one array or of each item of two lists."""
         three = replace(known, axes=THREE)
         listed = isinstance(halves.pair[0], list)
-        groups: Groups = []
+        cells: list[Found] = []
         for i, pair in enumerate(halves.items(self.origin)):
             place = _path(level, halves.name) + (f"[{i}]" if listed else "")
             sides = [
                 self._ordered(self._floats(values(node), _path(level, key)), place, three)
                 for node, key in zip(pair, (halves.force, halves.torque), strict=True)
             ]
-            groups.append(self._found(np.concatenate(sides, axis=-1), place, known))
+            cells.append(self._found(np.concatenate(sides, axis=-1), place, known))
         self._note(f"{halves.name} joined: forces, then torques")
-        single = listed and all(len(group) == 1 for group in groups)
-        return [[found for group in groups for found in group]] if single else groups
+        return Found.joined(cells, as_one=listed and all(len(cell) == 1 for cell in cells))
 
-    def _array(self, raw: Any, name: str, known: Known, *, sensor_last: bool = False) -> list[Found]:
+    def _array(self, raw: Any, name: str, known: Known, *, sensor_last: bool = False) -> Found:
         array = self._floats(raw, name)
         return self._found(self._ordered(array, name, known, sensor_last=sensor_last), name, known)
 
@@ -258,16 +246,16 @@ class Search:
         ordered: FloatArray = array.transpose(order)
         return ordered
 
-    def _found(self, array: FloatArray, name: str, known: Known) -> list[Found]:
+    def _found(self, array: FloatArray, name: str, known: Known) -> Found:
         if array.ndim == 2:
             refuse_gaps(array, known.axes, name, self.origin)
-            return [Found(array, known.axes, name, len(array))]
+            return Found.block([array], known.axes, name)
         block = row_major(array)
         recordings = cut_padding(block, known.axes, name, self.origin)
-        cut = sum(len(recording) < block.shape[1] for recording in recordings)
-        if cut:
+        if recordings is not block:
+            cut = sum(len(recording) < block.shape[1] for recording in recordings)
             self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
-        return [Found(recording, known.axes, name, block.shape[1]) for recording in recordings]
+        return Found.block(recordings, known.axes, name, block.shape[1])
 
     def _floats(self, raw: Any, name: str) -> FloatArray:
         array = np.asarray(raw)
@@ -281,9 +269,9 @@ class Search:
             self.notes.append(text)
 
 
-def _numbered_in(level: str, key: str, found: list[Found]) -> bool:
+def _numbered_in(level: str, key: str, found: Found) -> bool:
     """Tell whether a group without a number holds one recording with one: ``rice/rice_1``, the only one of rice."""
-    named = str(found[0].about.get("name", ""))
+    named = str(found.get("name")[0] or "")
     return named.startswith(f"{_path(level, key)}/") and named[-1].isdecimal() and not key[-1:].isdecimal()
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
 from operator import add, mod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._threads import spread
+from granular_id.io.bulk import bulk_threads
 from granular_id.io.expansion import Expansion
 
 DEFLATE, SHUFFLE, FLETCHER32, LZF = 1, 2, 3, 32000
@@ -68,15 +69,10 @@ class PackedChunks:
         self._found.append(info)
         return True if len(self._found) > MAX_CHUNKS else None  # a damaged index may go round in circles
 
-    def __iter__(self) -> Iterator[tuple[tuple[int, ...], int, bytes]]:
-        """Yield offset, mask of the filters left out, and packed bytes of each chunk that is there."""
-        for info in self._found:
-            mask, packed = self._dataset.read_direct_chunk(info.chunk_offset)
-            yield info.chunk_offset, mask, packed
-
     def check(self) -> None:
         """Refuse chunks that unpack to another size than they should have, without unpacking those of lzf."""
-        for _, mask, packed in self:
+        for info in self._found:
+            mask, packed = self._dataset.read_direct_chunk(info.chunk_offset)
             if self._gzip or mask & self._packer:
                 self.unpacked(packed, mask)
                 continue
@@ -116,17 +112,19 @@ class PackedChunks:
             if self._dtype.kind != "V":  # what stands for a text: nothing, as h5py fills it
                 self._dataset.get_create_plist().get_fill_value(fill)
             values = np.full(self._shape, fill, self._dtype)
-        filled = set()
-        for offset, mask, packed in self:
-            chunk = np.frombuffer(self.unpacked(packed, mask), self._dtype).reshape(self._chunk)
-            part = values[tuple(map(slice, offset, map(add, offset, self._chunk)))]
-            # chunks at the border are larger than what is left of the dataset
-            part[...] = chunk if part.shape == self._chunk else chunk[tuple(map(slice, part.shape))]
-            if part.size and not any(map(mod, offset, self._chunk)):
-                filled.add(offset)
-        if len(filled) < len(self._found):  # values may be left as they were in memory
+        filled = set(spread(lambda info: self._fill(values, info.chunk_offset), self._found, bulk_threads()))
+        if len(filled - {None}) < len(self._found):  # values may be left as they were in memory
             raise self._expansion.fault(self._place, "has chunks over each other or outside the dataset")
         return values
+
+    def _fill(self, values: NDArray[Any], offset: tuple[int, ...]) -> tuple[int, ...] | None:
+        """Put the values of one chunk into their place; return it, None where there is no place for a chunk."""
+        mask, packed = self._dataset.read_direct_chunk(offset)
+        chunk = np.frombuffer(self.unpacked(packed, mask), self._dtype).reshape(self._chunk)
+        part = values[tuple(map(slice, offset, map(add, offset, self._chunk)))]
+        # chunks at the border are larger than what is left of the dataset
+        part[...] = chunk if part.shape == self._chunk else chunk[tuple(map(slice, part.shape))]
+        return offset if part.size and not any(map(mod, offset, self._chunk)) else None
 
 
 def lzf_size(packed: bytes) -> int:

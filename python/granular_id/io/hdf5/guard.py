@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.bulk import read_at
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.extras import need
@@ -28,6 +29,9 @@ _REFERENCE = np.dtype((np.void, REFERENCE_BYTES))
 
 MAX_MEMBERS = 50_000
 """Members of one group."""
+
+_LARGE = 1 << 20
+"""Bytes of a dataset worth a way of their own."""
 
 MAX_TEXTS = 100_000
 """Texts of changing length in one dataset."""
@@ -208,9 +212,22 @@ class GuardedFile:
                     return chunks.whole()
                 chunks.check()  # what is no bomb may be unpacked by the library
             values = np.empty(shape, dtype)
-            if size:
+            if size and not (values.nbytes >= _LARGE and self._read_bytes(dataset.id, values, place)):
                 dataset.id.read(self._h5.h5s.ALL, self._h5.h5s.ALL, values)
             return values
+
+    def _read_bytes(self, dataset: Any, values: NDArray[Any], place: str) -> bool:
+        """Fill `values` from the bytes of the file, if they lie there in one piece as they are wanted.
+
+        The library does it with one thread, and needs half as long again.
+        """
+        offset = dataset.get_offset()  # None where there is not one piece
+        if offset is None or not dataset.get_type().equal(self._h5.h5t.NATIVE_DOUBLE):
+            return False
+        done = read_at(self._file.id.get_vfd_handle(), offset, values)
+        if done < values.nbytes:
+            raise self.expansion.fault(place, f"is cut off: {done} of {values.nbytes} bytes are there")
+        return True
 
     def _dataset_texts(self, dataset: Any, shape: tuple[int, ...], place: str) -> NDArray[np.str_]:
         """Return texts of changing length, one for each of the references that are the values in the file."""

@@ -65,7 +65,7 @@ class MatrixReader:
 
     Parameters
     ----------
-    data : bytes or bytearray
+    data : memoryview
         What follows the tag of a top-level array, unpacked.
     order : {"<", ">"}
         Order of bytes in numbers.
@@ -73,7 +73,7 @@ class MatrixReader:
         The file, for limits and errors.
     """
 
-    def __init__(self, data: bytes | bytearray, order: Literal["<", ">"], reading: MatReading) -> None:
+    def __init__(self, data: memoryview, order: Literal["<", ">"], reading: MatReading) -> None:
         self._data = data
         self._reading = reading
         self._two = struct.Struct(order + "II").unpack_from

@@ -6,7 +6,6 @@ import io
 import math
 import struct
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -18,6 +17,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.files import open_bounded
 from granular_id.io.npz.array_stream import read_header, read_values
+from granular_id.io.npz.checksum import Checksum
 
 _MAX_DIRECTORY_BYTES = 4 * 1024 * 1024
 """Bytes of the list of members: about 40,000 arrays, read within a second."""
@@ -144,7 +144,8 @@ class _Stored(io.RawIOBase):
             raise zipfile.BadZipFile("no member begins where the directory says")
         self._file, self._info = file, info
         self._start = info.header_offset + len(header) + name_length + extra_length
-        self._done = self._checksum = 0
+        self._done = 0
+        self._checksum = Checksum()
 
     def readable(self) -> bool:
         return True
@@ -152,13 +153,17 @@ class _Stored(io.RawIOBase):
     def tell(self) -> int:
         return self._done
 
+    def close(self) -> None:
+        self._checksum.close()
+        super().close()
+
     def readinto(self, buffer: Any) -> int:
         view = memoryview(buffer)[: self._info.file_size - self._done]
         self._file.seek(self._start + self._done)
         count = self._file.readinto(view) if len(view) else 0  # type: ignore[attr-defined]
-        self._checksum = zlib.crc32(view[:count], self._checksum)
+        self._checksum.add(view[:count])
         self._done += count
-        if self._done == self._info.file_size and self._checksum != self._info.CRC:
+        if self._done == self._info.file_size and self._checksum.value() != self._info.CRC:
             raise zipfile.BadZipFile("its checksum is wrong")
         return int(count)
 

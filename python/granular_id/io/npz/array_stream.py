@@ -10,9 +10,10 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.bulk import read_at
 from granular_id.io.errors import RecordingFileError
 
-_CHUNK_BYTES = 256 * 1024
+_CHUNK_BYTES = 1 << 20
 """Bytes read at once: so few that they are still in the processor's cache when their checksum is made."""
 
 _MAX_HEADER_BYTES = 10_000
@@ -98,7 +99,7 @@ def read_header(stream: IO[bytes], n_bytes: int, path: Path, place: str | None =
 
 
 def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str | None = None) -> NDArray[Any]:
-    """Read the values that follow a header, in pieces, into one array.
+    """Read the values that follow a header into one array: those of a file at once, others in pieces.
 
     Raises
     ------
@@ -106,17 +107,24 @@ def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str |
         The stream ends before they do.
     """
     values = np.empty(math.prod(header.shape), header.dtype)
-    buffer = values.view(np.uint8).data if values.size else memoryview(b"")
-    done = 0
-    while done < header.n_bytes:
-        count = stream.readinto(buffer[done : done + _CHUNK_BYTES])  # type: ignore[attr-defined]
-        if not count:
-            problem = f"is cut off: {done} of {header.n_bytes} bytes are there"
-            raise RecordingFileError(path, problem, place=place)
-        done += count
+    done = _read_pieces(stream, values) if place else read_at(stream.fileno(), stream.tell(), values)
+    if done < header.n_bytes:
+        problem = f"is cut off: {done} of {header.n_bytes} bytes are there"
+        raise RecordingFileError(path, problem, place=place)
     shape = header.shape[::-1] if header.fortran_order else header.shape
     array: NDArray[Any] = values.reshape(shape)
     return array.transpose() if header.fortran_order else array
+
+
+def _read_pieces(stream: IO[bytes], values: NDArray[Any]) -> int:
+    buffer = values.view(np.uint8).data if values.size else memoryview(b"")
+    done = 0
+    while done < values.nbytes:
+        count = stream.readinto(buffer[done : done + _CHUNK_BYTES])  # type: ignore[attr-defined]
+        if not count:
+            break
+        done += count
+    return done
 
 
 def _short(shape: tuple[int, ...]) -> str:

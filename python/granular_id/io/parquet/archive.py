@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import groupby
+from itertools import accumulate, groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._threads import spread
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import check_expansion, check_file, read_bounded
 from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
@@ -109,16 +110,19 @@ class ParquetArchive:
         return content
 
     def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
-        block = _Block(sum(part.n_samples for part in parts), len(self.axes))
+        block = _Block(sum(part.n_samples for part in parts), self._mark.columns)
         files = {part.file: self.folder / part.file for part in parts}
         read = [self.folder / INDEX_FILE, *files.values()]
         n_bytes = sum(check_file(path, self.folder, self._max_file_bytes) for path in read)
         n_recordings = parts[-1].stop - parts[0].start
         expanded = block.n_bytes + RECORDING_BYTES * n_recordings
         check_expansion(self.folder / INDEX_FILE, n_bytes, expanded, place="column n_samples")
-        for file, some in groupby(parts, key=lambda part: part.file):
+        filled, finite = 0, True
+        for file, group in groupby(parts, key=lambda part: part.file):
+            some = list(group)
             with open_parquet(files[file], self.folder, self._max_file_bytes) as parquet:
-                self._fill(block, parquet, list(some))
+                finite = self._fill(block, parquet, some, filled) and finite
+            filled += sum(part.n_samples for part in some)
         rows = self.index.slice(parts[0].start, n_recordings)
         flat = FlatRecordings(
             axes=self.axes,
@@ -135,7 +139,7 @@ class ParquetArchive:
             flags=block.flags,
             history_json=history_json,
         )
-        return unflatten(flat, self.folder, source)
+        return unflatten(flat, self.folder, source, finite=finite)
 
     def _history(self) -> str:
         path = self.folder / HISTORY_NAME
@@ -149,7 +153,22 @@ class ParquetArchive:
         except UnicodeDecodeError as error:
             raise RecordingFileError(path, f"is not UTF-8 text: {error}") from error
 
-    def _fill(self, block: _Block, parquet: CheckedParquet, parts: Sequence[Partition]) -> None:
+    def _fill(self, block: _Block, parquet: CheckedParquet, parts: Sequence[Partition], filled: int) -> bool:
+        """Put in the samples of one file, behind those that are filled; tell whether they are finite."""
+        self._check_groups(parquet, parts)
+        columns = _sample_columns(parquet, self._mark.columns)
+        parquet.check(columns)
+        block.make(columns)
+        starts = accumulate((part.n_samples for part in parts), initial=filled)
+
+        def fill(item: tuple[Partition, int]) -> bool:
+            part, start = item
+            table = parquet.read(part.row_group, columns)
+            return block.put(table, start, parquet.path, f"row group {part.row_group}")
+
+        return all(spread(fill, zip(parts, starts, strict=False), parquet.most_threads))
+
+    def _check_groups(self, parquet: CheckedParquet, parts: Sequence[Partition]) -> None:
         path = parquet.path
         if read_mark(parquet.labels, "samples", path) != self._mark:
             raise RecordingFileError(path, f"holds other axes than {INDEX_FILE} says", place="footer")
@@ -163,42 +182,43 @@ class ParquetArchive:
             if rows != part.n_samples:
                 problem = f"holds {rows} samples; by {INDEX_FILE} its recordings have {part.n_samples}"
                 raise RecordingFileError(path, problem, place=f"row group {part.row_group}")
-        columns = _sample_columns(parquet, self._mark.columns)
-        for part in parts:
-            block.append(parquet.read(part.row_group, columns), parquet, part, self._mark.columns)
 
 
 class _Block:
-    """The samples of neighbouring partitions, filled one row group after the other."""
+    """The samples of neighbouring partitions, put in row group by row group."""
 
-    def __init__(self, n_rows: int, n_axes: int) -> None:
+    def __init__(self, n_rows: int, axes: Sequence[str]) -> None:
         self.n_rows = n_rows
-        self.n_axes = n_axes
-        self.n_bytes = 8 * n_rows * n_axes
-        self.wrench: FloatArray = np.empty((0, n_axes))  # made when sizes are checked
+        self.axes = axes
+        self.n_bytes = 8 * n_rows * len(axes)
+        self.wrench: FloatArray = np.empty((0, len(axes)))
         self.time_s: FloatArray | None = None
         self.flags: NDArray[np.uint8] | None = None
-        self._filled = 0
 
-    def append(self, table: Any, parquet: CheckedParquet, part: Partition, columns: Sequence[str]) -> None:
-        if not self._filled:
-            self.wrench = np.empty((self.n_rows, self.n_axes))
-        rows = slice(self._filled, self._filled + part.n_samples)
-        self._filled = rows.stop
+    def make(self, columns: Sequence[str]) -> None:
+        """Take the memory, when sizes are checked."""
+        if not len(self.wrench):
+            self.wrench = np.empty((self.n_rows, len(self.axes)))
+        if TIME in columns and self.time_s is None:
+            self.time_s = np.full(self.n_rows, np.nan)
+        if FLAGS in columns and self.flags is None:
+            self.flags = np.zeros(self.n_rows, np.uint8)
+
+    def put(self, table: Any, start: int, path: Path, place: str) -> bool:
+        """Put in one row group, and tell whether its samples are finite; several threads may, for rows of their own."""
         for name in table.column_names:
             if table.column(name).null_count:
-                place = f"row group {part.row_group}"
-                raise RecordingFileError(
-                    parquet.path, "holds empty cells; wanted numbers", place=place, column=name
-                )
-        for j, name in enumerate(columns):
-            self.wrench[rows, j] = table.column(name).to_numpy()
-        if TIME in table.column_names:
-            self.time_s = np.full(self.n_rows, np.nan) if self.time_s is None else self.time_s
-            self.time_s[rows] = table.column(TIME).to_numpy()
-        if FLAGS in table.column_names:
-            self.flags = np.zeros(self.n_rows, np.uint8) if self.flags is None else self.flags
-            self.flags[rows] = table.column(FLAGS).to_numpy()
+                raise RecordingFileError(path, "holds empty cells; wanted numbers", place=place, column=name)
+        rows = slice(start, start + table.num_rows)
+        finite = True
+        for j, name in enumerate(self.axes):
+            samples = table.column(name).to_numpy()
+            self.wrench[rows, j] = samples
+            finite = finite and bool(np.isfinite(samples).all())
+        for name, values in ((TIME, self.time_s), (FLAGS, self.flags)):
+            if name in table.column_names and values is not None:
+                values[rows] = table.column(name).to_numpy()
+        return finite
 
 
 def _sample_columns(parquet: CheckedParquet, axes: Sequence[str]) -> list[str]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from granular_id.io.bulk import bulk_threads
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
 from granular_id.io.files import check_expansion, open_bounded
@@ -53,24 +55,52 @@ def open_parquet(
         except ValueError as error:
             raise RecordingFileError(path, str(error)) from error
         with _naming(path, "footer"):
-            source = _source(path, file)
-            parquet = library.ParquetFile(
-                source,
-                read_dictionary=list(texts),
-                pre_buffer=False,
-                page_checksum_verification=True,
-                thrift_string_size_limit=MAX_FOOTER_BYTES,
-                thrift_container_size_limit=_MAX_FOOTER_ITEMS,
-            )
-            opened = CheckedParquet(path, file, n_bytes, parquet, footer, use_threads=source is not file)
+            readers = _Readers(library, path, file, list(texts))
         try:
+            with _naming(path, "footer"):
+                opened = CheckedParquet(path, file, n_bytes, readers, footer)
             yield opened
         finally:
-            parquet.close(force=True)
+            readers.close()
 
 
-def _source(path: Path, file: BinaryIO) -> Any:
-    """Return pyarrow's own file, or the Python file where pyarrow cannot spell the name.
+class _Readers:
+    """pyarrow's readers of one file: one for each thread, as none can be used by two at a time."""
+
+    def __init__(self, library: Any, path: Path, file: BinaryIO, texts: list[str]) -> None:
+        self._library, self._path, self._file, self._texts = library, path, file, texts
+        self._own = threading.local()
+        self._all: list[Any] = []
+        self.own_file = _has_plain_name(path)
+        self._metadata = None
+        self._metadata = self.get().metadata  # the others need not read it again
+
+    def get(self) -> Any:
+        """Return the reader of this thread."""
+        if not hasattr(self._own, "reader"):
+            self._own.reader = self._open()
+            self._all.append(self._own.reader)
+        return self._own.reader
+
+    def _open(self) -> Any:
+        arrow = need("pyarrow", extra="app", why="to read Parquet files")
+        return self._library.ParquetFile(
+            arrow.OSFile(os.fspath(self._path)) if self.own_file else self._file,
+            metadata=self._metadata,
+            read_dictionary=self._texts,
+            pre_buffer=False,
+            page_checksum_verification=True,
+            thrift_string_size_limit=MAX_FOOTER_BYTES,
+            thrift_container_size_limit=_MAX_FOOTER_ITEMS,
+        )
+
+    def close(self) -> None:
+        for reader in self._all:
+            reader.close(force=True)
+
+
+def _has_plain_name(path: Path) -> bool:
+    """Tell whether pyarrow can spell the name, and open the file itself; otherwise it reads the Python file.
 
     Threads of pyarrow that read through a Python file can abort or hang the process when it ends (Apache Arrow,
     issues 34314 and 50482), so only pyarrow's own files are read by threads.
@@ -78,8 +108,8 @@ def _source(path: Path, file: BinaryIO) -> Any:
     try:
         os.fspath(path).encode()
     except UnicodeEncodeError:
-        return file
-    return need("pyarrow", extra="app", why="to read Parquet files").OSFile(os.fspath(path))
+        return False
+    return True
 
 
 class CheckedParquet:
@@ -93,19 +123,19 @@ class CheckedParquet:
         Key-value texts of the footer.
     rows : list of int
         Rows of each row group.
+    most_threads : int
+        How many may `read` at a time, after a `check`: pyarrow's own threads gain nothing on row groups of this size.
     """
 
-    def __init__(
-        self, path: Path, file: BinaryIO, n_bytes: int, parquet: Any, footer: Footer, *, use_threads: bool
-    ) -> None:
+    def __init__(self, path: Path, file: BinaryIO, n_bytes: int, readers: _Readers, footer: Footer) -> None:
         self.path = path
-        self._use_threads = use_threads
+        self.most_threads = bulk_threads() if readers.own_file else 1
         self._file = file
         self._n_bytes = n_bytes
-        self._parquet = parquet
+        self._readers = readers
         self._footer = footer
         self._checked: set[str] = set()
-        schema = parquet.schema_arrow
+        schema = readers.get().schema_arrow
         names = list(schema.names)
         if len(set(names)) < len(names):
             twice = next(name for i, name in enumerate(names) if name in names[:i])
@@ -141,7 +171,8 @@ class CheckedParquet:
         """Decode columns of one row group, a ``pyarrow.Table``."""
         self.check(columns)
         with _naming(self.path, f"row group {group}"):
-            table = self._parquet.read_row_group(group, columns=list(columns), use_threads=self._use_threads)
+            reader = self._readers.get()
+            table = reader.read_row_group(group, columns=list(columns), use_threads=False)
             table.validate(full=True)
             if table.num_rows != self.rows[group]:
                 raise ValueError(f"{table.num_rows} rows could be decoded of {self.rows[group]}")

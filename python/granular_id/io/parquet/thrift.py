@@ -13,6 +13,7 @@ __all__ = ["CutOffError", "read_struct"]
 _DEEPEST = 12
 _MOST_VALUES = 1_000_000
 _TRUE, _FALSE, _BYTE, _I16, _I32, _I64, _DOUBLE, _BINARY, _LIST, _SET, _MAP, _STRUCT = range(1, 13)
+_WHOLE = frozenset((_I16, _I32, _I64))
 
 
 class CutOffError(ValueError):
@@ -50,6 +51,8 @@ def read_struct(data: bytes) -> tuple[dict[int, Any], int]:
 
 
 class _Reader:
+    """A file may have thousands of pages: what most fields are, whole numbers, is read with few calls."""
+
     def __init__(self, data: bytes) -> None:
         self.data = data
         self.at = 0
@@ -58,19 +61,23 @@ class _Reader:
     def struct(self, depth: int) -> dict[int, Any]:
         if depth > _DEEPEST:
             raise ValueError("structs are nested too deeply")
+        data = self.data
         fields: dict[int, Any] = {}
         number = 0
-        while (head := self._byte()) != 0:
+        while head := data[self.at]:
+            self.at += 1
             number = number + (head >> 4) if head >> 4 else self._whole()
             kind = head & 15
-            fields[number] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth)
+            if kind in _WHOLE:
+                fields[number] = self._whole()
+            else:
+                fields[number] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth)
+        self.at += 1
+        self._count(len(fields))
         return fields
 
     def _value(self, kind: int, depth: int) -> Any:
-        self._values += 1
-        if self._values > _MOST_VALUES:
-            raise ValueError(f"holds more than {_MOST_VALUES} values")
-        if kind in (_I16, _I32, _I64):
+        if kind in _WHOLE:
             return self._whole()
         if kind == _BINARY:
             return self._bytes(self._natural())
@@ -79,7 +86,7 @@ class _Reader:
         if kind in (_LIST, _SET):
             return self._list(depth + 1)
         if kind in (_TRUE, _FALSE, _BYTE):  # truth values take a byte within lists
-            byte = self._byte()
+            byte = self._bytes(1)[0]
             return byte if kind == _BYTE else byte == _TRUE
         if kind != _DOUBLE:
             raise ValueError(f"a field of the unknown type {kind}")  # maps do not occur in Parquet's structs
@@ -89,15 +96,17 @@ class _Reader:
     def _list(self, depth: int) -> list[Any]:
         if depth > _DEEPEST:
             raise ValueError("lists are nested too deeply")
-        head = self._byte()
+        head = self._bytes(1)[0]
         n = head >> 4 if head >> 4 != 15 else self._natural()
         if n > len(self.data) - self.at:
             raise IndexError
+        self._count(n)
         return [self._value(head & 15, depth) for _ in range(n)]
 
-    def _byte(self) -> int:
-        self.at += 1
-        return self.data[self.at - 1]
+    def _count(self, n: int) -> None:
+        self._values += n
+        if self._values > _MOST_VALUES:
+            raise ValueError(f"holds more than {_MOST_VALUES} values")
 
     def _bytes(self, n: int) -> bytes:
         start = self.at
@@ -107,15 +116,18 @@ class _Reader:
         return self.data[start : self.at]
 
     def _natural(self) -> int:
-        value = shift = 0
-        while True:
-            byte = self._byte()
+        data, at = self.data, self.at
+        byte = data[at]
+        value, shift = byte & 127, 7
+        while byte > 127:
+            at += 1
+            byte = data[at]
             value |= (byte & 127) << shift
-            if byte < 128:
-                return value
             shift += 7
-            if shift > 63:
+            if shift > 70:
                 raise ValueError("a number of more than 64 bits")
+        self.at = at + 1
+        return value
 
     def _whole(self) -> int:
         value = self._natural()

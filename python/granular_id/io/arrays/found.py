@@ -1,0 +1,97 @@
+"""The recordings that were found in a file, as columns: a value per recording of everything that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+from granular_id.recording._values import FloatArray
+
+
+@dataclass
+class Found:
+    """Some recordings, in order.
+
+    Attributes
+    ----------
+    wrench : sequence of n ndarrays, shape (T, C)
+        Finite samples; an array (n, T, C) where they lie so.
+    axes : list of n tuples of str
+        Names of their columns.
+    places : list of n str
+        Names of the arrays that they are from.
+    n_padded : list of n int
+        Samples with those that were left out as padding.
+    about : dict
+        Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, flags, meta.
+    sizes : list of int
+        How many of them stood in each array, cell or struct; they add up to n.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.io.arrays.found import Found
+    >>> both = Found.joined([Found.block(np.zeros((2, 5, 6)), tuple("abcdef"), name) for name in ("rice", "peas")])
+    >>> both.fill("label", ["rice", "rice", None, None])
+    >>> both.fill("label", ["x"] * 4)  # only where nothing is known
+    >>> len(both), both.places, both.about["label"], both.sizes
+    (4, ['rice', 'rice', 'peas', 'peas'], ['rice', 'rice', 'x', 'x'], [2, 2])
+    """
+
+    wrench: Sequence[FloatArray] | FloatArray
+    axes: list[tuple[str, ...]]
+    places: list[str]
+    n_padded: list[int]
+    about: dict[str, list[Any]] = field(default_factory=dict)
+    sizes: list[int] = field(default_factory=list)
+
+    @classmethod
+    def block(
+        cls, wrench: Sequence[FloatArray] | FloatArray, axes: tuple[str, ...], place: str, n_padded: int = 0
+    ) -> Found:
+        """Return the recordings of one array; `n_padded`: its samples, if some recordings are shorter."""
+        n = len(wrench)
+        return cls(wrench, [axes] * n, [place] * n, [n_padded or len(wrench[0])] * n, sizes=[n])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Found], *, as_one: bool = False) -> Found:
+        """Put some behind others; `as_one`: as if all had stood in one array."""
+        if len(parts) == 1:
+            whole = parts[0]
+        else:
+            whole = cls(
+                wrench=[wrench for part in parts for wrench in part.wrench],
+                axes=[axes for part in parts for axes in part.axes],
+                places=[place for part in parts for place in part.places],
+                n_padded=[n for part in parts for n in part.n_padded],
+            )
+            for attribute in dict.fromkeys(name for part in parts for name in part.about):
+                nothing = ([None] * len(part) for part in parts)
+                columns = (p.about.get(attribute, none) for p, none in zip(parts, nothing, strict=True))
+                whole.about[attribute] = list(chain.from_iterable(columns))
+            whole.sizes = [size for part in parts for size in part.sizes]
+        if as_one:
+            whole.sizes = [len(whole)]
+        return whole
+
+    def __len__(self) -> int:
+        return len(self.wrench)
+
+    def fill(self, attribute: str, column: Sequence[Any]) -> None:
+        """Put down what is now known, where nothing was known before."""
+        known = self.about.get(attribute)
+        self.about[attribute] = (
+            list(column)
+            if known is None
+            else [new if old is None else old for old, new in zip(known, column, strict=True)]
+        )
+
+    def get(self, attribute: str) -> list[Any]:
+        """Return what is known, None per recording where it is not."""
+        return self.about.get(attribute) or [None] * len(self)
+
+    def one(self, i: int) -> dict[str, Any]:
+        """Return what is known of one recording."""
+        return {name: column[i] for name, column in self.about.items() if column[i] is not None}

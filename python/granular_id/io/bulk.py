@@ -1,0 +1,104 @@
+"""What takes long with large arrays, done by a few threads at once: reading, finding what is not finite, reordering.
+
+None of it computes, all of it waits for memory or the system: two threads take about two thirds of the time of one,
+more than four gain nothing. Small arrays are done by the caller's own thread.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._threads import available_cores, spread
+
+__all__ = ["all_finite", "bulk_threads", "read_at", "row_major"]
+
+Result = TypeVar("Result")
+
+_MOST_THREADS = 4
+_PART_BYTES = 4 << 20
+"""Bytes that a thread takes at a time: much longer than the taking, and what is found about them stays in its cache."""
+
+
+def read_at(descriptor: int, offset: int, target: NDArray[Any]) -> int:
+    """Fill a C-contiguous array from an open file, whose own position stays where it is.
+
+    Parameters
+    ----------
+    descriptor : int
+    offset : int
+        Where its bytes begin in the file.
+    target : ndarray
+
+    Returns
+    -------
+    int
+        Bytes that were there; fewer than ``target.nbytes`` where the file ends before.
+    """
+    if not target.size:
+        return 0
+    room = target.reshape(-1).view(np.uint8).data
+
+    def fill(start: int, stop: int) -> int:
+        done = start
+        while done < stop:
+            count = os.preadv(descriptor, [room[done:stop]], offset + done)
+            if not count:
+                break
+            done += count
+        return done - start
+
+    return sum(_in_parts(fill, target.nbytes, 1))
+
+
+def all_finite(values: NDArray[Any]) -> bool:
+    """Tell whether an array has neither NaN nor infinity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.io.bulk import all_finite
+    >>> all_finite(np.zeros((3, 6))), all_finite(np.array([1.0, np.nan]))
+    (True, False)
+    """
+    if not values.flags.c_contiguous:
+        return bool(np.isfinite(values).all())
+    flat = values.reshape(-1)
+
+    def look(start: int, stop: int) -> bool:
+        return bool(np.isfinite(flat[start:stop]).all())
+
+    return all(_in_parts(look, len(flat), flat.itemsize))
+
+
+def row_major(block: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a block (n, T, C) in row-major order, copied only where it is not.
+
+    Column-major samples, as MATLAB keeps them, lie far apart for each recording: a few samples of all recordings at a
+    time use what the cache holds, and take half as long as the whole in one go.
+    """
+    if block.flags.c_contiguous:
+        return block
+    copied = np.empty(block.shape)
+
+    def copy(start: int, stop: int) -> None:
+        copied[:, start:stop] = block[:, start:stop]
+
+    _in_parts(copy, block.shape[1], block.nbytes // max(1, block.shape[1]))
+    return copied
+
+
+def _in_parts(work: Callable[[int, int], Result], n: int, item_bytes: int) -> list[Result]:
+    """Call ``work(start, stop)`` for parts that make up ``range(n)``."""
+    step = max(1, _PART_BYTES // max(1, item_bytes))
+    starts = range(0, n, step)
+    return spread(lambda start: work(start, min(start + step, n)), starts, bulk_threads())
+
+
+def bulk_threads() -> int:
+    """Return how many threads are worth it: more wait for the same memory."""
+    return min(_MOST_THREADS, available_cores())

@@ -1,0 +1,90 @@
+"""Large arrays, read, checked and reordered by several threads, against numpy alone."""
+
+from __future__ import annotations
+
+import os
+import zlib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from granular_id import _threads
+from granular_id.io import bulk
+from granular_id.io.npz.checksum import Checksum
+
+N = 3_000_001  # float64: six parts, the last one short
+
+
+@pytest.fixture(autouse=True)
+def three_threads(monkeypatch):
+    monkeypatch.setattr(bulk, "available_cores", lambda: 3)
+
+
+@pytest.fixture(scope="module")
+def values():
+    return np.random.default_rng(0).normal(size=N)
+
+
+def test_an_array_is_read_from_its_place_in_a_file_whose_position_stays(tmp_path, values):
+    path = tmp_path / "values"
+    path.write_bytes(b"header!" + values.tobytes() + b"more")
+    target = np.empty(N)
+    with path.open("rb") as file:
+        assert bulk.read_at(file.fileno(), 7, target) == target.nbytes
+        assert file.tell() == 0
+    np.testing.assert_array_equal(target, values)
+
+
+@pytest.mark.parametrize("there", [0, 1, 5 << 20, 8 * N - 1])
+def test_it_says_how_much_of_a_file_that_is_cut_off_is_there(tmp_path, values, there):
+    path = tmp_path / "values"
+    path.write_bytes(values.tobytes()[:there])
+    with path.open("rb") as file:
+        assert bulk.read_at(file.fileno(), 0, np.empty(N)) == there
+
+
+def test_nothing_is_read_into_an_empty_array(tmp_path):
+    path = tmp_path / "values"
+    path.write_bytes(b"abc")
+    with path.open("rb") as file:
+        assert bulk.read_at(file.fileno(), 0, np.empty((0, 6))) == 0
+
+
+@pytest.mark.parametrize("place", [0, 524_287, 524_288, 1_500_000, N - 1])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_one_value_that_is_not_finite_is_found_wherever_it_stands(values, place, bad):
+    spoiled = values.copy()
+    spoiled[place] = bad
+    assert bulk.all_finite(values)
+    assert not bulk.all_finite(spoiled)
+    assert not bulk.all_finite(spoiled[::-1])
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2), (2, 0, 1), (0, 2, 1)])
+@pytest.mark.parametrize("shape", [(211, 2003, 6), (1, 7, 3), (3, 1, 1)])
+def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, shape):
+    block = np.arange(np.prod(shape), dtype=float).reshape([shape[i] for i in order])
+    block = block.transpose(np.argsort(order))
+    turned = bulk.row_major(block)
+    assert block.shape == shape
+    assert turned.flags.c_contiguous
+    assert turned is block or not block.flags.c_contiguous
+    np.testing.assert_array_equal(turned, block)
+
+
+def test_a_machine_that_does_not_bind_processes_has_cores_too(monkeypatch):
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert _threads.available_cores() == 1
+
+
+def test_checksums_of_pieces_of_any_size_are_those_of_the_whole(values):
+    data = values.tobytes()
+    bounds = [0, 1, 70_000, 70_010, 1 << 20, 1 << 20, len(data)]
+    with Checksum() as checksum:
+        for start, stop in pairwise(bounds):
+            checksum.add(memoryview(data)[start:stop])
+        assert checksum.value() == zlib.crc32(data)
+        checksum.add(memoryview(b"and more"))
+        assert checksum.value() == zlib.crc32(data + b"and more")
