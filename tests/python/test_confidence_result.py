@@ -1,6 +1,7 @@
 """Coverage over partitions, everything in one call, the figure, the command."""
 
 import json
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from cli_cases import ended_well, make, refused, saved
 from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study
 from granular_id.confidence.assessing import count_trainings
 from granular_id.confidence.calibration import reliability
-from granular_id.confidence.coverage import random_partition
+from granular_id.confidence.coverage import CoverageResult, Covered, random_partition
 from granular_id.confidence.rows import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.plotting.confidence import plot_confidence
@@ -36,6 +37,11 @@ def test_coverage_over_100_random_partitions_is_within_two_points():
         assert row.mean == pytest.approx(row.attainable, abs=0.02)
         assert len(row.coverage) == 100
     assert [row.size for row in study.rows] == sorted(row.size for row in study.rows)
+
+
+def test_no_minus_stands_before_zero():
+    row = Covered("random", True, 0.8, 0.8, (0.7999, 0.8), 1.0, 0.0)
+    assert CoverageResult((row,), "margin", per_class=False, n_classes=3).table().rows[0][4] == "+0.0"
 
 
 def test_drift_shows():
@@ -119,7 +125,24 @@ def test_figure_shows_the_figures(found, tmp_path):
     for name in ("random 30 %", "halves in time order"):
         own = [row.mean for row in found.coverage.rows if row.held_out == name]
         assert lines[name].get_ydata().tolist() == own
+    intervals = coverage.collections[0]
+    assert intervals.get_label() == "random 30 %: 95 % of partitions"
+    assert "random 30 %: 95 % of partitions" in {
+        text.get_text() for text in coverage.get_legend().get_texts()
+    }
     assert f"AUROC {found.open_set.mean('auroc'):.3f}" in unknown.get_xlabel()
+
+
+def test_what_lies_beyond_the_bars_has_a_bar_that_says_so(found):
+    pytest.importorskip("matplotlib")
+    known, left_out = np.linspace(0.0, 0.9, 50), np.linspace(0.5, 1.5, 45)
+    for more, labels, height in (([50.0], ["> 2"], 1 / 46), ([], [], 0.0)):
+        strange = known, np.append(left_out, more)
+        panel = plot_confidence(replace(found, open_set=replace(found.open_set, strangeness=strange))).axes[2]
+        named = [label.get_text() for label in panel.get_xticklabels() if ">" in label.get_text()]
+        assert named == labels
+        across, up = panel.patches[1].get_xy().T
+        assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)
 
 
 class Told(ECOCClassifier):

@@ -73,6 +73,18 @@ def test_strips_of_spectrum_and_level(seen):
     assert strips[1].get_title().startswith("Level: tallest ")
 
 
+def test_a_block_that_the_model_does_not_use_has_no_strip():
+    X, y = louder()
+    model = make_pipeline(MultiBand(blocks=ALL), StandardScaler(), ECOCClassifier()).fit(X, y)
+    model[-1].coef_[:, -model[0].block_sizes_["level"] :] = 0.0
+    seen = explain(model, "rice", "oat", X, y)
+    assert "  nothing from the level of the signal (level)" in str(seen).splitlines()
+    figure = plot_explanation(seen)
+    assert any(title.startswith("Spectrum: ") for title in titles(figure))
+    assert not any(title.startswith("Level: ") for title in titles(figure))
+    assert figure.axes[1].get_yticklabels()[-1].get_text() == "level"  # nothing of the difference, it says
+
+
 @pytest.mark.parametrize("blocks", [("coupling",), ("quantiles",), ("level",), ("envelope", "spectrum")])
 def test_some_blocks_only(blocks, tmp_path):
     figure = plot_explanation(explained(blocks), path=tmp_path / "part.svg")

@@ -120,15 +120,31 @@ def test_residual_maps_hold_the_portrait(portrait):
         assert row_names(panel) == list(portrait.labels)
 
 
-def test_histogram_maps_cut_off_what_stays_empty_in_all_materials(portrait):
-    for axis, panel in enumerate(maps(plot_hfmh(portrait))):
-        shown = panel.images[0].get_array().filled(0.0)
-        counts = portrait.high_pass.hfmh[:, axis]
-        assert shown.sum() == pytest.approx(counts.sum())
-        assert shown[:, 0].any()
-        assert shown[:, -1].any()
-        low, high = panel.get_xlim()
-        assert (high - low) / shown.shape[1] == pytest.approx(3.0 / 100)
+def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_all(portrait):
+    panels = maps(plot_hfmh(portrait))
+    for start in (0, 3):
+        own = panels[start : start + 3]
+        shown = np.array([panel.images[0].get_array().filled(0.0) for panel in own])
+        for axis, values in enumerate(shown, start):
+            assert values.sum() == pytest.approx(portrait.high_pass.hfmh[:, axis].sum())
+        assert shown[..., 0].any()
+        assert shown[..., -1].any()
+        ((low, high),) = {panel.get_xlim() for panel in own}
+        assert (high - low) / shown.shape[2] == pytest.approx(3.0 / 100)
+        ((_, top),) = {panel.images[0].get_clim() for panel in own}
+        assert top == shown.max()
+
+
+def test_histograms_of_other_bins_share_nothing(portrait):
+    ranges = portrait.high_pass.bin_range.copy()
+    ranges[2] *= 2
+    panels = maps(plot_hfmh(replace(portrait, high_pass=replace(portrait.high_pass, bin_range=ranges))))
+    alone = portrait.high_pass.hfmh[:, 2]
+    assert panels[2].images[0].get_clim()[1] == alone.max()
+    used = np.flatnonzero(alone.any(axis=0))
+    edges = np.linspace(*ranges[2], 101)
+    assert panels[2].get_xlim() == pytest.approx((edges[used[0]], edges[used[-1] + 1]))
+    assert panels[0].get_xlim() == panels[1].get_xlim()
 
 
 def test_weights_show_the_share_of_each_axis(portrait):
@@ -138,6 +154,14 @@ def test_weights_show_the_share_of_each_axis(portrait):
     assert labels[0] == f"$F_x$\n{100 * block.shares[0]:.1f} %"
     assert len(labels) == 6
     assert f"linear model of {portrait.looked_at}" in figure.get_suptitle()
+
+
+def test_blocks_that_the_model_does_not_use_are_left_out(portrait):
+    (block,) = portrait.weights
+    silent = replace(block, name="level", influence=np.zeros_like(block.influence))
+    some = plot_weights(replace(portrait, weights=(silent, block)))
+    assert [panel.get_title() for panel in some.axes] == [block.name, *[""] * 5]
+    assert len(plot_weights(replace(portrait, weights=(silent,))).axes) == 6  # of data that tell nothing
 
 
 def test_mean_forces_of_a_portrait_are_those_of_the_portrait(portrait):

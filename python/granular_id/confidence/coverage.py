@@ -93,7 +93,7 @@ class CoverageResult:
                 percent(row.level, 0),
                 percent(row.attainable),
                 percent(row.mean),
-                f"{100 * (row.mean - row.level):+.1f}",
+                f"{round(100 * (row.mean - row.level), 1) + 0.0:+.1f}",  # no minus before zero
                 f"{row.size:.2f}",
                 percent(row.empty),
                 str(len(row.coverage)),

@@ -160,6 +160,9 @@ class BandExplanation(Explanation):
         lines = [*self._heading(), "Of the difference come"]
         of_axes = self.by_block_and_axis()
         for block, total in _largest(self.by_block()):
+            if not any(of_axes[block].values()):
+                lines.append(f"  nothing from {_WORDS[block]} ({block})")
+                continue
             axes = ", ".join(
                 f"{axis_word(axis)} {self._share(part)}" for axis, part in _largest(of_axes[block], 3)
             )

@@ -49,7 +49,7 @@ def draw_band_explanation(explanation: BandExplanation) -> Figure:
     table = explanation.by_band_and_axis()
     n_axes = len(explanation.columns.axes)
     strongest = _strongest(explanation)
-    along = [part for part in explanation.blocks if part.contributions.size]
+    along = [part for part in explanation.blocks if part.contributions.any()]
     heights = [
         0.7 + 0.21 * (len(table) + 1),
         *([3.6] if strongest else []),

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, quiet, save, share_axis
+from granular_id.plotting.style import (
+    AXIS_COLOURS,
+    FAINT,
+    INK,
+    new_figure,
+    quiet,
+    save,
+    share_axis,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,6 +26,7 @@ __all__ = ["plot_confidence"]
 
 _FIRST, _SECOND = AXIS_COLOURS[0], AXIS_COLOURS[2]  # blue and vermilion, of different lightness too
 _N_BINS = 48
+_LEGEND = 0.34  # share of the height of the panel of sets that its legend takes, above 100 %
 _SHARES = ([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
 
 
@@ -36,7 +45,8 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
         Above: what the model is called. Left: accuracy against probability of the answer; the area of a circle is its
         share of the rows. Middle: coverage against the level asked for, on random partitions with the interval in
         which 95 % of them lie, and on the strictest ones. Right, with three materials or more: strangeness of known
-        and of left-out materials, 1 at the limit of each model; rows beyond the ends are counted in the last bar.
+        and of left-out materials, 1 at the limit of each model; a bar of its own at the right end, named after where
+        it begins, counts what lies beyond.
 
     Raises
     ------
@@ -108,11 +118,13 @@ def _draw_coverage(panel: Any, confidence: Confidence) -> None:
         levels = [row.level for row in own]
         if own[0].random and len(own[0].coverage) > 2:
             spread = np.quantile([row.coverage for row in own], [0.025, 0.975], axis=1)
-            panel.vlines(levels, *spread, color=colour, linewidth=4, alpha=0.3)
+            panel.vlines(
+                levels, *spread, color=colour, linewidth=4, alpha=0.3, label=f"{name}: 95 % of partitions"
+            )
         panel.plot(levels, [row.mean for row in own], color=colour, marker=marker, linewidth=1.2, label=name)
     low = min(0.1 * np.floor(10 * min(min(row.coverage) for row in rows)), 0.7)
     panel.set_xlim(low, 1.0)
-    panel.set_ylim(low, 1.06)
+    panel.set_ylim(low, (1.0 - _LEGEND * low) / (1.0 - _LEGEND))
     panel.plot(
         [low, 1.0], [low, 1.0], color=INK, linewidth=0.8, linestyle="--", label="as asked for", zorder=1
     )
@@ -138,16 +150,26 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
         panel.text(0.5, 0.5, "too few recordings\nfor a limit:\nnothing is refused", ha="center", va="center")
         return
     low = float(min(known.min(), unknown.min()))
-    high = float(max(2.0, np.quantile(unknown, 0.9), np.quantile(known, 0.99)))
+    high = float(np.ceil(2 * max(2.0, np.quantile(unknown, 0.9), np.quantile(known, 0.99))) / 2)
     edges = np.linspace(low, high, _N_BINS + 1)
+    beyond = max(known.max(), unknown.max()) > high
+    if beyond:  # a gap, and a bar for all that is larger
+        edges = np.append(edges, high + (high - low) * np.array([1.0, 3.0]) / _N_BINS)
+    last = float(edges[-2:].mean())
     for values, colour, name, style in (
         (known, _FIRST, "known", {"alpha": 0.45, "histtype": "stepfilled"}),
         (unknown, _SECOND, "left out", {"histtype": "step", "linewidth": 1.6}),
     ):
         weights = np.full(len(values), 1 / len(values))
-        panel.hist(np.minimum(values, high), bins=edges, weights=weights, color=colour, label=name, **style)
+        shown = np.where(values > high, last, values)
+        panel.hist(shown, bins=edges, weights=weights, color=colour, label=name, **style)
     panel.axvline(1.0, color=INK, linewidth=0.9, linestyle="--", label="limit")
-    panel.set_xlim(low, high)
+    panel.set_xlim(low, edges[-1])
+    if beyond:
+        ticks = [tick for tick in panel.get_xticks() if low <= tick <= high - 0.12 * (high - low)]
+        panel.set_xticks(
+            [*ticks, last], [*(f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in ticks), f"> {high:g}"]
+        )
     panel.set_ylim(0.0, 1.3 * panel.get_ylim()[1])
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     panel.set_xlabel(

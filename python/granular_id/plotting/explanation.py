@@ -179,7 +179,7 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
     if own_range:
         return "bin, share of the range of its axis"
     what = {"time": "time", "magnitude": "bin", "frequency": "frequency"}.get(kind, kind)
-    return f"{what}, {unit}" if unit else what
+    return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
 
 
 def _line_of(axis: str) -> dict[str, Any]:

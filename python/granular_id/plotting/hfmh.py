@@ -32,8 +32,8 @@ def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None)
     Returns
     -------
     matplotlib.figure.Figure
-        Colours on a log scale, of its own for each axis. Bins that stay empty on an axis, in all materials,
-        are cut off at both ends.
+        Colours on a log scale. Axes of one unit and the same bins share colours and bins, so that one that says
+        nothing looks like it; bins that stay empty on all of them, in all materials, are cut off at both ends.
 
     Raises
     ------
@@ -63,16 +63,22 @@ def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
     part = high_pass_of(portrait)
     values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
+    unit = axis_unit(portrait.axes[axis])
+    alike = [
+        other
+        for other, name in enumerate(portrait.axes)
+        if axis_unit(name) == unit and part.bin_range[other].tolist() == [low, high]
+    ]
     edges = np.linspace(low, high, values.shape[1] + 1)
-    used = np.flatnonzero(values.any(axis=0))
+    used = np.flatnonzero(part.hfmh[:, alike].any(axis=(0, 1)))
     first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, values.shape[1])
     draw_heat(
         panel,
         values[:, first:last],
         across=(float(edges[first]), float(edges[last])),
         labels=portrait.labels,
-        limits=shared_limits(values),
+        limits=shared_limits(part.hfmh[:, alike]),
         key="density" if part.settings.get("density") else "samples in a bin",
     )
     panel.locator_params(axis="x", nbins=5)
-    panel.set_xlabel(f"bin, {axis_unit(portrait.axes[axis])}", fontsize=8, color=INK)
+    panel.set_xlabel(f"bin, {unit}", fontsize=8, color=INK)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from granular_id.evaluation.gaze import WeightBlock
     from granular_id.evaluation.portrait import Portrait
 
-__all__ = ["draw_weights", "plot_weights"]
+__all__ = ["blocks_with_weight", "draw_weights", "plot_weights"]
 
 _ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
 
@@ -38,6 +38,7 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
         One column a block of features, two of them side by side, one row an axis. Heights are the size of a
         weight times the standard deviation of its feature, mean over the binary learners, on one scale within a
         block; bars of bands add up all features of a band. The per cent are the share of an axis in all decisions.
+        A block that the model does not use, as `level` where it was not chosen, is left out.
 
     Raises
     ------
@@ -54,9 +55,9 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
     >>> len(plot_weights(seen).axes)
     12
     """
-    blocks = portrait.weights
-    if not blocks:
+    if not portrait.weights:
         raise ValueError("portrait has no weights: no feature space kept a link to time, axis and bin")
+    blocks = blocks_with_weight(portrait)
     across = min(2, len(blocks))
     down = math.ceil(len(blocks) / across)
     rows = max(len(block.axes) for block in blocks)
@@ -71,6 +72,11 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
     figure.suptitle(title, fontsize=11, color=INK, parse_math=False)
     save(figure, path)
     return figure
+
+
+def blocks_with_weight(portrait: Portrait) -> tuple[WeightBlock, ...]:
+    """Blocks that the model uses; all of them where it uses none."""
+    return tuple(block for block in portrait.weights if block.influence.any()) or portrait.weights
 
 
 def draw_weights(panels: Any, block: WeightBlock) -> None:

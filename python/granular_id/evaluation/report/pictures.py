@@ -15,7 +15,7 @@ from granular_id.plotting.hfmh import draw_hfmh
 from granular_id.plotting.mean_forces import Curves, curves_in, draw_mean_forces
 from granular_id.plotting.residual import draw_residual
 from granular_id.plotting.style import INK, new_figure
-from granular_id.plotting.weights import draw_weights
+from granular_id.plotting.weights import blocks_with_weight, draw_weights
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -137,7 +137,7 @@ def _of_high_pass(portrait: Portrait) -> Iterator[Picture]:
 
 
 def _of_weights(portrait: Portrait) -> Iterator[Picture]:
-    for block in portrait.weights:
+    for block in blocks_with_weight(portrait):
         figure = new_figure(4.4, 0.5 + 0.52 * len(block.axes))
         draw_weights(figure.subplots(len(block.axes), 1, squeeze=False)[:, 0], block)
         shares = ", ".join(
