@@ -43,6 +43,8 @@ SMALL = [
     "raw+hfmh,hfmh,raw",
 ]
 
+SMALL_MODEL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
+
 
 def run(*words, columns=200):
     return CliRunner().invoke(

@@ -20,7 +20,8 @@ from granular_id.cli.session import check_targets
 from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
-    from granular_id.live.identification import LiveIdentifier, Push
+    from granular_id.live.identification import LiveIdentifier
+    from granular_id.live.push import Push
     from granular_id.live.view import View, Views
 
 __all__ = ["live"]

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from granular_id.live.answers import identify
     from granular_id.live.capture import Capture
     from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-    from granular_id.live.identification import LiveIdentifier, Push
+    from granular_id.live.identification import LiveIdentifier
     from granular_id.live.monitor import MonitorServer
+    from granular_id.live.push import Push
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
     from granular_id.live.replay import ReplaySource
@@ -37,8 +38,9 @@ _HOMES = {
     "live.answers": ("identify",),
     "live.capture": ("Capture",),
     "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
-    "live.identification": ("LiveIdentifier", "Push"),
+    "live.identification": ("LiveIdentifier",),
     "live.monitor": ("MonitorServer",),
+    "live.push": ("Push",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
     "live.replay": ("ReplaySource",),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from granular_id._core import AXES
@@ -13,6 +12,7 @@ from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.held_out import N_CHECKPOINTS
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
+from granular_id.live.push import Push
 from granular_id.live.robot import checked_move
 from granular_id.live.setup import Setup, setup_of
 from granular_id.live.snapshot_builder import SnapshotBuilder
@@ -24,46 +24,13 @@ if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
     from granular_id.live.capture import Capture
 
-__all__ = ["LiveIdentifier", "Push"]
+__all__ = ["LiveIdentifier"]
 
 _PRE_S = 0.25
 
 _SYNTHETIC_MODEL = (
     "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
 )
-
-
-@dataclass(frozen=True)
-class Push:
-    """What came of one push.
-
-    Attributes
-    ----------
-    decision : Decision or None
-        The answer; None where the capture failed before there was one.
-    reason : FailureReason or None
-        Why the capture failed, if it did; `text` says it in words.
-    text : str
-    truth : str or None
-        The material, where the source knows it: simulations and recordings played again.
-    """
-
-    decision: Decision | None
-    reason: FailureReason | None
-    text: str
-    truth: str | None
-
-    @property
-    def is_right(self) -> bool | None:
-        """Whether the answer is the truth; None where either is missing.
-
-        An answer that it is like no known material is right where the model does not know the truth.
-        """
-        if self.decision is None or self.truth is None:
-            return None
-        if self.decision.unknown:
-            return self.truth not in dict(self.decision.ranking)
-        return self.decision.label == self.truth
 
 
 class LiveIdentifier:

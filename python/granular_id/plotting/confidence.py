@@ -7,15 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id.plotting.style import (
-    AXIS_COLOURS,
-    FAINT,
-    INK,
-    new_figure,
-    quiet,
-    save,
-    share_axis,
-)
+from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, quiet, save, share_axis
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
