@@ -313,3 +313,8 @@ def test_select_refuses_spaces_with_a_classifier_before_anything_is_read(tmp_pat
     line = refused("select", tmp_path / "absent", "--spaces", spaces)
     assert f"--spaces must leave out {own}: granular-id evaluate --spaces " in line
     assert spaces == "all" or f"evaluate --spaces {spaces}, or" in line
+
+
+def test_one_material_is_no_pair(tmp_path):
+    line = refused("explain", tmp_path / "absent", "oat", "oat")
+    assert "FIRST and SECOND must be two materials, got 'oat' twice" in line

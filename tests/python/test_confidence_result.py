@@ -39,9 +39,10 @@ def test_coverage_over_100_random_partitions_is_within_two_points():
     assert [row.size for row in study.rows] == sorted(row.size for row in study.rows)
 
 
-def test_no_minus_stands_before_zero():
-    row = Covered("random", True, 0.8, 0.8, (0.7999, 0.8), 1.0, 0.0)
-    assert CoverageResult((row,), "margin", per_class=False, n_classes=3).table().rows[0][4] == "+0.0"
+def test_levels_keep_their_digits_and_no_minus_stands_before_zero():
+    row = Covered("random", True, 0.975, 0.975, (0.9749, 0.975), 1.0, 0.0)
+    (cells,) = CoverageResult((row,), "margin", per_class=False, n_classes=3).table().rows
+    assert (cells[1], cells[4]) == ("97.5 %", "+0.0")
 
 
 def test_drift_shows():
@@ -211,10 +212,11 @@ def test_command(tmp_path):
     [
         (
             ["--levels", "0.9,1.5"],
-            "--levels must be between 0 and 1, several separated by commas, got '0.9,1.5'",
+            "--levels must be numbers between 0 and 1, separated by commas, each once, got '0.9,1.5'",
         ),
-        (["--levels", "high"], "--levels must be between 0 and 1"),
-        (["--known", "1"], "--known must be between 0 and 1"),
+        (["--levels", "high"], "--levels must be numbers between 0 and 1"),
+        (["--levels", "0.9,0.9"], "each once, got '0.9,0.9'"),
+        (["--known", "1"], "--known must lie between 0 and 1, got 1"),
         (["--seeds", "0"], "--seeds"),
         (["--space", "paper"], "there is no feature space 'paper'"),
         (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),

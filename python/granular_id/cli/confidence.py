@@ -14,7 +14,7 @@ from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
-from granular_id.cli.settings import at_least, positive
+from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -87,8 +87,8 @@ def confidence(
     positive("--C", c)
     at_least("--seeds", seeds, 1)
     at_least("--seed", seed, 0)
-    wanted = _shares("--levels", levels)
-    (share_known,) = _shares("--known", str(known))
+    wanted = _levels(levels)
+    between("--known", known)
     method.fits(steps.preparation.rate_hz)
     check_targets(figure, json, source=reading.path)
     if figure is not None:
@@ -111,7 +111,7 @@ def confidence(
         levels=wanted,
         kind=sets.value,
         per_class=per_class,
-        share_known=share_known,
+        share_known=known,
         compare=compare,
         n_seeds=seeds,
         seed=seed,
@@ -162,12 +162,14 @@ def _model(data: Dataset, space: FeatureSpace, cost: float) -> Any:
     return make_pipeline(space.transformer, classifier)
 
 
-def _shares(name: str, text: str) -> list[float]:
-    """Numbers between 0 and 1, separated by commas."""
+def _levels(text: str) -> list[float]:
+    """Read ``--levels``."""
     try:
         found = [float(part) for part in text.split(",")]
     except ValueError:
         found = []
     if not found or not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
-        raise ValueError(f"{name} must be between 0 and 1, several separated by commas, got {text!r}")
+        raise ValueError(
+            f"--levels must be numbers between 0 and 1, separated by commas, each once, got {text!r}"
+        )
     return found

@@ -71,6 +71,8 @@ def explain(
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
         file_format(figure, "--figure")
+    if first == second:
+        raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
     reading.refuse_absent()
     method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 __all__ = [
     "at_least",
+    "between",
     "bin_range_of",
     "chosen_spaces",
     "direction_of",
@@ -32,6 +33,12 @@ def positive(option: str, value: float | None, *, infinite: bool = False) -> Non
     if value is None or (value > 0 and (infinite or math.isfinite(value))):
         return
     raise ValueError(f"{option} must be positive{'' if infinite else ' and finite'}, got {value:g}")
+
+
+def between(option: str, share: float) -> None:
+    """Refuse what does not lie between 0 and 1."""
+    if not 0 < share < 1:
+        raise ValueError(f"{option} must lie between 0 and 1, got {share:g}")
 
 
 def names_in(text: str) -> list[str]:

@@ -15,7 +15,7 @@ from granular_id.cli.model import print_model
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
-from granular_id.cli.settings import at_least, positive
+from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
     from granular_id.identifier.training import Training
@@ -98,11 +98,9 @@ def train(
 ) -> None:
     """Train, estimate, write; see `TEXT`."""
     positive("--C", c)
-    if not 0 < target_error < 1:
-        raise ValueError(f"--target-error must lie between 0 and 1, got {target_error:g}")
-    for name, share in (("--coverage", coverage), ("--share-known", share_known)):
-        if not 0 < share < 1:
-            raise ValueError(f"{name} must lie between 0 and 1, got {share:g}")
+    between("--target-error", target_error)
+    between("--coverage", coverage)
+    between("--share-known", share_known)
     at_least("--folds", folds, 2)
     at_least("--seed", seed, 0)
     method.fits(steps.preparation.rate_hz)

@@ -90,7 +90,7 @@ class CoverageResult:
         rows = tuple(
             (
                 row.held_out,
-                percent(row.level, 0),
+                f"{100 * row.level:g} %",
                 percent(row.attainable),
                 percent(row.mean),
                 f"{round(100 * (row.mean - row.level), 1) + 0.0:+.1f}",  # no minus before zero
