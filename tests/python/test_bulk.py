@@ -31,7 +31,7 @@ def test_an_array_is_read_from_its_place_in_a_file_whose_position_stays(tmp_path
     path.write_bytes(b"header!" + values.tobytes() + b"more")
     target = np.empty(N)
     with path.open("rb") as file:
-        assert bulk.read_at(file.fileno(), 7, target) == target.nbytes
+        assert bulk.read_at(file.fileno(), 7, target) == bulk.Filled(target.nbytes, finite=True)
         assert file.tell() == 0
     np.testing.assert_array_equal(target, values)
 
@@ -41,14 +41,34 @@ def test_it_says_how_much_of_a_file_that_is_cut_off_is_there(tmp_path, values, t
     path = tmp_path / "values"
     path.write_bytes(values.tobytes()[:there])
     with path.open("rb") as file:
-        assert bulk.read_at(file.fileno(), 0, np.empty(N)) == there
+        assert bulk.read_at(file.fileno(), 0, np.empty(N)).n_bytes == there
 
 
 def test_nothing_is_read_into_an_empty_array(tmp_path):
     path = tmp_path / "values"
     path.write_bytes(b"abc")
     with path.open("rb") as file:
-        assert bulk.read_at(file.fileno(), 0, np.empty((0, 6))) == 0
+        assert bulk.read_at(file.fileno(), 0, np.empty((0, 6))) == bulk.Filled(0, finite=True)
+
+
+@pytest.mark.parametrize("place", [0, 131_071, 131_072, 524_288, N - 1])
+def test_reading_sees_what_is_not_finite(tmp_path, values, place):
+    spoiled = values.copy()
+    spoiled[place] = np.nan
+    path = tmp_path / "values"
+    path.write_bytes(spoiled.tobytes())
+    with path.open("rb") as file:
+        assert bulk.read_at(file.fileno(), 0, np.empty(N)) == bulk.Filled(8 * N, finite=False)
+
+
+@pytest.mark.parametrize("dtype", [">f8", "<f4", "u1", "<i8"])
+def test_only_numbers_that_need_no_conversion_are_called_finite(tmp_path, dtype):
+    path = tmp_path / "values"
+    path.write_bytes(np.ones(10, dtype).tobytes())
+    with path.open("rb") as file:
+        target = np.empty(10, dtype)
+        assert bulk.read_at(file.fileno(), 0, target) == bulk.Filled(target.nbytes, finite=False)
+    assert (target == 1).all()
 
 
 @pytest.mark.parametrize("place", [0, 524_287, 524_288, 1_500_000, N - 1])

@@ -177,7 +177,7 @@ class Search:
             return self.level(node, name, known, inherited, depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)
-        return self._array(values(node), name, known)
+        return self._array(values(node), name, known, finite=getattr(node, "finite", False))
 
     def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Found:
         items = [as_tree(item) for item in self._turned(items, known)]
@@ -225,9 +225,12 @@ class Search:
         self._note(f"{halves.name} joined: forces, then torques")
         return Found.joined(cells, as_one=listed and all(len(cell) == 1 for cell in cells))
 
-    def _array(self, raw: Any, name: str, known: Known, *, sensor_last: bool = False) -> Found:
+    def _array(
+        self, raw: Any, name: str, known: Known, *, sensor_last: bool = False, finite: bool = False
+    ) -> Found:
         array = self._floats(raw, name)
-        return self._found(self._ordered(array, name, known, sensor_last=sensor_last), name, known)
+        ordered = self._ordered(array, name, known, sensor_last=sensor_last)
+        return self._found(ordered, name, known, finite=finite and array is raw)
 
     def _ordered(
         self, array: FloatArray, name: str, known: Known, *, sensor_last: bool = False
@@ -246,12 +249,12 @@ class Search:
         ordered: FloatArray = array.transpose(order)
         return ordered
 
-    def _found(self, array: FloatArray, name: str, known: Known) -> Found:
+    def _found(self, array: FloatArray, name: str, known: Known, *, finite: bool = False) -> Found:
         if array.ndim == 2:
             refuse_gaps(array, known.axes, name, self.origin)
             return Found.block([array], known.axes, name)
         block = row_major(array)
-        recordings = cut_padding(block, known.axes, name, self.origin)
+        recordings = block if finite else cut_padding(block, known.axes, name, self.origin)
         if recordings is not block:
             cut = sum(len(recording) < block.shape[1] for recording in recordings)
             self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")

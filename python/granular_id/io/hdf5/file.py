@@ -73,7 +73,7 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
         name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"
     }
     flat = FlatRecordings.of_texts(_axes(file, path), texts, meta, history, columns)
-    content = unflatten(flat, path, source)
+    content = unflatten(flat, path, source, finite=file.known_finite("wrench"))
     unknown = sorted(top - {*SAMPLES, "recordings", "history"})
     if unknown:
         content.notes.append(

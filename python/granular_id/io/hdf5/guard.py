@@ -93,6 +93,7 @@ class GuardedFile:
                 self._file.close()  # left open, the library would take any later file at this place for the same
                 raise
         self._heap = TextHeap(expansion)
+        self._finite: set[str] = set()
 
     def __enter__(self) -> GuardedFile:
         return self
@@ -224,10 +225,18 @@ class GuardedFile:
         offset = dataset.get_offset()  # None where there is not one piece
         if offset is None or not dataset.get_type().equal(self._h5.h5t.NATIVE_DOUBLE):
             return False
-        done = read_at(self._file.id.get_vfd_handle(), offset, values)
-        if done < values.nbytes:
-            raise self.expansion.fault(place, f"is cut off: {done} of {values.nbytes} bytes are there")
+        found = read_at(self._file.id.get_vfd_handle(), offset, values)
+        if found.n_bytes < values.nbytes:
+            raise self.expansion.fault(
+                place, f"is cut off: {found.n_bytes} of {values.nbytes} bytes are there"
+            )
+        if found.finite:
+            self._finite.add(place)
         return True
+
+    def known_finite(self, place: str) -> bool:
+        """Tell whether values that were read there were seen to be finite meanwhile."""
+        return place in self._finite
 
     def _dataset_texts(self, dataset: Any, shape: tuple[int, ...], place: str) -> NDArray[np.str_]:
         """Return texts of changing length, one for each of the references that are the values in the file."""

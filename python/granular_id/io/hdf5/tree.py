@@ -129,3 +129,8 @@ class _Leaf:
             values = self.file.values(self.item, self.place)
             self._values = values.astype(np.uint8) if values.dtype.kind == "b" else values
         return self._values
+
+    @property
+    def finite(self) -> bool:
+        """Whether values that were read are known to be finite."""
+        return self.file.known_finite(self.place)

@@ -96,7 +96,7 @@ def _checked_header(file: BinaryIO, reading: MatReading) -> tuple[Literal["<", "
 def _plain(file: BinaryIO, size: int, _order: str, reading: MatReading, place: str) -> memoryview:
     """Read an array that is not packed: into memory that numpy made, which is faster than that of bytes."""
     data = np.empty(size, np.uint8)
-    done = read_at(file.fileno(), file.tell(), data)
+    done = read_at(file.fileno(), file.tell(), data).n_bytes
     if done < size:
         raise reading.fault(place, f"the file ends after {done} of {size} bytes")
     return data.data

@@ -98,7 +98,7 @@ class NpzMember:
         """
         with self._open() as stream:
             stream.read(self._info.file_size - self._header.n_bytes)
-            values = read_values(stream, self._header, self._archive.path, self.place)
+            values = read_values(stream, self._header, self._archive.path, self.place).array
             if stream.read(1):  # the checksum is compared when the end is met
                 raise RecordingFileError(self._archive.path, "is longer than it claims", place=self.place)
         return values

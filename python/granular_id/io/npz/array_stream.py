@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.bulk import read_at
+from granular_id.io.bulk import Filled, read_at
 from granular_id.io.errors import RecordingFileError
 
 _CHUNK_BYTES = 1 << 20
@@ -98,7 +98,15 @@ def read_header(stream: IO[bytes], n_bytes: int, path: Path, place: str | None =
     return ArrayHeader(shape, dtype, fortran_order, wanted)
 
 
-def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str | None = None) -> NDArray[Any]:
+@dataclass(frozen=True)
+class Values:
+    """The values of an array, and whether they are known to be finite."""
+
+    array: NDArray[Any]
+    finite: bool
+
+
+def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str | None = None) -> Values:
     """Read the values that follow a header into one array: those of a file at once, others in pieces.
 
     Raises
@@ -107,16 +115,16 @@ def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str |
         The stream ends before they do.
     """
     values = np.empty(math.prod(header.shape), header.dtype)
-    done = _read_pieces(stream, values) if place else read_at(stream.fileno(), stream.tell(), values)
-    if done < header.n_bytes:
-        problem = f"is cut off: {done} of {header.n_bytes} bytes are there"
+    found = _read_pieces(stream, values) if place else read_at(stream.fileno(), stream.tell(), values)
+    if found.n_bytes < header.n_bytes:
+        problem = f"is cut off: {found.n_bytes} of {header.n_bytes} bytes are there"
         raise RecordingFileError(path, problem, place=place)
     shape = header.shape[::-1] if header.fortran_order else header.shape
     array: NDArray[Any] = values.reshape(shape)
-    return array.transpose() if header.fortran_order else array
+    return Values(array.transpose() if header.fortran_order else array, found.finite)
 
 
-def _read_pieces(stream: IO[bytes], values: NDArray[Any]) -> int:
+def _read_pieces(stream: IO[bytes], values: NDArray[Any]) -> Filled:
     buffer = values.view(np.uint8).data if values.size else memoryview(b"")
     done = 0
     while done < values.nbytes:
@@ -124,7 +132,7 @@ def _read_pieces(stream: IO[bytes], values: NDArray[Any]) -> int:
         if not count:
             break
         done += count
-    return done
+    return Filled(done, finite=False)
 
 
 def _short(shape: tuple[int, ...]) -> str:

@@ -47,7 +47,11 @@ class _Unread:
         self._file, self._header, self._path = file, header, path
         self._start = file.tell()
         self.shape, self.dtype = header.shape, header.dtype
+        self.finite = False
+        """Whether values that were read are known to be finite."""
 
     def read(self) -> NDArray[Any]:
         self._file.seek(self._start)
-        return read_values(self._file, self._header, self._path)
+        values = read_values(self._file, self._header, self._path)
+        self.finite = values.finite
+        return values.array
