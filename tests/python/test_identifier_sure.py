@@ -181,6 +181,13 @@ def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):
     assert any(line.startswith("  > plain, C 1") and "75.0 %" in line for line in said)
 
 
+def test_notes_that_say_how_grave_they_are_are_told_as_they_are(identifier, tmp_path):
+    file = tmp_path / "m.safetensors"
+    notes = ["error: 2 recordings are one", "warning: no sessions", "too short"]
+    file.write_bytes(changed(identifier.core, {**identifier.trained, "notes": notes}).to_bytes())
+    assert promises(Identifier.load(file))[-3:] == [*notes[:2], "note: too short"]
+
+
 def test_shares_out_of_range_are_refused_before_anything_is_trained(data):
     for name in ("coverage", "share_known"):
         for value in (0.0, 1.0, -1):

@@ -46,7 +46,7 @@ def rows_of_class(y: ArrayLike) -> dict[Any, NDArray[np.intp]]:
     labels, codes = np.unique(np.asarray(y), return_inverse=True)
     if labels.size < 2:
         have = f"only {labels[0].item()!r}" if labels.size else "none"
-        raise ValueError(f"an evaluation needs recordings of at least 2 classes, got {have}")
+        raise ValueError(f"training needs recordings of at least 2 classes, got {have}")
     return {label: np.flatnonzero(codes == k) for k, label in enumerate(labels.tolist())}
 
 

@@ -83,7 +83,8 @@ def promises(model: Answers) -> list[str]:
     if trained.get("left_out"):
         lines.append(f"note: {trained['left_out']}")
     notes = trained.get("notes", [])
-    lines += [note if note.startswith("warning: ") else f"note: {note}" for note in notes[:_MOST_NOTES]]
+    weighed = ("error: ", "warning: ")
+    lines += [note if note.startswith(weighed) else f"note: {note}" for note in notes[:_MOST_NOTES]]
     if len(notes) > _MOST_NOTES:
         lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
     return lines
