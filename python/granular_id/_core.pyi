@@ -35,6 +35,7 @@ __all__ = [
     "extract_features",
     "histogram",
     "host_ns",
+    "interleave",
     "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
@@ -176,6 +177,7 @@ class StreamingIdentifier:
 class NumberTableError(ValueError):
     args: tuple[int, int | None, str]
 
+def interleave(columns: list[_Floats], out: _Floats) -> bool: ...
 def parse_number_table(text: bytes, start: SupportsIndex, n_columns: SupportsIndex) -> _Floats: ...
 def write_number_table(columns: list[_Floats | NDArray[np.uint8]]) -> bytes: ...
 

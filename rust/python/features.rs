@@ -113,7 +113,7 @@ impl Work<'_> {
             let (wanted, got) = (tuple(self.wanted), tuple(out.shape()));
             return Err(PyValueError::new_err(format!("out must have shape {wanted}, got {got}")));
         }
-        let mut borrowed = writable(out, wrench)?;
+        let mut borrowed = writable(out, "wrench", &[wrench])?;
         let target = borrowed.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
         if shape.n_recordings == 1 {
@@ -128,7 +128,8 @@ impl Work<'_> {
 /// The right to write to `out`, if that cannot harm anyone.
 pub(super) fn writable<'py, T: Element>(
     out: &Bound<'py, PyArrayDyn<T>>,
-    wrench: &[f64],
+    name: &str,
+    inputs: &[&[f64]],
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     if !out.is_c_contiguous() {
         return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
@@ -138,9 +139,11 @@ pub(super) fn writable<'py, T: Element>(
     }
     // Views of the same memory by way of different objects: the borrow below knows nothing of each other's.
     let start = out.data().addr();
-    let read = wrench.as_ptr_range();
-    if start < read.end.addr() && read.start.addr() < start + out.len() * size_of::<T>() {
-        return Err(PyValueError::new_err("out must not overlap wrench"));
+    let end = start + out.len() * size_of::<T>();
+    for read in inputs.iter().map(|input| input.as_ptr_range()) {
+        if start < read.end.addr() && read.start.addr() < end {
+            return Err(PyValueError::new_err(format!("out must not overlap {name}")));
+        }
     }
     out.try_readwrite().map_err(|error| {
         PyValueError::new_err(match error {

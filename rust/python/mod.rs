@@ -4,6 +4,7 @@ mod arrays;
 mod buffer;
 mod convert;
 mod features;
+mod interleave;
 mod model;
 mod multiband;
 mod number_table;
@@ -24,6 +25,8 @@ mod _core {
     use super::buffer::{host_ns, PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
     use super::features::{extract_features, histogram};
+    #[pymodule_export]
+    use super::interleave::interleave;
     #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]

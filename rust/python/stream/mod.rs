@@ -62,7 +62,7 @@ fn written<'py>(
         let got = tuple(out.shape());
         return Err(PyValueError::new_err(format!("out must have shape ({len},), got {got}")));
     }
-    write(writable(out, &[])?.as_slice_mut()?)?;
+    write(writable(out, "", &[])?.as_slice_mut()?)?;
     Ok(out.clone())
 }
 
