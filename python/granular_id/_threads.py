@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from threading import Event, Lock
 from typing import TypeVar
 
@@ -15,7 +16,7 @@ Result = TypeVar("Result")
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: int | None) -> list[Result]:
-    """Do some work of scikit-learn for each item, as `spread` does, each thread with the caller's configuration.
+    """Do some work for each item, as `spread` does, each thread with the caller's configuration of scikit-learn.
 
     Parameters
     ----------
@@ -83,9 +84,14 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
 
     # The caller does nothing but wait: Ctrl-C is raised there, and must not meet it with a lock in its hands.
     pool = ThreadPoolExecutor(n_threads)
+    begun: list[Future[None]] = []
     try:
-        for done in [pool.submit(work_on) for _ in range(n_threads)]:
+        with suppress(RuntimeError):  # no more threads are to be had: a limit, or the end of the program
+            begun.extend(pool.submit(work_on) for _ in range(n_threads))
+        for done in begun:
             done.result()
+        if not begun:
+            work_on()
     finally:
         stopped.set()
         pool.shutdown(wait=True)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import threading
 import zlib
 from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy.io
 
 from granular_id import _threads
-from granular_id.io import bulk
+from granular_id.io import bulk, load, save
 from granular_id.io.npz.checksum import Checksum
+from granular_id.recording import Dataset, Recording
 
 N = 3_000_001  # float64: six parts, the last one short
 
@@ -82,7 +85,7 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_stands(values, place,
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2), (2, 0, 1), (0, 2, 1)])
-@pytest.mark.parametrize("shape", [(211, 2003, 6), (1, 7, 3), (3, 1, 1)])
+@pytest.mark.parametrize("shape", [(211, 2003, 6), (20_001, 35, 2), (1, 7, 3), (3, 1, 1)])
 def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, shape):
     block = np.arange(np.prod(shape), dtype=float).reshape([shape[i] for i in order])
     block = block.transpose(np.argsort(order))
@@ -102,9 +105,49 @@ def test_a_machine_that_does_not_bind_processes_has_cores_too(monkeypatch):
 def test_checksums_of_pieces_of_any_size_are_those_of_the_whole(values):
     data = values.tobytes()
     bounds = [0, 1, 70_000, 70_010, 1 << 20, 1 << 20, len(data)]
-    with Checksum() as checksum:
-        for start, stop in pairwise(bounds):
-            checksum.add(memoryview(data)[start:stop])
-        assert checksum.value() == zlib.crc32(data)
-        checksum.add(memoryview(b"and more"))
-        assert checksum.value() == zlib.crc32(data + b"and more")
+    checksum = Checksum(len(data))
+    for start, stop in pairwise(bounds):
+        checksum.add(memoryview(data)[start:stop])
+    assert checksum.value() == zlib.crc32(data)
+    checksum.add(memoryview(b"and more"))
+    assert checksum.value() == zlib.crc32(data + b"and more")
+    checksum.close()
+    assert no_threads()
+
+
+def test_checksums_need_no_thread(values, monkeypatch):
+    monkeypatch.setattr(threading.Thread, "start", _no_thread)
+    data = values.tobytes()
+    checksum = Checksum(len(data))
+    checksum.add(memoryview(data)[:100])
+    checksum.add(memoryview(data)[100:])
+    assert checksum.value() == zlib.crc32(data)
+
+
+@pytest.mark.parametrize("missing", ["preadv", "threads"])
+@pytest.mark.parametrize("form", ["npy", "npz", "h5", "mat", "parquet"])
+def test_files_are_read_where_the_system_has_no_preadv_or_no_threads(tmp_path, monkeypatch, form, missing):
+    wrench = np.random.default_rng(1).normal(size=(60, 1600, 6))  # 4.6 MB: more than one part
+    data = Dataset([Recording(push, rate_hz=500, label="rice") for push in wrench])
+    path = tmp_path / f"pushes.{form}"
+    if form == "npy":
+        np.save(path, wrench)
+    elif form == "mat":
+        scipy.io.savemat(path, {"X": wrench, "fs": 500.0})
+    else:
+        save(data, path, form if form == "parquet" else None)
+    if missing == "preadv":
+        monkeypatch.delattr(os, "preadv")
+    else:
+        monkeypatch.setattr(bulk, "available_cores", lambda: 3)
+        monkeypatch.setattr(threading.Thread, "start", _no_thread)
+    loaded = load(path, **({"rate_hz": 500} if form == "npy" else {}))
+    assert loaded.X.tobytes() == wrench.tobytes()
+
+
+def _no_thread(_):
+    raise RuntimeError("can't start new thread")
+
+
+def no_threads():
+    return not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]

@@ -1,5 +1,6 @@
 """NPZ and NPY files that are damaged, hostile or no recordings: refused by name, quickly and within bounds."""
 
+import gc
 import io
 import struct
 import tracemalloc
@@ -319,3 +320,22 @@ def test_a_bad_file_among_good_ones_is_skipped_where_asked(tmp_path):
     data = load(tmp_path, on_error="skip")
     assert data.y.tolist() == ["rice", "rice"]
     assert "rice_3.npz" in str(data.history[-1])
+
+
+def test_a_member_that_does_not_begin_where_it_should_leaves_nothing_behind(tmp_path, recwarn):
+    path = tmp_path / "x.npz"
+    np.savez(path, X=X, rate_hz=500.0)
+    data = bytearray(path.read_bytes())
+    data[:2] = b"no"
+    path.write_bytes(data)
+    with pytest.raises(RecordingFileError, match="no member begins where the directory says"):
+        load(path)
+    gc.collect()
+    assert not list(recwarn)
+
+
+def test_axes_without_samples_are_no_recordings(tmp_path):
+    path = tmp_path / "x.npz"
+    np.savez(path, **{axis: np.zeros((0, 0)) for axis in ("fx", "fy", "fz", "tx", "ty", "tz")})
+    with pytest.raises(RecordingFileError, match="no recordings are recognised"):
+        load(path, rate_hz=500)

@@ -267,6 +267,7 @@ def test_structs_of_thrift_are_bounded():
         (b"\x1d\x00", "unknown type 13"),
         (b"\x15" + b"\x80" * 12, "more than 64 bits"),
         (b"\x19\xf3\x80\x89\x7a" + bytes(2_000_000), "more than 1000000 values"),
+        (b"\x15\x00" * 1_000_001, "more than 1000000 values"),  # where it has no end either
     ):
         with pytest.raises(ValueError, match=message):
             read_struct(data)

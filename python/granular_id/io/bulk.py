@@ -1,7 +1,7 @@
 """What takes long with large arrays, done by a few threads at once: reading, finding what is not finite, reordering.
 
-None of it computes, all of it waits for memory or the system: two threads take about two thirds of the time of one,
-more than four gain nothing. Small arrays are done by the caller's own thread.
+All of it waits for memory or the system: on two cores, two threads take about two thirds of the time of one. Small
+arrays are done by the caller's own thread.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -16,13 +17,18 @@ from numpy.typing import NDArray
 
 from granular_id._threads import available_cores, spread
 
-__all__ = ["Filled", "all_finite", "bulk_threads", "read_at", "row_major"]
+__all__ = ["MOST_THREADS", "Filled", "all_finite", "bulk_threads", "read_at", "row_major"]
 
 Result = TypeVar("Result")
 
-_MOST_THREADS = 4
+MOST_THREADS = 4
+"""Threads that work on one file; all wait for the same memory, and more of them hold more of it."""
+
 _PART_BYTES = 4 << 20
 """Bytes that a thread takes at a time, which lasts much longer than the taking."""
+
+_SLAB = 32
+"""Samples copied at a time at least: 32 x 6 float64 are a few cache lines per recording."""
 
 _PIECE_BYTES = 1 << 20
 """Bytes that are read and looked at together: they and what is found about them stay in the cache of one core."""
@@ -55,6 +61,10 @@ def read_at(descriptor: int, offset: int, target: NDArray[Any]) -> Filled:
     offset : int
         Where its bytes begin in the file.
     target : ndarray
+
+    Returns
+    -------
+    Filled
     """
     values = target.reshape(-1)
     if not values.size:
@@ -65,7 +75,7 @@ def read_at(descriptor: int, offset: int, target: NDArray[Any]) -> Filled:
     def fill(start: int, stop: int) -> Filled:
         done, finite = start, floats is not None
         while done < stop:
-            count = os.preadv(descriptor, [room[done : min(done + _PIECE_BYTES, stop)]], offset + done)
+            count = _read_into(descriptor, room[done : min(done + _PIECE_BYTES, stop)], offset + done)
             if not count:
                 break
             if floats is not None and finite:
@@ -110,7 +120,8 @@ def row_major(block: NDArray[np.float64]) -> NDArray[np.float64]:
     def copy(start: int, stop: int) -> None:
         copied[:, start:stop] = block[:, start:stop]
 
-    _in_parts(copy, block.shape[1], block.nbytes // max(1, block.shape[1]))
+    # where there are many recordings, a part would be few samples, and threads would write to the same cache lines
+    _in_parts(copy, block.shape[1], min(block.nbytes // max(1, block.shape[1]), _PART_BYTES // _SLAB))
     return copied
 
 
@@ -122,5 +133,22 @@ def _in_parts(work: Callable[[int, int], Result], n: int, item_bytes: int) -> li
 
 
 def bulk_threads() -> int:
-    """Return how many threads are worth it: more wait for the same memory."""
-    return min(_MOST_THREADS, available_cores())
+    """Return how many threads may work on one file."""
+    return min(MOST_THREADS, available_cores())
+
+
+_POSITION = Lock()
+
+
+def _read_into(descriptor: int, room: memoryview, offset: int) -> int:
+    if hasattr(os, "preadv"):
+        return os.preadv(descriptor, [room], offset)
+    with _POSITION:  # where files are read at their own position only
+        own = os.lseek(descriptor, 0, os.SEEK_CUR)
+        try:
+            os.lseek(descriptor, offset, os.SEEK_SET)
+            data = os.read(descriptor, len(room))
+        finally:
+            os.lseek(descriptor, own, os.SEEK_SET)
+    room[: len(data)] = data
+    return len(data)

@@ -146,13 +146,19 @@ def checked_flags(value: object, rows: Rows) -> tuple[NDArray[np.uint8] | None, 
 def checked_texts(values: object, name: str, n: int, *, empty: bool = False) -> list[str | None]:
     """Return n texts without control characters, or None; labels and sessions are neither empty nor spaced."""
     texts = _listed(values, name, n)
-    for text in dict.fromkeys(texts):  # in order, so that the first fault is told
-        if text is not None:
-            try:
-                checked_text(text, name, empty=empty, spaced=empty)
-            except ValueError:
-                checked_text(text, f"{name}[{texts.index(text)}]", empty=empty, spaced=empty)
+    wrong = next((text for text in dict.fromkeys(texts) if not _is_sound(text, empty)), None)
+    if wrong is not None:
+        checked_text(wrong, f"{name}[{texts.index(wrong)}]", empty=empty, spaced=empty)  # says what is wrong
     return list(texts)
+
+
+def _is_sound(text: str | None, empty: bool) -> bool:
+    if text is not None:
+        try:
+            checked_text(text, "", empty=empty, spaced=empty)
+        except ValueError:
+            return False
+    return True
 
 
 def checked_metas(values: object, n: int) -> list[Any]:

@@ -137,7 +137,7 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
                 name, f"has the shape {matrix.shape} for {n} recordings; wanted a row for each"
             )
         rows = list(matrix)
-    lengths = [len(wrench) for wrench in found.wrench]
+    lengths = found.lengths
     for i, (row, n_samples) in enumerate(zip(rows, lengths, strict=True)):
         if len(row) not in (n_samples, found.n_padded[i]):
             problem = (

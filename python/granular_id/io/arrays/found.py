@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from itertools import chain
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from granular_id.recording._values import FloatArray
 
@@ -24,10 +25,10 @@ class Found:
         Names of the arrays that they are from.
     n_padded : list of n int
         Samples with those that were left out as padding.
-    about : dict
-        Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, flags, meta.
     sizes : list of int
         How many of them stood in each array, cell or struct; they add up to n.
+    about : dict
+        Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, flags, meta.
 
     Examples
     --------
@@ -44,53 +45,59 @@ class Found:
     axes: list[tuple[str, ...]]
     places: list[str]
     n_padded: list[int]
+    sizes: list[int]
     about: dict[str, list[Any]] = field(default_factory=dict)
-    sizes: list[int] = field(default_factory=list)
 
     @classmethod
     def block(
-        cls, wrench: Sequence[FloatArray] | FloatArray, axes: tuple[str, ...], place: str, n_padded: int = 0
+        cls,
+        wrench: Sequence[FloatArray] | FloatArray,
+        axes: tuple[str, ...],
+        place: str,
+        n_padded: int | None = None,
     ) -> Found:
-        """Return the recordings of one array; `n_padded`: its samples, if some recordings are shorter."""
+        """Return the recordings of one array; `n_padded`: its samples, where some recordings are shorter."""
         n = len(wrench)
-        return cls(wrench, [axes] * n, [place] * n, [n_padded or len(wrench[0])] * n, sizes=[n])
+        padded = [len(recording) for recording in wrench] if n_padded is None else [n_padded] * n
+        return cls(wrench, [axes] * n, [place] * n, padded, [n])
 
     @classmethod
-    def joined(cls, parts: Sequence[Found], *, as_one: bool = False) -> Found:
-        """Put some behind others; `as_one`: as if all had stood in one array."""
+    def joined(cls, parts: Sequence[Found]) -> Found:
+        """Put some behind others."""
         if len(parts) == 1:
-            whole = parts[0]
-        else:
-            whole = cls(
-                wrench=[wrench for part in parts for wrench in part.wrench],
-                axes=[axes for part in parts for axes in part.axes],
-                places=[place for part in parts for place in part.places],
-                n_padded=[n for part in parts for n in part.n_padded],
-            )
-            for attribute in dict.fromkeys(name for part in parts for name in part.about):
-                nothing = ([None] * len(part) for part in parts)
-                columns = (p.about.get(attribute, none) for p, none in zip(parts, nothing, strict=True))
-                whole.about[attribute] = list(chain.from_iterable(columns))
-            whole.sizes = [size for part in parts for size in part.sizes]
-        if as_one:
-            whole.sizes = [len(whole)]
-        return whole
+            return parts[0]
+        about = dict.fromkeys(name for part in parts for name in part.about)
+        return cls(
+            wrench=[wrench for part in parts for wrench in part.wrench],
+            axes=[axes for part in parts for axes in part.axes],
+            places=[place for part in parts for place in part.places],
+            n_padded=[n for part in parts for n in part.n_padded],
+            sizes=[size for part in parts for size in part.sizes],
+            about={name: [value for part in parts for value in part.get(name)] for name in about},
+        )
+
+    def as_one(self) -> Found:
+        """Return them as if all had stood in one array."""
+        return replace(self, sizes=[len(self)])
 
     def __len__(self) -> int:
         return len(self.wrench)
 
+    @property
+    def lengths(self) -> list[int]:
+        """Samples of each."""
+        if isinstance(self.wrench, np.ndarray):
+            return [self.wrench.shape[1]] * len(self)
+        return [len(wrench) for wrench in self.wrench]
+
     def fill(self, attribute: str, column: Sequence[Any]) -> None:
         """Put down what is now known, where nothing was known before."""
-        known = self.about.get(attribute)
-        self.about[attribute] = (
-            list(column)
-            if known is None
-            else [new if old is None else old for old, new in zip(known, column, strict=True)]
-        )
+        known = self.get(attribute)
+        self.about[attribute] = [new if old is None else old for old, new in zip(known, column, strict=True)]
 
     def get(self, attribute: str) -> list[Any]:
         """Return what is known, None per recording where it is not."""
-        return self.about.get(attribute) or [None] * len(self)
+        return self.about.get(attribute, [None] * len(self))
 
     def one(self, i: int) -> dict[str, Any]:
         """Return what is known of one recording."""

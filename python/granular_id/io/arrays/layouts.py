@@ -192,10 +192,7 @@ def _flat(found: Found) -> FlatRecordings:
         return [missing if value is None else value for value in found.get(attribute)]
 
     wrench = found.wrench
-    if isinstance(wrench, np.ndarray):
-        lengths = np.full(len(wrench), wrench.shape[1])
-    else:
-        lengths = np.array([len(recording) for recording in wrench], np.int64)
+    lengths = found.lengths
     flags = None
     if "flags" in found.about:
         flags = np.concatenate(
@@ -207,7 +204,7 @@ def _flat(found: Found) -> FlatRecordings:
     return FlatRecordings(
         axes=found.axes[0],
         wrench=wrench.reshape(-1, wrench.shape[2]) if isinstance(wrench, np.ndarray) else joined(wrench),
-        n_samples=lengths,
+        n_samples=np.array(lengths, np.int64),
         rate_hz=np.array(numbers("rate", np.nan), np.float64),
         start_time=np.array(numbers("start", np.nan), np.float64),
         trigger_index=np.array(numbers("trigger", NO_TRIGGER), np.int64),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -147,7 +147,7 @@ class Search:
                     f"{' and '.join(map(repr, list(samples)[:5]))} may all be the recordings"
                 )
             inner = self._node(node, _path(name, key), known, {}, depth)
-            groups.append((key, Found.joined([inner], as_one=True)))
+            groups.append((key, inner.as_one()))
         single = all(len(found) == 1 for _, found in groups)
         if not single and "labels" in entries:
             both = f"labels in {next(iter(entries['labels']))}, and recordings under names of their own"
@@ -177,7 +177,9 @@ class Search:
             return self.level(node, name, known, inherited, depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)
-        return self._array(values(node), name, known, finite=getattr(node, "finite", False))
+        array = values(node)
+        finite = getattr(node, "finite", False)  # some are looked at while they are read
+        return self._array(array, name, known, finite=finite)
 
     def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Found:
         items = [as_tree(item) for item in self._turned(items, known)]
@@ -187,8 +189,8 @@ class Search:
             if not self._holds(item, known, depth + 1):
                 raise self.origin.fault(place, f"is no recording: wanted (samples, {len(known.axes)})")
             inner = self._node(item, place, known, entries if isinstance(item, Mapping) else {}, depth + 1)
-            cells.append(Found.joined([inner], as_one=True))
-        return Found.joined(cells, as_one=all(len(cell) == 1 for cell in cells))
+            cells.append(inner.as_one())
+        return _cells(cells)
 
     def _turned(self, items: list[Any], known: Known) -> list[Any]:
         """Turn a table of cells whose columns, not rows, there is one label for."""
@@ -223,7 +225,7 @@ class Search:
             ]
             cells.append(self._found(np.concatenate(sides, axis=-1), place, known))
         self._note(f"{halves.name} joined: forces, then torques")
-        return Found.joined(cells, as_one=listed and all(len(cell) == 1 for cell in cells))
+        return _cells(cells) if listed else Found.joined(cells)
 
     def _array(
         self, raw: Any, name: str, known: Known, *, sensor_last: bool = False, finite: bool = False
@@ -270,6 +272,12 @@ class Search:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _cells(cells: Sequence[Found]) -> Found:
+    """Put the recordings of cells one behind the other: as one list, where each cell holds one."""
+    joined = Found.joined(cells)
+    return joined.as_one() if all(len(cell) == 1 for cell in cells) else joined
 
 
 def _numbered_in(level: str, key: str, found: Found) -> bool:

@@ -19,6 +19,9 @@ DEFLATE, SHUFFLE, FLETCHER32, LZF = 1, 2, 3, 32000
 MAX_CHUNKS = 20_000
 """Chunks of one dataset, each of which takes time however small it is."""
 
+_LARGE = 1 << 18
+"""Bytes of a chunk that take longer to unpack than Python takes around it."""
+
 
 class PackedChunks:
     """The chunks of one dataset.
@@ -112,7 +115,9 @@ class PackedChunks:
             if self._dtype.kind != "V":  # what stands for a text: nothing, as h5py fills it
                 self._dataset.get_create_plist().get_fill_value(fill)
             values = np.full(self._shape, fill, self._dtype)
-        filled = set(spread(lambda info: self._fill(values, info.chunk_offset), self._found, bulk_threads()))
+        # small chunks are work for the interpreter, which does one thing at a time
+        n_threads = bulk_threads() if self._size >= _LARGE else 1
+        filled = set(spread(lambda info: self._fill(values, info.chunk_offset), self._found, n_threads))
         if len(filled - {None}) < len(self._found):  # values may be left as they were in memory
             raise self._expansion.fault(self._place, "has chunks over each other or outside the dataset")
         return values

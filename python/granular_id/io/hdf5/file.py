@@ -72,8 +72,9 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
     columns |= {
         name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"
     }
-    flat = FlatRecordings.of_texts(_axes(file, path), texts, meta, history, columns)
-    content = unflatten(flat, path, source, finite=file.known_finite("wrench"))
+    wrench = _member(file, file.root, "wrench", "wrench")
+    flat = FlatRecordings.of_texts(_axes(file, wrench, path), texts, meta, history, columns)
+    content = unflatten(flat, path, source, finite=file.known_finite(wrench))
     unknown = sorted(top - {*SAMPLES, "recordings", "history"})
     if unknown:
         content.notes.append(
@@ -82,8 +83,8 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
     return content
 
 
-def _axes(file: GuardedFile, path: Any) -> tuple[str, ...]:
-    axes = file.attribute(_member(file, file.root, "wrench", "wrench"), "axes", "wrench")
+def _axes(file: GuardedFile, wrench: Any, path: Any) -> tuple[str, ...]:
+    axes = file.attribute(wrench, "axes", "wrench")
     return tuple(_texts(np.asarray(axes), "attribute axes of wrench", path))
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.bulk import read_at
+from granular_id.io.bulk import MOST_THREADS, read_at
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
 from granular_id.io.extras import need
@@ -86,14 +86,14 @@ class GuardedFile:
         self.expansion = expansion
         with translated(expansion, "header"):
             # a lock would make files on read-only and network drives unreadable; nothing is written
-            self._file = self._h5.File(expansion.path, "r", locking=False)
+            self._file = self._h5.File(expansion.path, "r", driver="sec2", locking=False)
             try:
                 self.root = self._file["/"]
             except BaseException:
                 self._file.close()  # left open, the library would take any later file at this place for the same
                 raise
         self._heap = TextHeap(expansion)
-        self._finite: set[str] = set()
+        self._finite: set[int] = set()
 
     def __enter__(self) -> GuardedFile:
         return self
@@ -231,12 +231,12 @@ class GuardedFile:
                 place, f"is cut off: {found.n_bytes} of {values.nbytes} bytes are there"
             )
         if found.finite:
-            self._finite.add(place)
+            self._finite.add(offset)
         return True
 
-    def known_finite(self, place: str) -> bool:
-        """Tell whether values that were read there were seen to be finite meanwhile."""
-        return place in self._finite
+    def known_finite(self, dataset: Any) -> bool:
+        """Tell whether the values of a dataset were seen to be finite while they were read."""
+        return dataset.id.get_offset() in self._finite
 
     def _dataset_texts(self, dataset: Any, shape: tuple[int, ...], place: str) -> NDArray[np.str_]:
         """Return texts of changing length, one for each of the references that are the values in the file."""
@@ -299,6 +299,6 @@ class GuardedFile:
         n_chunks = math.prod(-(-n // size) for n, size in zip(shape, chunk, strict=True))
         if n_chunks > MAX_CHUNKS:
             raise self.expansion.fault(place, f"lies in {n_chunks} chunks, more than {MAX_CHUNKS}")
-        # chunks at the border are stored whole, and may be larger than the dataset
-        self.expansion.spend(n_chunk_bytes, place)
+        # chunks at the border are stored whole, and may be larger than the dataset; threads unpack one each
+        self.expansion.spend(n_chunk_bytes * min(n_chunks, MOST_THREADS), place)
         return filters, chunk

@@ -133,4 +133,4 @@ class _Leaf:
     @property
     def finite(self) -> bool:
         """Whether values that were read are known to be finite."""
-        return self.file.known_finite(self.place)
+        return self.file.known_finite(self.item)

@@ -61,8 +61,10 @@ def read_v5(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
                 place, f"an array claims {size} bytes, but {left} are left: the file is cut off"
             )
         if at != own_data_at:  # there MATLAB keeps what its objects are made of
-            unpack = _inflated if kind == COMPRESSED else _plain
-            data = unpack(file, size, order, reading, place)
+            if kind == COMPRESSED:
+                data = _inflated(file, size, order, reading, place)
+            else:
+                data = _plain(file, size, reading, place)
             name, value = MatrixReader(data, order, reading).variable(place)
             if name in variables:
                 raise reading.fault(f"variable {name}", "occurs twice")
@@ -93,7 +95,7 @@ def _checked_header(file: BinaryIO, reading: MatReading) -> tuple[Literal["<", "
     return order, 0 if own_data_at.isspace() else int(struct.unpack(order + "Q", own_data_at)[0])
 
 
-def _plain(file: BinaryIO, size: int, _order: str, reading: MatReading, place: str) -> memoryview:
+def _plain(file: BinaryIO, size: int, reading: MatReading, place: str) -> memoryview:
     """Read an array that is not packed: into memory that numpy made, which is faster than that of bytes."""
     data = np.empty(size, np.uint8)
     done = read_at(file.fileno(), file.tell(), data).n_bytes

@@ -98,7 +98,7 @@ class NpzMember:
         """
         with self._open() as stream:
             stream.read(self._info.file_size - self._header.n_bytes)
-            values = read_values(stream, self._header, self._archive.path, self.place).array
+            values = read_values(stream, self._header, self._archive.path, self.place)
             if stream.read(1):  # the checksum is compared when the end is met
                 raise RecordingFileError(self._archive.path, "is longer than it claims", place=self.place)
         return values
@@ -135,6 +135,7 @@ class _Stored(io.RawIOBase):
     """A member that is not compressed, read from the file into its place."""
 
     def __init__(self, file: BinaryIO, info: zipfile.ZipInfo) -> None:
+        self._checksum = Checksum(info.file_size)
         file.seek(info.header_offset)
         header = file.read(_LOCAL_HEADER.size)
         if len(header) < _LOCAL_HEADER.size or info.compress_size != info.file_size:
@@ -145,7 +146,6 @@ class _Stored(io.RawIOBase):
         self._file, self._info = file, info
         self._start = info.header_offset + len(header) + name_length + extra_length
         self._done = 0
-        self._checksum = Checksum()
 
     def readable(self) -> bool:
         return True

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.bulk import Filled, read_at
+from granular_id.io.bulk import read_at
 from granular_id.io.errors import RecordingFileError
 
 _CHUNK_BYTES = 1 << 20
-"""Bytes read at once: so few that they are still in the processor's cache when their checksum is made."""
+"""Bytes read at once: many more than it takes to hand them to the thread that makes the checksum."""
 
 _MAX_HEADER_BYTES = 10_000
 """Longest header that is parsed, as numpy's own default."""
@@ -98,16 +98,8 @@ def read_header(stream: IO[bytes], n_bytes: int, path: Path, place: str | None =
     return ArrayHeader(shape, dtype, fortran_order, wanted)
 
 
-@dataclass(frozen=True)
-class Values:
-    """The values of an array, and whether they are known to be finite."""
-
-    array: NDArray[Any]
-    finite: bool
-
-
-def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str | None = None) -> Values:
-    """Read the values that follow a header into one array: those of a file at once, others in pieces.
+def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str) -> NDArray[Any]:
+    """Read the values that follow a header from a stream, in pieces, into one array.
 
     Raises
     ------
@@ -115,24 +107,45 @@ def read_values(stream: IO[bytes], header: ArrayHeader, path: Path, place: str |
         The stream ends before they do.
     """
     values = np.empty(math.prod(header.shape), header.dtype)
-    found = _read_pieces(stream, values) if place else read_at(stream.fileno(), stream.tell(), values)
-    if found.n_bytes < header.n_bytes:
-        problem = f"is cut off: {found.n_bytes} of {header.n_bytes} bytes are there"
-        raise RecordingFileError(path, problem, place=place)
-    shape = header.shape[::-1] if header.fortran_order else header.shape
-    array: NDArray[Any] = values.reshape(shape)
-    return Values(array.transpose() if header.fortran_order else array, found.finite)
-
-
-def _read_pieces(stream: IO[bytes], values: NDArray[Any]) -> Filled:
     buffer = values.view(np.uint8).data if values.size else memoryview(b"")
     done = 0
-    while done < values.nbytes:
+    while done < header.n_bytes:
         count = stream.readinto(buffer[done : done + _CHUNK_BYTES])  # type: ignore[attr-defined]
         if not count:
-            break
+            raise _cut_off(done, header, path, place)
         done += count
-    return Filled(done, finite=False)
+    return _shaped(values, header)
+
+
+def read_file_values(file: BinaryIO, header: ArrayHeader, path: Path) -> tuple[NDArray[Any], bool]:
+    """Read the values that follow a header from a file of its own, by several threads.
+
+    Returns
+    -------
+    values : ndarray
+    finite : bool
+        Whether they are known to be finite, see ``read_at``.
+
+    Raises
+    ------
+    RecordingFileError
+        The file ends before they do.
+    """
+    values = np.empty(math.prod(header.shape), header.dtype)
+    found = read_at(file.fileno(), file.tell(), values)
+    if found.n_bytes < header.n_bytes:
+        raise _cut_off(found.n_bytes, header, path)
+    return _shaped(values, header), found.finite
+
+
+def _cut_off(done: int, header: ArrayHeader, path: Path, place: str | None = None) -> RecordingFileError:
+    return RecordingFileError(path, f"is cut off: {done} of {header.n_bytes} bytes are there", place=place)
+
+
+def _shaped(values: NDArray[Any], header: ArrayHeader) -> NDArray[Any]:
+    shape = header.shape[::-1] if header.fortran_order else header.shape
+    array: NDArray[Any] = values.reshape(shape)
+    return array.transpose() if header.fortran_order else array
 
 
 def _short(shape: tuple[int, ...]) -> str:

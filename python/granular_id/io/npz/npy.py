@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.files import open_bounded
-from granular_id.io.npz.array_stream import ArrayHeader, read_header, read_values
+from granular_id.io.npz.array_stream import ArrayHeader, read_file_values, read_header
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 
@@ -52,6 +52,5 @@ class _Unread:
 
     def read(self) -> NDArray[Any]:
         self._file.seek(self._start)
-        values = read_values(self._file, self._header, self._path)
-        self.finite = values.finite
-        return values.array
+        values, self.finite = read_file_values(self._file, self._header, self._path)
+        return values

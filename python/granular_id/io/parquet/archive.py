@@ -159,14 +159,14 @@ class ParquetArchive:
         columns = _sample_columns(parquet, self._mark.columns)
         parquet.check(columns)
         block.make(columns)
-        starts = accumulate((part.n_samples for part in parts), initial=filled)
+        starts = accumulate((part.n_samples for part in parts[:-1]), initial=filled)
 
         def fill(item: tuple[Partition, int]) -> bool:
             part, start = item
             table = parquet.read(part.row_group, columns)
             return block.put(table, start, parquet.path, f"row group {part.row_group}")
 
-        return all(spread(fill, zip(parts, starts, strict=False), parquet.most_threads))
+        return all(spread(fill, zip(parts, starts, strict=True), parquet.most_threads))
 
     def _check_groups(self, parquet: CheckedParquet, parts: Sequence[Partition]) -> None:
         path = parquet.path

@@ -68,10 +68,13 @@ class _Readers:
     """pyarrow's readers of one file: one for each thread, as none can be used by two at a time."""
 
     def __init__(self, library: Any, path: Path, file: BinaryIO, texts: list[str]) -> None:
-        self._library, self._path, self._file, self._texts = library, path, file, texts
+        self._library, self._texts = library, texts
         self._own = threading.local()
         self._all: list[Any] = []
         self.own_file = _has_plain_name(path)
+        arrow = need("pyarrow", extra="app", why="to read Parquet files")
+        # one open file for all: another may take its name meanwhile
+        self._source = arrow.OSFile(os.fspath(path)) if self.own_file else file
         self._metadata = None
         self._metadata = self.get().metadata  # the others need not read it again
 
@@ -83,9 +86,8 @@ class _Readers:
         return self._own.reader
 
     def _open(self) -> Any:
-        arrow = need("pyarrow", extra="app", why="to read Parquet files")
         return self._library.ParquetFile(
-            arrow.OSFile(os.fspath(self._path)) if self.own_file else self._file,
+            self._source,
             metadata=self._metadata,
             read_dictionary=self._texts,
             pre_buffer=False,
@@ -96,7 +98,9 @@ class _Readers:
 
     def close(self) -> None:
         for reader in self._all:
-            reader.close(force=True)
+            reader.close()
+        if self.own_file:
+            self._source.close()
 
 
 def _has_plain_name(path: Path) -> bool:
@@ -153,6 +157,8 @@ class CheckedParquet:
             With the row group: pages that contradict the footer, or would take far more memory than recordings do.
         """
         wanted = set(columns) - self._checked
+        if not wanted:  # as for all threads, which must not read the Python file together
+            return
         total = 0
         for group, rows in enumerate(self.rows):
             with _naming(self.path, f"row group {group}"):

@@ -66,6 +66,7 @@ class _Reader:
         number = 0
         while head := data[self.at]:
             self.at += 1
+            self._count(1)
             number = number + (head >> 4) if head >> 4 else self._whole()
             kind = head & 15
             if kind in _WHOLE:
@@ -73,7 +74,6 @@ class _Reader:
             else:
                 fields[number] = kind == _TRUE if kind in (_TRUE, _FALSE) else self._value(kind, depth)
         self.at += 1
-        self._count(len(fields))
         return fields
 
     def _value(self, kind: int, depth: int) -> Any:
