@@ -31,6 +31,7 @@ __all__ = [
     "WrenchBuffer",
     "WrenchReader",
     "__version__",
+    "available_cores",
     "butter",
     "extract_features",
     "histogram",
@@ -177,6 +178,7 @@ class StreamingIdentifier:
 class NumberTableError(ValueError):
     args: tuple[int, int | None, str]
 
+def available_cores() -> int: ...
 def interleave(columns: list[_Floats], out: _Floats) -> bool: ...
 def parse_number_table(text: bytes, start: SupportsIndex, n_columns: SupportsIndex) -> _Floats: ...
 def write_number_table(columns: list[_Floats | NDArray[np.uint8]]) -> bytes: ...

@@ -8,6 +8,7 @@ mod interleave;
 mod model;
 mod multiband;
 mod number_table;
+mod pool;
 mod rdt;
 mod scalars;
 mod signal;
@@ -33,6 +34,8 @@ mod _core {
     use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]
     use super::number_table::{parse_number_table, write_number_table, NumberTableError};
+    #[pymodule_export]
+    use super::pool::available_cores;
     #[pymodule_export]
     use super::rdt::PyRdtReceiver;
     #[pymodule_export]
