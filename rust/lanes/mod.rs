@@ -26,14 +26,18 @@ macro_rules! each_vector {
 mod cascade;
 mod count;
 mod path;
+mod quad;
 mod transpose;
 #[cfg(target_arch = "x86_64")]
 mod x86;
+#[cfg(target_arch = "x86_64")]
+mod x86_quad;
 
 pub(crate) use cascade::Cascade;
 pub(crate) use count::{LaneBins, Tally};
 pub use path::Path;
 pub(crate) use path::{Isa, Job};
+pub(crate) use quad::{Plain, Quad};
 pub(crate) use transpose::{pack, unpack, Raw};
 
 /// Channels per vector.

@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use super::count::{Cells, LaneBins};
+use super::quad::{Plain, Quad};
 use super::{transpose, Row, BLOCK};
 
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
@@ -91,6 +92,9 @@ pub(crate) trait Job {
 
 /// The primitives that a compiler does not find in a plain loop, with plain loops as the default.
 pub(crate) trait Isa {
+    /// Four numbers as this instruction set holds them.
+    type Quad: Quad;
+
     /// Cells of one row; true when a value is too near to an edge for the quick arithmetic to decide.
     #[inline(always)]
     fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
@@ -126,4 +130,6 @@ pub(crate) trait Isa {
 /// Plain loops, compiled for whatever the wrapper allows.
 pub(crate) struct Portable;
 
-impl Isa for Portable {}
+impl Isa for Portable {
+    type Quad = Plain;
+}

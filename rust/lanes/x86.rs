@@ -13,6 +13,7 @@ use std::arch::x86_64::{
 use super::count::{Cells, LaneBins};
 use super::path::{Isa, Job};
 use super::transpose::Raw;
+use super::x86_quad::Register;
 use super::{Row, BLOCK, LANES};
 
 /// Compiles a job for AVX2.
@@ -32,6 +33,8 @@ pub(super) fn avx512<J: Job>(job: J) -> J::Output {
 pub(super) struct X86;
 
 impl Isa for X86 {
+    type Quad = Register;
+
     #[inline(always)]
     fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
         // SAFETY: AVX2 is there (see `X86`); every pointer is the start of four elements of an array of eight.
@@ -128,7 +131,7 @@ impl Isa for X86 {
     }
 }
 
-/// Four samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
+/// Quad samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
 ///
 /// # Safety
 /// AVX2; 24 values at `samples`; four rows of at least `lane + 6` lanes.

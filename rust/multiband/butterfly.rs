@@ -1,18 +1,38 @@
 //! Complex numbers side by side, and Fourier transforms of a few of them.
 
-use super::pack::Pack;
+use crate::lanes::Quad;
 
 /// Complex numbers side by side.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(64))]
-pub(super) struct Complex<const L: usize> {
-    pub(super) re: Pack<L>,
-    pub(super) im: Pack<L>,
+#[derive(Clone, Copy)]
+pub(super) struct Complex<V> {
+    pub(super) re: V,
+    pub(super) im: V,
 }
 
-impl<const L: usize> Complex<L> {
-    pub(super) const ZERO: Self = Self { re: Pack::ZERO, im: Pack::ZERO };
+/// Four complex numbers in memory.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Cell {
+    pub(super) re: [f64; 4],
+    pub(super) im: [f64; 4],
+}
 
+impl Cell {
+    pub(super) const ZERO: Self = Self { re: [0.0; 4], im: [0.0; 4] };
+
+    #[inline(always)]
+    pub(super) fn load<V: Quad>(&self) -> Complex<V> {
+        Complex { re: V::load(&self.re), im: V::load(&self.im) }
+    }
+
+    #[inline(always)]
+    pub(super) fn store<V: Quad>(&mut self, value: Complex<V>) {
+        value.re.store(&mut self.re);
+        value.im.store(&mut self.im);
+    }
+}
+
+impl<V: Quad> Complex<V> {
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
         Self { re: self.re + other.re, im: self.im + other.im }
@@ -25,7 +45,7 @@ impl<const L: usize> Complex<L> {
 
     #[inline(always)]
     fn times(self, factor: f64) -> Self {
-        Self { re: self.re * Pack::splat(factor), im: self.im * Pack::splat(factor) }
+        Self { re: self.re * V::splat(factor), im: self.im * V::splat(factor) }
     }
 
     /// Times `exp(-pi i / 4)`.
@@ -39,11 +59,16 @@ impl<const L: usize> Complex<L> {
         Self { re: self.im, im: -self.re }
     }
 
+    /// Each times one of others.
+    #[inline(always)]
+    pub(super) fn each_times(self, other: Self) -> Self {
+        Self { re: self.re * other.re - self.im * other.im, im: self.re * other.im + self.im * other.re }
+    }
+
     /// Times one complex number, the same in all lanes.
     #[inline(always)]
     pub(super) fn turned(self, [re, im]: [f64; 2]) -> Self {
-        let (c, s) = (Pack::splat(re), Pack::splat(im));
-        Self { re: self.re * c - self.im * s, im: self.re * s + self.im * c }
+        self.each_times(Self { re: V::splat(re), im: V::splat(im) })
     }
 
     #[inline(always)]
@@ -54,7 +79,7 @@ impl<const L: usize> Complex<L> {
 
 /// A transform of so few values that it is written out.
 pub(super) trait Butterfly<const R: usize> {
-    fn of<const L: usize>(values: [Complex<L>; R]) -> [Complex<L>; R];
+    fn of<V: Quad>(values: [Complex<V>; R]) -> [Complex<V>; R];
 }
 
 pub(super) struct Two;
@@ -65,14 +90,14 @@ pub(super) struct Eight;
 
 impl Butterfly<2> for Two {
     #[inline(always)]
-    fn of<const L: usize>([a, b]: [Complex<L>; 2]) -> [Complex<L>; 2] {
+    fn of<V: Quad>([a, b]: [Complex<V>; 2]) -> [Complex<V>; 2] {
         [a.plus(b), a.minus(b)]
     }
 }
 
 impl Butterfly<3> for Three {
     #[inline(always)]
-    fn of<const L: usize>([a, b, c]: [Complex<L>; 3]) -> [Complex<L>; 3] {
+    fn of<V: Quad>([a, b, c]: [Complex<V>; 3]) -> [Complex<V>; 3] {
         const SIN: f64 = 0.866_025_403_784_438_6;
         let (sum, difference) = (b.plus(c), b.minus(c).times_minus_i().times(SIN));
         let middle = a.minus(sum.times(0.5));
@@ -82,7 +107,7 @@ impl Butterfly<3> for Three {
 
 impl Butterfly<4> for Four {
     #[inline(always)]
-    fn of<const L: usize>([a, b, c, d]: [Complex<L>; 4]) -> [Complex<L>; 4] {
+    fn of<V: Quad>([a, b, c, d]: [Complex<V>; 4]) -> [Complex<V>; 4] {
         let (even, odd) = (a.plus(c), a.minus(c));
         let (sum, difference) = (b.plus(d), b.minus(d).times_minus_i());
         [even.plus(sum), odd.plus(difference), even.minus(sum), odd.minus(difference)]
@@ -91,7 +116,7 @@ impl Butterfly<4> for Four {
 
 impl Butterfly<5> for Five {
     #[inline(always)]
-    fn of<const L: usize>([a, b, c, d, e]: [Complex<L>; 5]) -> [Complex<L>; 5] {
+    fn of<V: Quad>([a, b, c, d, e]: [Complex<V>; 5]) -> [Complex<V>; 5] {
         const COS: [f64; 2] = [0.309_016_994_374_947_45, -0.809_016_994_374_947_5];
         const SIN: [f64; 2] = [0.951_056_516_295_153_5, 0.587_785_252_292_473_1];
         let (outer, inner) = (b.plus(e), c.plus(d));
@@ -112,11 +137,11 @@ impl Butterfly<5> for Five {
 
 impl Butterfly<8> for Eight {
     #[inline(always)]
-    fn of<const L: usize>([a, b, c, d, e, f, g, h]: [Complex<L>; 8]) -> [Complex<L>; 8] {
+    fn of<V: Quad>([a, b, c, d, e, f, g, h]: [Complex<V>; 8]) -> [Complex<V>; 8] {
         let even = Four::of([a, c, e, g]);
         let [p, q, r, s] = Four::of([b, d, f, h]);
         let odd = [p, q.turned_an_eighth(), r.times_minus_i(), s.turned_an_eighth().times_minus_i()];
-        let mut out = [Complex::ZERO; 8];
+        let mut out = [even[0]; 8];
         for k in 0..4 {
             out[k] = even[k].plus(odd[k]);
             out[k + 4] = even[k].minus(odd[k]);

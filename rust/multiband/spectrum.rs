@@ -1,13 +1,13 @@
 //! Power over frequency: the Hann periodogram of the mean-free signal, pooled into bins of nearly equal ratio.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use super::bank::BandSignals;
-use super::butterfly::Complex;
 use super::fft::Fft;
+use super::grid::{GridWork, Parts, LANES};
 use super::logarithm::{self, Log};
-use super::pack::Pack;
-use crate::lanes::{Isa, Job, Path};
+use crate::lanes::{Isa, Job, Path, Quad};
 
 /// Pooled bins at most.
 const BINS: usize = 40;
@@ -21,8 +21,8 @@ pub(super) const LEAST_SAMPLES: usize = 18;
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
 
-/// Complex signals at once, each of two axes.
-const LANES: usize = 4;
+/// Axes of which powers are added up at a time.
+const AXES: usize = 8;
 
 /// The statistic for signals of some length.
 #[derive(Clone, Debug)]
@@ -36,8 +36,9 @@ pub(super) struct Spectrum {
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct SpectrumWork {
-    values: Vec<Complex<LANES>>,
-    other: Vec<Complex<LANES>>,
+    transform: GridWork,
+    /// Powers of a few axes, axis by axis.
+    powers: [Vec<f64>; AXES],
     /// The window of the length that came last, and the sum of its squares.
     window: Vec<f64>,
     weight: f64,
@@ -83,9 +84,14 @@ impl Spectrum {
 
     /// Room, and the window of whole recordings.
     pub(super) fn work(&self) -> SpectrumWork {
-        let room = vec![Complex::ZERO; self.fft.room()];
-        let window = Vec::with_capacity(self.n_samples);
-        let mut work = SpectrumWork { values: room.clone(), other: room, window, weight: 0.0 };
+        // Whole vectors of the frequencies up to half of the rate.
+        let powers = vec![0.0; (self.n_samples / 2 + 1).next_multiple_of(LANES)];
+        let mut work = SpectrumWork {
+            transform: self.fft.work(),
+            powers: std::array::from_fn(|_| powers.clone()),
+            window: Vec::with_capacity(self.n_samples),
+            weight: 0.0,
+        };
         work.open(self.n_samples);
         work
     }
@@ -129,17 +135,25 @@ impl Job for Compute<'_> {
     fn run<I: Isa>(self) {
         let Self { design, signals, work, out } = self;
         let (n, per_axis) = (design.n_samples, design.per_axis());
-        let SpectrumWork { values, other, window, weight } = work;
-        for first in (0..design.n_axes).step_by(2 * LANES) {
-            let axes = first..design.n_axes.min(first + 2 * LANES);
-            pack::<I>(signals, window, axes.clone(), values);
-            values[window.len()..n].fill(Complex::ZERO);
-            design.fft.process(values, other);
+        let SpectrumWork { transform, powers, window, weight } = work;
+        for first in (0..design.n_axes).step_by(AXES) {
+            let axes = first..design.n_axes.min(first + AXES);
+            // Two axes are one complex signal.
+            for (pair, [even, odd]) in axes.clone().step_by(2).zip(powers.as_chunks_mut().0) {
+                let Parts { re, im } = &mut transform.signal;
+                open(signals.axis(0, pair), window, &mut re[..n]);
+                if pair + 1 < axes.end {
+                    open(signals.axis(0, pair + 1), window, &mut im[..n]);
+                } else {
+                    im.fill(0.0);
+                }
+                design.fft.process::<I::Quad>(transform);
+                measure::<I::Quad>(&transform.signal, n, even, odd);
+            }
             for (bin, range) in design.edges.windows(2).enumerate() {
                 let share = 4.0 * *weight * (range[1] - range[0]) as f64;
-                let powers = pooled(&values[..n], range[0]..range[1]);
-                for axis in axes.clone() {
-                    let power = powers[axis % 2].0[(axis - first) / 2];
+                let sums = pooled(powers, range[0]..range[1]);
+                for (axis, power) in axes.clone().zip(sums) {
                     out[axis * per_axis + bin] = power / share + FLOOR;
                 }
             }
@@ -148,54 +162,41 @@ impl Job for Compute<'_> {
     }
 }
 
-/// Windowed, two axes as one complex signal. Both are scaled: each takes on rounding errors of the other.
+/// A signal behind its window, and silence after it.
 #[inline(always)]
-fn pack<I: Isa>(
-    signals: BandSignals<'_>,
-    window: &[f64],
-    axes: std::ops::Range<usize>,
-    values: &mut [Complex<LANES>],
-) {
-    // Axes that there are not are silent.
-    let signal = |axis: usize| if axes.contains(&axis) { signals.axis(0, axis) } else { &[] };
-    for part in [0, 1] {
-        let lanes: [&[f64]; LANES] = std::array::from_fn(|lane| signal(axes.start + 2 * lane + part));
-        let blocks = lanes.map(|lane| lane.as_chunks().0);
-        let mut last = [[0.0; LANES]; LANES];
-        for (last, lane) in last.iter_mut().zip(lanes) {
-            let rest = lane.as_chunks::<LANES>().1;
-            last[..rest.len()].copy_from_slice(rest);
-        }
-        for (t, (values, window)) in values.chunks_mut(LANES).zip(window.chunks(LANES)).enumerate() {
-            let mut samples = [&last[0], &last[1], &last[2], &last[3]];
-            if window.len() == LANES {
-                for l in 0..LANES {
-                    samples[l] = blocks[l].get(t).unwrap_or(&[0.0; LANES]);
-                }
-            }
-            for ((value, w), sample) in values.iter_mut().zip(window).zip(I::transpose4(samples)) {
-                let sample = Pack(sample) * Pack::splat(*w);
-                if part == 0 {
-                    value.re = sample;
-                } else {
-                    value.im = sample;
-                }
-            }
-        }
+fn open(signal: &[f64], window: &[f64], out: &mut [f64]) {
+    let (there, after) = out.split_at_mut(signal.len());
+    for ((out, x), w) in there.iter_mut().zip(signal).zip(window) {
+        *out = x * w;
+    }
+    after.fill(0.0);
+}
+
+/// Four times the powers of the signal that is the real part, and of the one that is the imaginary part; that of frequency
+/// zero is not there. Both are scaled: each takes on rounding errors of the other.
+#[inline(always)]
+fn measure<V: Quad>(transform: &Parts, n: usize, real: &mut [f64], imaginary: &mut [f64]) {
+    let outs = real.as_chunks_mut::<LANES>().0.iter_mut().zip(imaginary.as_chunks_mut::<LANES>().0);
+    for (i, (real, imaginary)) in outs.enumerate() {
+        let k = i * LANES;
+        let (a, b) = (transform.load::<V>(k), transform.load::<V>(n - k - (LANES - 1)));
+        let (re, im) = (b.re.reversed(), b.im.reversed());
+        let (p, q) = (a.re + re, a.im - im);
+        (p * p + q * q).store(real);
+        let (p, q) = (a.im + im, a.re - re);
+        (p * p + q * q).store(imaginary);
     }
 }
 
-/// Four times the sum of the powers of some frequencies, of the real parts of the signals and of their imaginary parts.
+/// Sums over some frequencies, axis by axis: side by side, because each has to wait for itself.
 #[inline(always)]
-fn pooled(values: &[Complex<LANES>], frequencies: std::ops::Range<usize>) -> [Pack<LANES>; 2] {
-    let n = values.len();
-    let mut sums = [Pack::ZERO; 2];
-    for k in frequencies {
-        let (a, b) = (values[k], values[(n - k) % n]);
-        let (p, q) = (a.re + b.re, a.im - b.im);
-        sums[0] = sums[0] + (p * p + q * q);
-        let (p, q) = (a.im + b.im, a.re - b.re);
-        sums[1] = sums[1] + (p * p + q * q);
+fn pooled(powers: &[Vec<f64>; AXES], frequencies: Range<usize>) -> [f64; AXES] {
+    let mut sums = [0.0; AXES];
+    let powers = powers.each_ref().map(|powers| &powers[frequencies.clone()]);
+    for k in 0..frequencies.len() {
+        for (sum, powers) in sums.iter_mut().zip(powers) {
+            *sum += powers[k];
+        }
     }
     sums
 }
