@@ -21,11 +21,14 @@ const ONE: u64 = 0x3ff << 52;
 /// `libm::log` itself where one of them is not a positive normal number.
 #[inline(always)]
 pub(super) fn log<const L: usize>(x: Pack<L>) -> Pack<L> {
-    let mut usual = true;
+    // As integers: numbers below the smallest normal one, or above the largest finite one, leave a sign somewhere.
+    let [least, most] = [f64::MIN_POSITIVE, f64::MAX].map(|end| end.to_bits().cast_signed());
+    let mut outside = 0;
     for l in 0..L {
-        usual &= x.0[l] >= f64::MIN_POSITIVE && x.0[l] <= f64::MAX;
+        let bits = x.0[l].to_bits().cast_signed();
+        outside |= bits | bits.wrapping_sub(least) | most.wrapping_sub(bits);
     }
-    if !usual {
+    if outside < 0 {
         let mut out = x;
         for l in 0..L {
             out.0[l] = libm::log(x.0[l]);
