@@ -41,6 +41,12 @@ impl<'a> BandSignals<'a> {
         self.places[band].len
     }
 
+    /// Axes of each band.
+    #[inline(always)]
+    pub(super) fn n_axes(&self) -> usize {
+        self.n_axes
+    }
+
     /// Signals in the order of bands, then of axes.
     #[inline(always)]
     pub(super) fn numbered(&self, index: usize) -> &'a [f64] {

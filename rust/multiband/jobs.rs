@@ -23,7 +23,7 @@ impl Job for Split<'_> {
         let within = means_within(rows, &design.limits, &mut work.means);
         if within {
             design.bank.split::<I>(rows, &work.means, &mut work.bank);
-            measure(work.bank.signals(design.n_axes()), &mut work.energies);
+            measure::<I::Quad>(work.bank.signals(design.n_axes()), &mut work.energies);
         }
         within
     }
