@@ -6,7 +6,7 @@
 
 use super::bank::BandSignals;
 use super::moments::{Moments, LAG};
-use super::symmetric::Logarithms;
+use super::symmetric::{Logarithms, MATRICES};
 use crate::lanes::{Isa, Job, Path};
 
 /// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
@@ -20,9 +20,6 @@ pub(super) const fn least_samples(n_axes: usize) -> usize {
     n_axes.saturating_mul(2 * MIN_SAMPLES).saturating_add(LAG)
 }
 
-/// Matrices whose logarithms are taken at a time: eight bands of a recording of 1600 samples have one.
-const MATRICES: usize = 8;
-
 /// The statistic for some number of axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Coupling {
@@ -34,7 +31,7 @@ pub(super) struct Coupling {
 #[derive(Clone, Debug)]
 pub(super) struct CouplingWork {
     moments: Moments,
-    logarithms: Logarithms<MATRICES>,
+    logarithms: Logarithms,
 }
 
 impl Coupling {
@@ -93,12 +90,12 @@ impl Job for Compute<'_> {
         for (group, out) in out.chunks_mut(MATRICES * design.per_band()).enumerate() {
             for lane in 0..out.len() / design.per_band() {
                 let band = group * MATRICES + lane;
-                moments.take(signals, band, |i, j, moment| {
+                moments.take::<I::Quad>(signals, band, |i, j, moment| {
                     let ridge = if i == j { RIDGE } else { 0.0 };
                     logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
                 });
             }
-            logarithms.take(RIDGE);
+            logarithms.take::<I::Quad>(RIDGE);
             for (lane, out) in out.chunks_exact_mut(design.per_band()).enumerate() {
                 let upper = (0..rows).flat_map(|i| (i..rows).map(move |j| (i, j)));
                 for (feature, (i, j)) in out.iter_mut().zip(upper) {

@@ -2,6 +2,7 @@
 
 use super::bank::BandSignals;
 use super::pack::Pack;
+use crate::lanes::Quad;
 
 /// Samples of the earlier of two instants before the later.
 pub(super) const LAG: usize = 2;
@@ -39,7 +40,7 @@ impl Moments {
     ///
     /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
     #[inline(always)]
-    pub(super) fn take(
+    pub(super) fn take<V: Quad>(
         &mut self,
         signals: BandSignals<'_>,
         band: usize,
@@ -52,7 +53,7 @@ impl Moments {
         }
         let lagged_end = (n - LAG) / LANES * LANES;
         let shared_end = n.saturating_sub(2 * LAG) / LANES * LANES;
-        self.add_chunks(signals, band, lagged_end, shared_end);
+        self.add_chunks::<V>(signals, band, lagged_end, shared_end);
         // What is left, and what is of the later or of the earlier instants alone.
         let later = LAG + shared_end..n;
         let between = LAG + shared_end..n.saturating_sub(LAG).max(LAG + shared_end);
@@ -89,7 +90,13 @@ impl Moments {
     /// Adds up products in whole vectors, chunk by chunk: lagged ones of `lagged_end` instants from [`LAG`] on, shared ones
     /// of `shared_end`.
     #[inline(always)]
-    fn add_chunks(&mut self, signals: BandSignals<'_>, band: usize, lagged_end: usize, shared_end: usize) {
+    fn add_chunks<V: Quad>(
+        &mut self,
+        signals: BandSignals<'_>,
+        band: usize,
+        lagged_end: usize,
+        shared_end: usize,
+    ) {
         let Self { n_axes, shared, lagged } = self;
         let side = n_axes.div_ceil(TILE);
         shared.fill([[Pack::ZERO; TILE]; TILE]);
@@ -106,12 +113,12 @@ impl Moments {
                 let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
                 for j in 0..side {
                     let columns = [axis(j, 0), axis(j, 1), axis(j, 2)];
-                    add::<false>(&mut lagged[i * side + j], rows, columns, len);
+                    add::<V, false>(&mut lagged[i * side + j], rows, columns, len);
                     let columns = [&columns[0][LAG..], &columns[1][LAG..], &columns[2][LAG..]];
                     if j < i {
-                        add::<false>(&mut shared[i * side + j], rows, columns, shared_len);
+                        add::<V, false>(&mut shared[i * side + j], rows, columns, shared_len);
                     } else if j == i {
-                        add::<true>(&mut shared[i * side + j], rows, columns, shared_len);
+                        add::<V, true>(&mut shared[i * side + j], rows, columns, shared_len);
                     }
                 }
             }
@@ -122,16 +129,29 @@ impl Moments {
 
 /// Adds products of each row with each column, or only those on and below the diagonal.
 #[inline(always)]
-fn add<const TRIANGLE: bool>(sums: &mut Tile, rows: [&[f64]; TILE], columns: [&[f64]; TILE], len: usize) {
+fn add<V: Quad, const TRIANGLE: bool>(
+    sums: &mut Tile,
+    rows: [&[f64]; TILE],
+    columns: [&[f64]; TILE],
+    len: usize,
+) {
     let n = len / LANES;
     let [x0, x1, x2] = rows;
     let [y0, y1, y2] = columns;
-    let (x0, x1, x2) = (&x0.as_chunks::<LANES>().0[..n], &x1.as_chunks().0[..n], &x2.as_chunks().0[..n]);
-    let (y0, y1, y2) = (&y0.as_chunks::<LANES>().0[..n], &y1.as_chunks().0[..n], &y2.as_chunks().0[..n]);
-    let mut local = *sums;
+    let (x0, x1, x2) =
+        (&x0.as_chunks::<LANES>().0[..n], &x1.as_chunks::<LANES>().0[..n], &x2.as_chunks::<LANES>().0[..n]);
+    let (y0, y1, y2) =
+        (&y0.as_chunks::<LANES>().0[..n], &y1.as_chunks::<LANES>().0[..n], &y2.as_chunks::<LANES>().0[..n]);
+    let mut local = [[V::splat(0.0); TILE]; TILE];
+    for r in 0..TILE {
+        for c in 0..TILE {
+            local[r][c] = V::load(&sums[r][c].0);
+        }
+    }
     for t in 0..n {
-        let x = [Pack(x0[t]), Pack(x1[t]), Pack(x2[t])];
-        let y = [Pack(y0[t]), Pack(y1[t]), Pack(y2[t])];
+        let x = [V::load(&x0[t]), V::load(&x1[t]), V::load(&x2[t])];
+        // The rows themselves are the columns of a tile on the diagonal.
+        let y = if TRIANGLE { x } else { [V::load(&y0[t]), V::load(&y1[t]), V::load(&y2[t])] };
         for r in 0..TILE {
             for c in 0..TILE {
                 if !TRIANGLE || r >= c {
@@ -140,7 +160,11 @@ fn add<const TRIANGLE: bool>(sums: &mut Tile, rows: [&[f64]; TILE], columns: [&[
             }
         }
     }
-    *sums = local;
+    for r in 0..TILE {
+        for c in 0..TILE {
+            local[r][c].store(&mut sums[r][c].0);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -149,6 +173,7 @@ mod tests {
 
     use super::super::bank::Place;
     use super::*;
+    use crate::lanes::Plain;
 
     /// By definition.
     fn slowly(axes: &[Vec<f64>], i: usize, j: usize) -> f64 {
@@ -170,7 +195,7 @@ mod tests {
             let mut seen = 0;
             let mut moments = Moments::new(n_axes);
             let mut far = 0;
-            moments.take(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
+            moments.take::<Plain>(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
                 seen += 1;
                 let size = (slowly(&axes, i, i) * slowly(&axes, j, j)).sqrt();
                 far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);

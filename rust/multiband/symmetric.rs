@@ -7,6 +7,7 @@
 
 use super::logarithm;
 use super::pack::{Mask, Pack};
+use crate::lanes::Quad;
 
 /// QL iterations for one eigenvalue at most; two or three do.
 const MAX_ITERATIONS: usize = 60;
@@ -15,21 +16,31 @@ const MAX_ITERATIONS: usize = 60;
 /// where a reciprocal overflows.
 const NOTHING: f64 = 1e-290;
 
-/// Room for the logarithms of `L` matrices of `n` rows.
+/// Matrices at a time: eight bands of a recording of 1600 samples have one.
+pub(super) const MATRICES: usize = 8;
+
+/// Lanes of a register, and registers for all matrices.
+const LANES: usize = 4;
+const REGISTERS: usize = MATRICES / LANES;
+
+/// One number of each matrix.
+type Numbers = Pack<MATRICES>;
+
+/// Room for the logarithms of some matrices of `n` rows.
 #[derive(Clone, Debug)]
-pub(super) struct Logarithms<const L: usize> {
+pub(super) struct Logarithms {
     n: usize,
     /// The matrices, row by row; of them only the lower triangles count.
-    pub(super) matrices: Vec<Pack<L>>,
-    vectors: Vec<Pack<L>>,
-    diagonal: Vec<Pack<L>>,
-    below: Vec<Pack<L>>,
-    factors: Vec<Pack<L>>,
-    turns: Vec<[Pack<L>; 2]>,
-    temporary: Vec<Pack<L>>,
+    pub(super) matrices: Vec<Numbers>,
+    /// Eigenvectors in the making, column by column.
+    vectors: Vec<Numbers>,
+    diagonal: Vec<Numbers>,
+    below: Vec<Numbers>,
+    factors: Vec<Numbers>,
+    temporary: Vec<Numbers>,
 }
 
-impl<const L: usize> Logarithms<L> {
+impl Logarithms {
     pub(super) fn new(n: usize) -> Self {
         let zeros = |len| vec![Pack::ZERO; len];
         Self {
@@ -39,7 +50,6 @@ impl<const L: usize> Logarithms<L> {
             diagonal: zeros(n),
             below: zeros(n),
             factors: zeros(n),
-            turns: vec![[Pack::ZERO; 2]; n],
             temporary: zeros(n),
         }
     }
@@ -47,12 +57,12 @@ impl<const L: usize> Logarithms<L> {
     /// Replaces the lower triangle of each matrix by that of its logarithm; eigenvalues below `floor` count as `floor`.
     /// NaN throughout for a matrix of which the trace is not finite.
     #[inline(always)]
-    pub(super) fn take(&mut self, floor: f64) {
+    pub(super) fn take<V: Quad>(&mut self, floor: f64) {
         let n = self.n;
         let shrink = self.shrink();
         self.tridiagonal();
         self.reflections();
-        self.diagonalise();
+        self.diagonalise::<V>();
         for (value, log) in self.diagonal.iter().zip(&mut self.temporary) {
             let value = *value / shrink;
             let floor = Pack::splat(floor);
@@ -60,13 +70,12 @@ impl<const L: usize> Logarithms<L> {
             *log = logarithm::log(value.above(floor).select(value, floor)) + shrink * Pack::ZERO;
         }
         for j in 0..n {
-            let row = &self.vectors[j * n..][..n];
-            for ((scaled, v), log) in self.factors.iter_mut().zip(row).zip(&self.temporary) {
-                *scaled = *v * *log;
+            for (k, scaled) in self.factors.iter_mut().enumerate() {
+                *scaled = self.vectors[k * n + j] * self.temporary[k];
             }
             for i in j..n {
-                let row = &self.vectors[i * n..][..n];
-                let products = row.iter().zip(&self.factors).map(|(a, b)| *a * *b);
+                let row = self.vectors[i..].iter().step_by(n);
+                let products = row.zip(&self.factors).map(|(a, b)| *a * *b);
                 self.matrices[i * n + j] = products.fold(Pack::ZERO, |sum, product| sum + product);
             }
         }
@@ -75,11 +84,11 @@ impl<const L: usize> Logarithms<L> {
     /// Multiplies each matrix by a power of two that brings its trace to between one and four, and returns these; NaN
     /// where the trace is not finite.
     #[inline(always)]
-    fn shrink(&mut self) -> Pack<L> {
+    fn shrink(&mut self) -> Numbers {
         let n = self.n;
         let trace = (0..n).fold(Pack::ZERO, |sum, i| sum + self.matrices[i * n + i]);
         let mut shrink = Pack::ZERO;
-        for l in 0..L {
+        for l in 0..MATRICES {
             let exponent = trace.0[l].to_bits() >> 52 & 0x7ff;
             let power = f64::from_bits((2046_u64.saturating_sub(exponent)).max(1) << 52);
             shrink.0[l] = if trace.0[l].is_finite() { power } else { f64::NAN };
@@ -144,24 +153,19 @@ impl<const L: usize> Logarithms<L> {
     /// The product of all reflections, into `vectors`.
     #[inline(always)]
     fn reflections(&mut self) {
-        let Self { n, matrices: a, vectors: q, factors, temporary: t, .. } = self;
+        let Self { n, matrices: a, vectors: q, factors, .. } = self;
         let n = *n;
         q.fill(Pack::ZERO);
         for i in 0..n {
             q[i * n + i] = Pack::ONE;
         }
         for k in (0..n.saturating_sub(2)).rev() {
-            t[k + 1..].fill(Pack::ZERO);
-            for i in k + 1..n {
-                let v = a[i * n + k] * factors[k];
-                for j in k + 1..n {
-                    t[j] = t[j] + v * q[i * n + j];
-                }
-            }
-            for i in k + 1..n {
-                let v = a[i * n + k];
-                for j in k + 1..n {
-                    q[i * n + j] = q[i * n + j] - v * t[j];
+            let v = |i: usize| a[i * n + k];
+            for column in q.chunks_exact_mut(n).skip(k + 1) {
+                let products = (k + 1..n).map(|i| v(i) * factors[k] * column[i]);
+                let sum = products.fold(Pack::ZERO, |sum, product| sum + product);
+                for i in k + 1..n {
+                    column[i] = column[i] - v(i) * sum;
                 }
             }
         }
@@ -169,7 +173,7 @@ impl<const L: usize> Logarithms<L> {
 
     /// QL iterations until nothing is left in `below`.
     #[inline(always)]
-    fn diagonalise(&mut self) {
+    fn diagonalise<V: Quad>(&mut self) {
         let n = self.n;
         let size = (0..n).fold(Pack::ZERO, |sum, i| sum + self.diagonal[i].abs() + self.below[i].abs());
         let limit = Pack::splat(f64::EPSILON) * size;
@@ -179,57 +183,92 @@ impl<const L: usize> Logarithms<L> {
                 if !active.any() {
                     break;
                 }
-                self.iterate(first, active);
-                self.turn(first);
+                self.iterate::<V>(first, active);
             }
         }
     }
 
-    /// One QL iteration on rows `first..n` of the active lanes: its rotations go to `turns`, those of other lanes are none.
+    /// One QL iteration on rows `first..n` of the active lanes; other lanes are not turned. Each rotation is done to the
+    /// vectors at once: their arithmetic fills the time in which the next one waits for a root and a quotient.
     #[inline(always)]
-    fn iterate(&mut self, first: usize, active: Mask<L>) {
-        let Self { n, diagonal: d, below: e, turns, .. } = self;
+    fn iterate<V: Quad>(&mut self, first: usize, active: Mask<MATRICES>) {
+        let Self { n, diagonal: d, below: e, vectors, .. } = self;
         let n = *n;
         // The eigenvalue of the first two rows that is nearer to the first.
         let half = Pack::splat(0.5) * (d[first + 1] - d[first]);
         let root = (half * half + e[first] * e[first]).sqrt();
         let shift = d[first] - e[first] * e[first] / (half + root.with_sign_of(half));
-        let (mut c, mut s) = (Pack::ONE, Pack::ZERO);
-        let mut p = d[n - 1] - shift;
-        for i in (first..n - 1).rev() {
-            let (g, h) = (c * e[i], c * p);
-            let r = (p * p + e[i] * e[i]).sqrt();
-            e[i + 1] = active.select(s * r, e[i + 1]);
-            let turned = r.above(Pack::ZERO);
-            let inverse = Pack::ONE / r;
-            s = turned.select(e[i] * inverse, Pack::ZERO);
-            c = turned.select(p * inverse, Pack::ONE);
-            turns[i] = [active.select(c, Pack::ONE), active.select(s, Pack::ZERO)];
-            let d_i = d[i] - shift;
-            p = c * d_i - s * g;
-            d[i + 1] = active.select(h + s * (c * g + s * d_i) + shift, d[i + 1]);
+        let (zero, one) = (V::splat(0.0), V::splat(1.0));
+        let active = answers(active);
+        let (mut c, mut s) = ([one; REGISTERS], [zero; REGISTERS]);
+        let mut p = [zero; REGISTERS];
+        let (mut d_after, mut e_after) = (p, p);
+        for k in 0..REGISTERS {
+            (d_after[k], e_after[k]) = (load(&d[n - 1], k), load(&e[n - 1], k));
+            p[k] = d_after[k] - load(&shift, k);
         }
-        e[first] = active.select(s * p, e[first]);
-        d[first] = active.select(c * p + shift, d[first]);
+        for i in (first..n - 1).rev() {
+            let (mut cosine, mut sine) = (c, s);
+            for k in 0..REGISTERS {
+                let (active, shift): (V, V) = (active[k], load(&shift, k));
+                let (d_i, e_i) = (load(&d[i], k), load(&e[i], k));
+                let (g, h) = (c[k] * e_i, c[k] * p[k]);
+                let r = (p[k] * p[k] + e_i * e_i).sqrt();
+                store((s[k] * r).or(e_after[k], active), &mut e[i + 1], k);
+                let turned = r.above(zero);
+                let inverse = one / r;
+                s[k] = (e_i * inverse).or(zero, turned);
+                c[k] = (p[k] * inverse).or(one, turned);
+                (cosine[k], sine[k]) = (c[k].or(one, active), s[k].or(zero, active));
+                let centred = d_i - shift;
+                p[k] = c[k] * centred - s[k] * g;
+                let value = h + s[k] * (c[k] * g + s[k] * centred) + shift;
+                store(value.or(d_after[k], active), &mut d[i + 1], k);
+                (d_after[k], e_after[k]) = (d_i, e_i);
+            }
+            turn(&mut vectors[i * n..][..2 * n], cosine, sine);
+        }
+        for k in 0..REGISTERS {
+            let active = active[k];
+            store((s[k] * p[k]).or(e_after[k], active), &mut e[first], k);
+            store((c[k] * p[k] + load(&shift, k)).or(d_after[k], active), &mut d[first], k);
+        }
         e[n - 1] = Pack::ZERO;
     }
+}
 
-    /// Turns columns `first..n` of the vectors as `turns` says.
-    #[inline(always)]
-    fn turn(&mut self, first: usize) {
-        let n = self.n;
-        let turns = &self.turns[first..n - 1];
-        for row in self.vectors.chunks_exact_mut(n) {
-            let row = &mut row[first..][..=turns.len()];
-            let mut carried = row[turns.len()];
-            for (i, [c, s]) in turns.iter().enumerate().rev() {
-                let value = row[i];
-                row[i + 1] = *s * value + *c * carried;
-                carried = *c * value - *s * carried;
-            }
-            row[0] = carried;
+/// Turns two columns by an angle with some cosine and sine.
+#[inline(always)]
+fn turn<V: Quad>(columns: &mut [Numbers], c: [V; REGISTERS], s: [V; REGISTERS]) {
+    let (left, right) = columns.split_at_mut(columns.len() / 2);
+    for (left, right) in left.iter_mut().zip(right) {
+        for k in 0..REGISTERS {
+            let (x, y) = (load(left, k), load(right, k));
+            store(c[k] * x - s[k] * y, left, k);
+            store(s[k] * x + c[k] * y, right, k);
         }
     }
+}
+
+/// Those numbers that make up register `k`.
+#[inline(always)]
+fn load<V: Quad>(numbers: &Numbers, k: usize) -> V {
+    V::load(&numbers.0[k * LANES..])
+}
+
+#[inline(always)]
+fn store<V: Quad>(register: V, numbers: &mut Numbers, k: usize) {
+    register.store(&mut numbers.0[k * LANES..]);
+}
+
+/// Answers in registers.
+#[inline(always)]
+fn answers<V: Quad>(mask: Mask<MATRICES>) -> [V; REGISTERS] {
+    let (ones, mut out) = (mask.select(Pack::ONE, Pack::ZERO), [V::splat(0.0); REGISTERS]);
+    for k in 0..REGISTERS {
+        out[k] = load::<V>(&ones, k).above(V::splat(0.0));
+    }
+    out
 }
 
 #[cfg(test)]
@@ -237,6 +276,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::lanes::Plain;
 
     type Matrix = Vec<Vec<f64>>;
 
@@ -260,7 +300,7 @@ mod tests {
 
     fn logarithms<const L: usize>(matrices: &[Matrix; L], floor: f64) -> [Matrix; L] {
         let n = matrices[0].len();
-        let mut work = Logarithms::<L>::new(n);
+        let mut work = Logarithms::new(n);
         for (l, matrix) in matrices.iter().enumerate() {
             for (i, row) in matrix.iter().enumerate() {
                 for (j, value) in row.iter().enumerate() {
@@ -268,7 +308,7 @@ mod tests {
                 }
             }
         }
-        work.take(floor);
+        work.take::<Plain>(floor);
         std::array::from_fn(|l| {
             let entry = |i: usize, j: usize| work.matrices[i.max(j) * n + i.min(j)].0[l];
             (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
