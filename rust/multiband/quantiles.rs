@@ -45,8 +45,28 @@ pub(super) struct QuantilesWork {
     counts: Box<Counts>,
     /// Values in each bin.
     all: Box<[u32; ROOM]>,
-    /// Values in [`LANES`] bins and in all before them.
-    until: Box<[u32; ROOM / LANES]>,
+}
+
+/// Where quantiles lie among sorted values; what lies behind the last of them is of no account.
+#[derive(Clone, Copy, Debug)]
+struct Ranks {
+    exact: [f64; LANES],
+    /// A count reaches a rank where it reaches the next whole number.
+    whole: [u32; LANES],
+}
+
+impl Ranks {
+    /// `p (n - 1) + 1/2` of `n` values.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // ranks are at most n, which is 32 bits wide
+    #[inline(always)]
+    fn new(n: usize) -> Self {
+        let (mut exact, mut whole) = ([0.0; LANES], [0; LANES]);
+        for ((exact, whole), p) in exact.iter_mut().zip(&mut whole).zip(PROBABILITIES) {
+            *exact = p * (n as f64 - 1.0) + 0.5;
+            *whole = exact.ceil() as u32;
+        }
+        Self { exact, whole }
+    }
 }
 
 impl Quantiles {
@@ -60,11 +80,7 @@ impl Quantiles {
 
     #[allow(clippy::unused_self)] // as the other statistics
     pub(super) fn work(&self) -> QuantilesWork {
-        QuantilesWork {
-            counts: Box::new([[0; ROOM]; TURNS]),
-            all: Box::new([0; ROOM]),
-            until: Box::new([0; ROOM / LANES]),
-        }
+        QuantilesWork { counts: Box::new([[0; ROOM]; TURNS]), all: Box::new([0; ROOM]) }
     }
 
     /// Band by band, axis by axis: inverse hyperbolic sines of quantiles, then the logarithm of the RMS. Allocates nothing.
@@ -94,11 +110,15 @@ impl Job for Compute<'_> {
     #[inline(always)]
     fn run<I: Isa>(self) {
         let Self { design, signals, energies, work, out } = self;
+        let (mut n, mut ranks) = (0, Ranks::new(0));
         for (index, (out, energies)) in out.chunks_exact_mut(PER_AXIS).zip(energies).enumerate() {
             let signal = signals.numbered(index);
+            if signal.len() != n {
+                (n, ranks) = (signal.len(), Ranks::new(signal.len()));
+            }
             let range = count(signal, &mut work.counts);
             let Some((rms, quantiles)) = out.split_last_mut() else { return };
-            work.quantiles(signal.len(), range, &design.edges, quantiles);
+            work.quantiles(&ranks, range, &design.edges, quantiles);
             *rms = mean_square(energies, signal.len()).sqrt() + FLOOR;
         }
         // The inverse sines of all, then the logarithms of sizes in their places, a few signals at a time.
@@ -149,11 +169,9 @@ fn count(signal: &[f64], counts: &mut Counts) -> (usize, usize) {
 }
 
 impl QuantilesWork {
-    /// Quantiles of `n` counted values, linear within the bin in which the rank `p (n - 1) + 1/2` lies; the counts are zero
-    /// afterwards.
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // ranks are at most n, which is 32 bits wide
+    /// Quantiles of counted values, linear within the bin in which a rank lies; the counts are zero afterwards.
     #[inline(always)]
-    fn quantiles(&mut self, n: usize, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {
+    fn quantiles(&mut self, ranks: &Ranks, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {
         let (start, end) = (first - first % LANES, (last + 1).next_multiple_of(LANES));
         let [even, odd] = &mut *self.counts;
         let both = even[start..end]
@@ -161,10 +179,11 @@ impl QuantilesWork {
             .0
             .iter_mut()
             .zip(odd[start..end].as_chunks_mut::<LANES>().0);
-        let (all, until) =
-            (self.all[start..end].as_chunks_mut::<LANES>().0, &mut self.until[..(end - start) / LANES]);
+        let all = self.all[start..end].as_chunks_mut::<LANES>().0;
+        // For each rank the bins, in groups, and the values before the group in which it lies.
+        let (mut groups, mut before) = ([0; LANES], [0; LANES]);
         let mut sum = 0;
-        for ((a, b), (all, until)) in both.zip(all.iter_mut().zip(&mut *until)) {
+        for ((a, b), all) in both.zip(all.iter_mut()) {
             let (evens, odds) = (std::mem::take(a), std::mem::take(b));
             let mut counts = [0; LANES];
             for l in 0..LANES {
@@ -172,22 +191,22 @@ impl QuantilesWork {
             }
             *all = counts;
             sum += counts.iter().sum::<u32>();
-            *until = sum;
+            for l in 0..LANES {
+                let below = sum < ranks.whole[l];
+                groups[l] += u32::from(below);
+                before[l] = if below { sum } else { before[l] };
+            }
         }
-        for (out, p) in out.iter_mut().zip(PROBABILITIES) {
-            let rank = p * (n as f64 - 1.0) + 0.5;
-            // A count reaches a rank where it reaches the next whole number.
-            let whole = rank.ceil() as u32;
-            let group = until.partition_point(|count| *count < whole);
-            let mut sum = if group == 0 { 0 } else { until[group - 1] };
-            let (mut before, mut behind) = (sum, 0);
+        for (l, out) in out.iter_mut().enumerate() {
+            let group = groups[l] as usize;
+            let (mut sum, mut before, mut behind) = (before[l], before[l], 0);
             for count in all[group] {
                 sum += count;
-                if sum < whole {
+                if sum < ranks.whole[l] {
                     (before, behind) = (sum, behind + 1);
                 }
             }
-            let within = (rank - f64::from(before)) / f64::from(all[group][behind]);
+            let within = (ranks.exact[l] - f64::from(before)) / f64::from(all[group][behind]);
             let bin = start + group * LANES + behind;
             *out = edges[bin] + within * (edges[bin + 1] - edges[bin]);
         }
