@@ -29,11 +29,7 @@ pub(super) fn log<const L: usize>(x: Pack<L>) -> Pack<L> {
         outside |= bits | bits.wrapping_sub(least) | most.wrapping_sub(bits);
     }
     if outside < 0 {
-        let mut out = x;
-        for l in 0..L {
-            out.0[l] = libm::log(x.0[l]);
-        }
-        return out;
+        return one_by_one(x);
     }
     // x = 2^k (1 + f) with 1 + f between the root of one half and the root of two.
     let (mut k, mut f) = (Pack::ZERO, Pack::ZERO);
@@ -50,6 +46,17 @@ pub(super) fn log<const L: usize>(x: Pack<L>) -> Pack<L> {
     let even = w * (of(EVEN[0]) + w * (of(EVEN[1]) + w * of(EVEN[2])));
     let odd = z * (of(ODD[0]) + w * (of(ODD[1]) + w * (of(ODD[2]) + w * of(ODD[3]))));
     s * (half_square + (odd + even)) + k * of(LN2_LOW) - half_square + f + k * of(LN2_HIGH)
+}
+
+/// Any numbers. Never inlined: else a compiler calculates both ways for all numbers and then takes one.
+#[cold]
+#[inline(never)]
+fn one_by_one<const L: usize>(x: Pack<L>) -> Pack<L> {
+    let mut out = x;
+    for l in 0..L {
+        out.0[l] = libm::log(x.0[l]);
+    }
+    out
 }
 
 /// Inverse hyperbolic sines of numbers whose squares are finite.

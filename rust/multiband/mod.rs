@@ -39,6 +39,8 @@ mod pack;
 mod passes;
 mod quad;
 mod quantiles;
+mod reflections;
+mod rotations;
 mod scales;
 #[cfg(test)]
 mod signals;

@@ -18,7 +18,7 @@ pub(super) const PER_AXIS: usize = PROBABILITIES.len() + 1;
 
 /// Values whose bins are found before any of them is counted: so many that bins go through memory, which is the fastest way
 /// from vectors to addresses.
-const BLOCK: usize = 256;
+const BLOCK: usize = 512;
 
 /// Histograms that take turns, so that a value need not wait until the one before it is counted.
 const TURNS: usize = 2;
@@ -45,6 +45,8 @@ pub(super) struct QuantilesWork {
     counts: Box<Counts>,
     /// Values in each bin.
     all: Box<[u32; ROOM]>,
+    words: Box<[i16; BLOCK]>,
+    bins: Box<[u16; BLOCK]>,
 }
 
 /// Where quantiles lie among sorted values; what lies behind the last of them is of no account.
@@ -80,7 +82,12 @@ impl Quantiles {
 
     #[allow(clippy::unused_self)] // as the other statistics
     pub(super) fn work(&self) -> QuantilesWork {
-        QuantilesWork { counts: Box::new([[0; ROOM]; TURNS]), all: Box::new([0; ROOM]) }
+        QuantilesWork {
+            counts: Box::new([[0; ROOM]; TURNS]),
+            all: Box::new([0; ROOM]),
+            words: Box::new([0; BLOCK]),
+            bins: Box::new([0; BLOCK]),
+        }
     }
 
     /// Band by band, axis by axis: inverse hyperbolic sines of quantiles, then the logarithm of the RMS. Allocates nothing.
@@ -116,7 +123,7 @@ impl Job for Compute<'_> {
             if signal.len() != n {
                 (n, ranks) = (signal.len(), Ranks::new(signal.len()));
             }
-            let range = count(signal, &mut work.counts);
+            let range = work.count(signal);
             let Some((rms, quantiles)) = out.split_last_mut() else { return };
             work.quantiles(&ranks, range, &design.edges, quantiles);
             *rms = mean_square(energies, signal.len()).sqrt() + FLOOR;
@@ -136,39 +143,39 @@ impl Job for Compute<'_> {
     }
 }
 
-/// Counts the values of a signal; returns the first and the last bin that hold any.
-#[inline(always)]
-fn count(signal: &[f64], counts: &mut Counts) -> (usize, usize) {
-    let (mut words, mut bins) = ([0; BLOCK], [0; BLOCK]);
-    let (mut least, mut most) = (u16::MAX, 0);
-    for block in signal.chunks(BLOCK) {
-        let (words, bins) = (&mut words[..block.len()], &mut bins[..block.len()]);
-        for (word_of_z, z) in words.iter_mut().zip(block) {
-            *word_of_z = word(*z);
-        }
-        for (bin_of_z, word) in bins.iter_mut().zip(&*words) {
-            *bin_of_z = bin(*word);
-        }
-        for bin in &*bins {
-            least = least.min(*bin);
-            most = most.max(*bin);
-        }
-        let [even, odd] = &mut *counts;
-        let (eights, rest) = bins.as_chunks::<LANES>();
-        for eight in eights {
-            for l in (0..LANES).step_by(TURNS) {
-                even[usize::from(eight[l]) % ROOM] += 1;
-                odd[usize::from(eight[l + 1]) % ROOM] += 1;
+impl QuantilesWork {
+    /// Counts the values of a signal; returns the first and the last bin that hold any.
+    #[inline(always)]
+    fn count(&mut self, signal: &[f64]) -> (usize, usize) {
+        let Self { counts, words, bins, .. } = self;
+        let (mut least, mut most) = (u16::MAX, 0);
+        for block in signal.chunks(BLOCK) {
+            let (words, bins) = (&mut words[..block.len()], &mut bins[..block.len()]);
+            for (word_of_z, z) in words.iter_mut().zip(block) {
+                *word_of_z = word(*z);
+            }
+            for (bin_of_z, word) in bins.iter_mut().zip(&*words) {
+                *bin_of_z = bin(*word);
+            }
+            for bin in &*bins {
+                least = least.min(*bin);
+                most = most.max(*bin);
+            }
+            let [even, odd] = &mut **counts;
+            let (eights, rest) = bins.as_chunks::<LANES>();
+            for eight in eights {
+                for l in (0..LANES).step_by(TURNS) {
+                    even[usize::from(eight[l]) % ROOM] += 1;
+                    odd[usize::from(eight[l + 1]) % ROOM] += 1;
+                }
+            }
+            for bin in rest {
+                even[usize::from(*bin) % ROOM] += 1;
             }
         }
-        for bin in rest {
-            even[usize::from(*bin) % ROOM] += 1;
-        }
+        (least.into(), most.into())
     }
-    (least.into(), most.into())
-}
 
-impl QuantilesWork {
     /// Quantiles of counted values, linear within the bin in which a rank lies; the counts are zero afterwards.
     #[inline(always)]
     fn quantiles(&mut self, ranks: &Ranks, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {

@@ -6,25 +6,16 @@
 //! of another.
 
 use super::logarithm;
-use super::pack::{Mask, Pack};
+use super::pack::Pack;
+use super::reflections::{product, tridiagonal};
+use super::rotations::diagonalise;
 use crate::lanes::Quad;
-
-/// QL iterations for one eigenvalue at most; two or three do.
-const MAX_ITERATIONS: usize = 60;
-
-/// Below this a sum of squares counts as zero, for matrices with a trace of about one: far below rounding, and far from
-/// where a reciprocal overflows.
-const NOTHING: f64 = 1e-290;
 
 /// Matrices at a time: eight bands of a recording of 1600 samples have one.
 pub(super) const MATRICES: usize = 8;
 
-/// Lanes of a register, and registers for all matrices.
-const LANES: usize = 4;
-const REGISTERS: usize = MATRICES / LANES;
-
 /// One number of each matrix.
-type Numbers = Pack<MATRICES>;
+pub(super) type Numbers = Pack<MATRICES>;
 
 /// Room for the logarithms of some matrices of `n` rows.
 #[derive(Clone, Debug)]
@@ -60,9 +51,10 @@ impl Logarithms {
     pub(super) fn take<V: Quad>(&mut self, floor: f64) {
         let n = self.n;
         let shrink = self.shrink();
-        self.tridiagonal();
-        self.reflections();
-        self.diagonalise::<V>();
+        let Self { matrices, vectors, diagonal, below, factors, temporary, .. } = self;
+        tridiagonal(matrices, diagonal, below, factors, temporary);
+        product(matrices, factors, vectors);
+        diagonalise::<V>(diagonal, below, vectors);
         for (value, log) in self.diagonal.iter().zip(&mut self.temporary) {
             let value = *value / shrink;
             let floor = Pack::splat(floor);
@@ -98,177 +90,6 @@ impl Logarithms {
         }
         shrink
     }
-
-    /// `n - 2` reflections that leave `diagonal` and `below`. Each reflection `1 - factor v v'` stays in the column of
-    /// `matrices` that it has cleared.
-    #[inline(always)]
-    fn tridiagonal(&mut self) {
-        let Self { n, matrices: a, diagonal: d, below: e, factors, temporary: p, .. } = self;
-        let n = *n;
-        for k in 0..n {
-            d[k] = a[k * n + k];
-            if k + 2 >= n {
-                factors[k] = Pack::ZERO;
-                e[k] = if k + 1 < n { a[(k + 1) * n + k] } else { Pack::ZERO };
-                continue;
-            }
-            let rest = (k + 2..n).fold(Pack::ZERO, |sum, i| sum + a[i * n + k] * a[i * n + k]);
-            let head = a[(k + 1) * n + k];
-            let square = head * head + rest;
-            let length = square.sqrt();
-            let needed = rest.above(Pack::splat(NOTHING));
-            let factor = needed.select(Pack::ONE / (square + head.abs() * length), Pack::ZERO);
-            factors[k] = factor;
-            e[k] = needed.select(-length.with_sign_of(head), head);
-            a[(k + 1) * n + k] = head + length.with_sign_of(head);
-            // p = factor A v, then w = p - factor / 2 (p'v) v, then A -= v w' + w v'.
-            for i in k + 1..n {
-                let v_i = a[i * n + k];
-                let mut sum = a[i * n + i] * v_i;
-                for j in k + 1..i {
-                    let a_ij = a[i * n + j];
-                    sum = sum + a_ij * a[j * n + k];
-                    p[j] = p[j] + a_ij * v_i;
-                }
-                p[i] = sum;
-            }
-            let mut dot = Pack::ZERO;
-            for i in k + 1..n {
-                p[i] = p[i] * factor;
-                dot = dot + p[i] * a[i * n + k];
-            }
-            let half = Pack::splat(0.5) * factor * dot;
-            for i in k + 1..n {
-                p[i] = p[i] - half * a[i * n + k];
-            }
-            for i in k + 1..n {
-                let (v_i, w_i) = (a[i * n + k], p[i]);
-                for j in k + 1..=i {
-                    a[i * n + j] = a[i * n + j] - (v_i * p[j] + w_i * a[j * n + k]);
-                }
-            }
-        }
-    }
-
-    /// The product of all reflections, into `vectors`.
-    #[inline(always)]
-    fn reflections(&mut self) {
-        let Self { n, matrices: a, vectors: q, factors, .. } = self;
-        let n = *n;
-        q.fill(Pack::ZERO);
-        for i in 0..n {
-            q[i * n + i] = Pack::ONE;
-        }
-        for k in (0..n.saturating_sub(2)).rev() {
-            let v = |i: usize| a[i * n + k];
-            for column in q.chunks_exact_mut(n).skip(k + 1) {
-                let products = (k + 1..n).map(|i| v(i) * factors[k] * column[i]);
-                let sum = products.fold(Pack::ZERO, |sum, product| sum + product);
-                for i in k + 1..n {
-                    column[i] = column[i] - v(i) * sum;
-                }
-            }
-        }
-    }
-
-    /// QL iterations until nothing is left in `below`.
-    #[inline(always)]
-    fn diagonalise<V: Quad>(&mut self) {
-        let n = self.n;
-        let size = (0..n).fold(Pack::ZERO, |sum, i| sum + self.diagonal[i].abs() + self.below[i].abs());
-        let limit = Pack::splat(f64::EPSILON) * size;
-        for first in 0..n.saturating_sub(1) {
-            for _ in 0..MAX_ITERATIONS {
-                let active = self.below[first].abs().above(limit);
-                if !active.any() {
-                    break;
-                }
-                self.iterate::<V>(first, active);
-            }
-        }
-    }
-
-    /// One QL iteration on rows `first..n` of the active lanes; other lanes are not turned. Each rotation is done to the
-    /// vectors at once: their arithmetic fills the time in which the next one waits for a root and a quotient.
-    #[inline(always)]
-    fn iterate<V: Quad>(&mut self, first: usize, active: Mask<MATRICES>) {
-        let Self { n, diagonal: d, below: e, vectors, .. } = self;
-        let n = *n;
-        // The eigenvalue of the first two rows that is nearer to the first.
-        let half = Pack::splat(0.5) * (d[first + 1] - d[first]);
-        let root = (half * half + e[first] * e[first]).sqrt();
-        let shift = d[first] - e[first] * e[first] / (half + root.with_sign_of(half));
-        let (zero, one) = (V::splat(0.0), V::splat(1.0));
-        let active = answers(active);
-        let (mut c, mut s) = ([one; REGISTERS], [zero; REGISTERS]);
-        let mut p = [zero; REGISTERS];
-        let (mut d_after, mut e_after) = (p, p);
-        for k in 0..REGISTERS {
-            (d_after[k], e_after[k]) = (load(&d[n - 1], k), load(&e[n - 1], k));
-            p[k] = d_after[k] - load(&shift, k);
-        }
-        for i in (first..n - 1).rev() {
-            let (mut cosine, mut sine) = (c, s);
-            for k in 0..REGISTERS {
-                let (active, shift): (V, V) = (active[k], load(&shift, k));
-                let (d_i, e_i) = (load(&d[i], k), load(&e[i], k));
-                let (g, h) = (c[k] * e_i, c[k] * p[k]);
-                let r = (p[k] * p[k] + e_i * e_i).sqrt();
-                store((s[k] * r).or(e_after[k], active), &mut e[i + 1], k);
-                let turned = r.above(zero);
-                let inverse = one / r;
-                s[k] = (e_i * inverse).or(zero, turned);
-                c[k] = (p[k] * inverse).or(one, turned);
-                (cosine[k], sine[k]) = (c[k].or(one, active), s[k].or(zero, active));
-                let centred = d_i - shift;
-                p[k] = c[k] * centred - s[k] * g;
-                let value = h + s[k] * (c[k] * g + s[k] * centred) + shift;
-                store(value.or(d_after[k], active), &mut d[i + 1], k);
-                (d_after[k], e_after[k]) = (d_i, e_i);
-            }
-            turn(&mut vectors[i * n..][..2 * n], cosine, sine);
-        }
-        for k in 0..REGISTERS {
-            let active = active[k];
-            store((s[k] * p[k]).or(e_after[k], active), &mut e[first], k);
-            store((c[k] * p[k] + load(&shift, k)).or(d_after[k], active), &mut d[first], k);
-        }
-        e[n - 1] = Pack::ZERO;
-    }
-}
-
-/// Turns two columns by an angle with some cosine and sine.
-#[inline(always)]
-fn turn<V: Quad>(columns: &mut [Numbers], c: [V; REGISTERS], s: [V; REGISTERS]) {
-    let (left, right) = columns.split_at_mut(columns.len() / 2);
-    for (left, right) in left.iter_mut().zip(right) {
-        for k in 0..REGISTERS {
-            let (x, y) = (load(left, k), load(right, k));
-            store(c[k] * x - s[k] * y, left, k);
-            store(s[k] * x + c[k] * y, right, k);
-        }
-    }
-}
-
-/// Those numbers that make up register `k`.
-#[inline(always)]
-fn load<V: Quad>(numbers: &Numbers, k: usize) -> V {
-    V::load(&numbers.0[k * LANES..])
-}
-
-#[inline(always)]
-fn store<V: Quad>(register: V, numbers: &mut Numbers, k: usize) {
-    register.store(&mut numbers.0[k * LANES..]);
-}
-
-/// Answers in registers.
-#[inline(always)]
-fn answers<V: Quad>(mask: Mask<MATRICES>) -> [V; REGISTERS] {
-    let (ones, mut out) = (mask.select(Pack::ONE, Pack::ZERO), [V::splat(0.0); REGISTERS]);
-    for k in 0..REGISTERS {
-        out[k] = load::<V>(&ones, k).above(V::splat(0.0));
-    }
-    out
 }
 
 #[cfg(test)]
