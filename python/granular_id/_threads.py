@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from threading import Event, Lock
 from typing import TypeVar
 
-__all__ = ["available_cores", "in_threads", "spread"]
+__all__ = ["in_threads", "spread"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -98,11 +97,3 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
     if errors:
         raise errors[min(errors)]
     return [results[place] for place in range(len(every))]
-
-
-def available_cores() -> int:
-    """Return how many cores this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # where processes are not bound to cores
-        return os.cpu_count() or 1

@@ -10,8 +10,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
-from granular_id import _threads
+from effort import cases
+from granular_id._core import interleave
 from granular_id.io import bulk, load, save
 from granular_id.io.npz.checksum import Checksum
 from granular_id.recording import Dataset, Recording
@@ -96,12 +100,6 @@ def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, sha
     np.testing.assert_array_equal(turned, block)
 
 
-def test_a_machine_that_does_not_bind_processes_has_cores_too(monkeypatch):
-    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
-    monkeypatch.setattr(os, "cpu_count", lambda: None)
-    assert _threads.available_cores() == 1
-
-
 def test_checksums_of_pieces_of_any_size_are_those_of_the_whole(values):
     data = values.tobytes()
     bounds = [0, 1, 70_000, 70_010, 1 << 20, 1 << 20, len(data)]
@@ -151,3 +149,38 @@ def _no_thread(_):
 
 def no_threads():
     return not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(50))
+@given(hnp.arrays(float, hnp.array_shapes(min_dims=2, max_dims=2, max_side=300)), st.integers(0, 3))
+def test_columns_side_by_side_are_the_bits_that_numpy_stacks(columns, more):
+    room = np.full((columns.shape[1] + more, len(columns)), 7.0)
+    finite = interleave(list(columns), room[more:])
+    assert room[more:].tobytes() == np.stack(list(columns), axis=1).tobytes()
+    assert finite == np.isfinite(columns).all()
+    assert (room[:more] == 7.0).all()
+
+
+@pytest.mark.parametrize(
+    ("columns", "out", "error", "problem"),
+    [
+        ([np.zeros(3), np.zeros(2)], np.zeros((3, 2)), ValueError, "columns must hold 3 values, got 2"),
+        ([np.zeros(3)], np.zeros((3, 2)), ValueError, r"out must have shape \(3, 1\), got \(3, 2\)"),
+        ([np.zeros(3, "f4")], np.zeros((3, 1)), TypeError, "1-D array of float64, got .*float32"),
+        ([[1.0]], np.zeros((1, 1)), TypeError, "1-D array of float64, got "),
+        ([np.zeros(6)[::2]], np.zeros((3, 1)), ValueError, "columns must be contiguous"),
+        ([np.zeros(3)], np.zeros((3, 2))[:, :1], ValueError, "out must be C-contiguous"),
+    ],
+)
+def test_what_cannot_stand_side_by_side_is_named(columns, out, error, problem):
+    with pytest.raises(error, match=problem):
+        interleave(columns, out)
+
+
+def test_columns_are_not_read_where_they_are_written():
+    samples = np.zeros((3, 1))
+    with pytest.raises(ValueError, match="out must not overlap columns"):
+        interleave([samples[:, 0]], samples)
+    samples.flags.writeable = False
+    with pytest.raises(ValueError, match="out must be writable"):
+        interleave([np.zeros(3)], samples)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import interleave
 from granular_id._threads import spread
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import check_expansion, check_file, read_bounded
@@ -210,11 +211,8 @@ class _Block:
             if table.column(name).null_count:
                 raise RecordingFileError(path, "holds empty cells; wanted numbers", place=place, column=name)
         rows = slice(start, start + table.num_rows)
-        finite = True
-        for j, name in enumerate(self.axes):
-            samples = table.column(name).to_numpy()
-            self.wrench[rows, j] = samples
-            finite = finite and bool(np.isfinite(samples).all())
+        columns = [table.column(name).to_numpy() for name in self.axes]
+        finite = interleave(columns, self.wrench[rows])
         for name, values in ((TIME, self.time_s), (FLAGS, self.flags)):
             if name in table.column_names and values is not None:
                 values[rows] = table.column(name).to_numpy()
