@@ -20,7 +20,7 @@ from granular_id.io import bulk, load, save
 from granular_id.io.npz.checksum import Checksum
 from granular_id.recording import Dataset, Recording
 
-N = 3_000_001  # float64: six parts, the last one short
+N = 3_000_001  # float64: three parts, the last one short
 
 
 @pytest.fixture(autouse=True)
@@ -58,7 +58,7 @@ def test_nothing_is_read_into_an_empty_array(tmp_path):
         assert bulk.read_at(file.fileno(), 0, np.empty((0, 6))) == bulk.Filled(0, finite=True)
 
 
-@pytest.mark.parametrize("place", [0, 131_071, 131_072, 524_288, N - 1])
+@pytest.mark.parametrize("place", [0, 262_143, 262_144, 1_048_576, N - 1])
 def test_reading_sees_what_is_not_finite(tmp_path, values, place):
     spoiled = values.copy()
     spoiled[place] = np.nan
@@ -78,7 +78,7 @@ def test_only_numbers_that_need_no_conversion_are_called_finite(tmp_path, dtype)
     assert (target == 1).all()
 
 
-@pytest.mark.parametrize("place", [0, 524_287, 524_288, 1_500_000, N - 1])
+@pytest.mark.parametrize("place", [0, 1_048_575, 1_048_576, 1_500_000, N - 1])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_one_value_that_is_not_finite_is_found_wherever_it_stands(values, place, bad):
     spoiled = values.copy()
@@ -125,7 +125,7 @@ def test_checksums_need_no_thread(values, monkeypatch):
 @pytest.mark.parametrize("missing", ["preadv", "threads"])
 @pytest.mark.parametrize("form", ["npy", "npz", "h5", "mat", "parquet"])
 def test_files_are_read_where_the_system_has_no_preadv_or_no_threads(tmp_path, monkeypatch, form, missing):
-    wrench = np.random.default_rng(1).normal(size=(60, 1600, 6))  # 4.6 MB: more than one part
+    wrench = np.random.default_rng(1).normal(size=(140, 1600, 6))  # 10.8 MB: more than one part
     data = Dataset([Recording(push, rate_hz=500, label="rice") for push in wrench])
     path = tmp_path / f"pushes.{form}"
     if form == "npy":

@@ -25,13 +25,13 @@ Result = TypeVar("Result")
 MOST_THREADS = 4
 """Threads that work on one file; all wait for the same memory, and more of them hold more of it."""
 
-_PART_BYTES = 4 << 20
+_PART_BYTES = 8 << 20
 """Bytes that a thread takes at a time, which lasts much longer than the taking."""
 
 _SLAB = 32
 """Samples copied at a time at least: 32 x 6 float64 are a few cache lines per recording."""
 
-_PIECE_BYTES = 1 << 20
+_PIECE_BYTES = 2 << 20
 """Bytes that are read and looked at together: they and what is found about them stay in the cache of one core."""
 
 
