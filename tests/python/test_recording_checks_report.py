@@ -137,3 +137,10 @@ def test_whole_numbers_too_large_for_a_float_are_texts_like_any_other():
         for i in range(12)
     )
     assert "leak-meta" in data.check().counts
+
+
+def test_every_step_is_told():
+    told = []
+    sound_set().check(progress=lambda *step: told.append(step))
+    assert [(done, total) for done, total, _ in told] == [(i, len(told)) for i in range(1, len(told) + 1)]
+    assert {"copies", "leaks", "outliers"} <= {what for *_, what in told}

@@ -10,6 +10,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._progress import ProgressCallback
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import common_axes
 from granular_id.recording.checking import CheckReport
@@ -162,7 +163,11 @@ class Dataset(DatasetSteps):
         return summarise(self.recordings)
 
     def check(
-        self, *, sensor_range: SensorRange | None = None, false_alarm_rate: float = 0.01
+        self,
+        *,
+        sensor_range: SensorRange | None = None,
+        false_alarm_rate: float = 0.01,
+        progress: bool | ProgressCallback = False,
     ) -> CheckReport:
         """Look for what would spoil an evaluation: ``print`` it.
 
@@ -175,6 +180,9 @@ class Dataset(DatasetSteps):
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, drift, clipping, standing still) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.005 as 0.005.
+        progress : bool or callable
+            True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.
+            Default: silent; a thousand recordings take two seconds.
 
         Returns
         -------
@@ -190,7 +198,7 @@ class Dataset(DatasetSteps):
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checking.run import check_recordings  # noqa: PLC0415
 
-        return check_recordings(self.recordings, sensor_range, false_alarm_rate)
+        return check_recordings(self.recordings, sensor_range, false_alarm_rate, progress)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

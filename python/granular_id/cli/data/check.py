@@ -12,6 +12,7 @@ from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.reading import Reading
 from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.settings import between
 
 __all__ = ["check"]
 
@@ -52,9 +53,10 @@ def check(
 ) -> None:
     """Print findings and verdicts; see `TEXT`."""
     check_targets(json, source=reading.path)
+    between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
     data = reading.load(quiet=False)
-    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate)
+    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
     console = Console(highlight=False)
     console.print()
     console.print(report.text(width=min(console.width, 100)), soft_wrap=True, markup=False)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 
+from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.recording._values import checked_number
 from granular_id.recording.checking.clipping import check_clipping
 from granular_id.recording.checking.drift import check_drift
@@ -29,11 +31,17 @@ from granular_id.recording.one import Recording
 ABSURD = 1e100
 """No sensor reads this, in any unit; the squares of such readings would overflow in the checks that follow."""
 
+_STEPS = 14
+"""Steps that `_findings` tells of; a test counts them."""
+
+_T = TypeVar("_T")
+
 
 def check_recordings(
     recordings: Sequence[Recording],
     sensor_range: SensorRange | None = None,
     false_alarm_rate: float = 0.01,
+    progress: bool | ProgressCallback = False,
 ) -> CheckReport:
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
     rate = checked_number(false_alarm_rate, "false_alarm_rate")
@@ -41,15 +49,25 @@ def check_recordings(
         raise ValueError(f"false_alarm_rate must lie between 0 and 1, got {rate:g}")
     axes = list(dict.fromkeys(axis for r in recordings for axis in r.axes))
     ranges = None if sensor_range is None else resolve_range(sensor_range, axes)
-    return CheckReport.of(list(_findings(recordings, ranges, rate)), recordings)
+    with showing(progress) as callback:
+        ticker = Ticker(_STEPS, callback)
+        return CheckReport.of(list(_findings(recordings, ranges, rate, ticker.tick)), recordings)
 
 
 def _findings(
-    recordings: Sequence[Recording], ranges: dict[str, float] | None, rate: float
+    recordings: Sequence[Recording],
+    ranges: dict[str, float] | None,
+    rate: float,
+    tick: Callable[[str], None],
 ) -> Iterator[Finding]:
+    def done(what: str, values: Iterable[_T]) -> list[_T]:
+        taken = list(values)
+        tick(what)
+        return taken
+
     yield from check_labels(recordings)
     yield from check_axes(recordings)
-    peaks = [np.abs(r.wrench).max(axis=0) for r in recordings]
+    peaks = done("readings", (np.abs(r.wrench).max(axis=0) for r in recordings))
     absurd = [i for i, peak in enumerate(peaks) if peak.max() > ABSURD]
     if absurd:
         message = (
@@ -57,13 +75,14 @@ def _findings(
         )
         yield found("error", "beyond-range", message, recordings, absurd)
         return
-    yield from check_duplicates(recordings)
+    yield from done("copies", check_duplicates(recordings))
     sessions = list(check_sessions(recordings))
     yield from sessions
-    paces = [pace(r) for r in recordings]
-    rests = [rest_of(r) for r in recordings]
+    paces = done("clocks", map(pace, recordings))
+    rests = done("rest levels", map(rest_of, recordings))
     resolutions = signatures(recordings)
-    yield from check_leaks(
+    tick("resolution")
+    leaks = check_leaks(
         recordings,
         paces,
         rests,
@@ -71,12 +90,13 @@ def _findings(
         rate,
         sessions_are_labels=any(finding.code == "session-is-label" for finding in sessions),
     )
-    yield from check_timing(recordings, paces)
+    yield from done("leaks", leaks)
+    yield from done("gaps", check_timing(recordings, paces))
     yield from check_units(recordings, peaks)
-    yield from check_clipping(recordings, ranges, rate)
-    yield from check_stuck(recordings, rate)
-    yield from check_spikes(recordings)
-    yield from check_resolution(recordings, resolutions)
-    yield from check_drift(recordings, rests, rate)
-    yield from check_outliers(recordings, rate)
-    yield from check_flags(recordings)
+    yield from done("clipping", check_clipping(recordings, ranges, rate))
+    yield from done("standing still", check_stuck(recordings, rate))
+    yield from done("spikes", check_spikes(recordings))
+    yield from done("resolution", check_resolution(recordings, resolutions))
+    yield from done("drift", check_drift(recordings, rests, rate))
+    yield from done("outliers", check_outliers(recordings, rate))
+    yield from done("flags", check_flags(recordings))
