@@ -43,7 +43,8 @@ BAD = {
     "arabic digits": (HEADER + "0,\u0661,2,3,4,5,6\n".encode(), 2, "fx", "is not a plain"),
     "semicolons": (GOOD.replace(b",", b";"), 1, None, "separated by semicolons; wanted commas"),
     "tabs": (GOOD.replace(b",", b"\t"), 1, None, "separated by tabs; wanted commas"),
-    "blanks": (GOOD.replace(b",", b" "), 1, "1", "unknown column 'time fx fy fz tx ty tz'"),
+    "blanks": (GOOD.replace(b",", b" "), 1, None, "separated by blanks; wanted commas"),
+    "a comment first": (b"# lab\n" + GOOD, 1, "1", "line 1 names the columns"),
     "bare carriage returns": (GOOD.replace(b"\n", b"\r"), 1, None, "bare carriage return"),
     "carriage return in a line": (HEADER + b"0.00,1,2,3,4,5,6\r7\n", 2, "tz", "is not a plain"),
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None, "column 'tz' is missing"),
@@ -85,7 +86,12 @@ BAD = {
     "a point alone": (HEADER + b"0.00,.,2,3,4,5,6\n", 2, "fx", "'.' is not a plain"),
     "quoted numbers": (HEADER + b'0.00,"1",2,3,4,5,6\n', 2, "fx", "is not a plain"),
     "decimal commas": (HEADER + b"0,00,1,5,2,0,3,0,4,0,5,0,6,0\n", 2, None, "14 cells; wanted 7"),
-    "time backwards": (HEADER + ROW2 + ROW1, 3, "time", "time runs back from 0.01 to 0.0;"),
+    "time backwards": (
+        HEADER + ROW2 + ROW1,
+        3,
+        "time",
+        "time runs back from 0.01 to 0.0; on_time_error='repair'",
+    ),
     "repeated stamp": (HEADER + ROW1 + ROW2 + ROW2, 4, "time", "the stamp 0.01 is repeated"),
     "milliseconds since 1970": (
         HEADER + b"1581072654215,1,2,3,4,5,6\n",

@@ -142,3 +142,10 @@ def test_any_name_is_known_or_refused(name):
     assert axis_of(name) in {*KNOWN, None}
     if axis_of(name) is None:
         assert refusal(name)
+
+
+def test_all_columns_to_leave_out_are_named_at_once():
+    with pytest.raises(ColumnError, match=r"'seq'.* write the file without it, and without 'pos', 'frame'$"):
+        columns_of(["seq", *WRENCH, "pos", "time", "frame"])
+    with pytest.raises(ColumnError, match=r"and without 'c1', .*'c9', \.\.\.$"):
+        columns_of([*WRENCH, *(f"c{i}" for i in range(20))])

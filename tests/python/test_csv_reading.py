@@ -252,7 +252,14 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path):
     (tmp_path / "a.xlsx").write_bytes(b"PK")
     with pytest.raises(RecordingFileError, match=r"no known format; what can be read: CSV .*folder"):
         load(tmp_path / "a.xlsx")
-    with pytest.raises(RecordingFileError, match="holds no recordings; wanted label/"):
+    with pytest.raises(
+        RecordingFileError, match=r"holds no recordings; wanted label/.*known format \(\.xlsx\)$"
+    ):
+        load(tmp_path)
+    write(tmp_path / "day" / "rice" / "tool" / "morning" / "1.csv")
+    with pytest.raises(
+        RecordingFileError, match=r"no recordings; .*'day/rice/tool/morning/1.csv' lies too deep"
+    ):
         load(tmp_path)
 
 

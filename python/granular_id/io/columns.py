@@ -51,6 +51,9 @@ _OTHER_UNITS = (
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
 
+_NAMED = 9
+"""Columns to leave out that an error names."""
+
 _SEPARATORS = r"[\s_./-]+"
 _DOTS = re.compile(r"[\s_.*\N{MIDDLE DOT}\N{DOT OPERATOR}-]+")
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
@@ -177,12 +180,15 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
 
 def _way_round(names: Sequence[str], unknown: str) -> str:
     """Say what to do about a column that is not known, where that can be told."""
-    if re.fullmatch(r"[-+\d.eE]+", unknown.strip()):
+    if re.fullmatch(r"[-+\d.eE]+|#.*", unknown.strip()):
         return "; line 1 names the columns"
     known = unknown.strip() == "T" or _meaning(unknown).axis is not None
     if known or not set(AXES) <= {axis_of(name) for name in names}:
         return ""
-    return "; write the file without it" + ("" if unknown.strip() else " (pandas: to_csv(file, index=False))")
+    others = [repr(n.strip()[:40]) for n in names if n != unknown and _meaning(n).axis is None]
+    also = f", and without {', '.join(others[:_NAMED])}" + (", ..." if len(others) > _NAMED else "")
+    pandas = "" if unknown.strip() else " (pandas: to_csv(file, index=False))"
+    return f"; write the file without it{pandas}{also if others else ''}"
 
 
 @lru_cache(maxsize=1024)  # every file of a folder has the same header

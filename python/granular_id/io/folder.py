@@ -14,6 +14,8 @@ files of no known format are passed over.
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,6 +34,9 @@ __all__ = ["LAYOUTS", "FoundFiles", "find_files"]
 
 _FOLDERS, _INDEX = "label/*.csv, label/session/*.csv", "or an index.csv with the columns file and label"
 LAYOUTS = f"{_FOLDERS}, label_*.csv, {_INDEX}"
+
+_LOOKED_AT = 100
+"""Folders that are looked into for what to say of one without recordings."""
 
 
 @dataclass
@@ -65,8 +70,23 @@ def find_files(root: Path, options: LoadOptions) -> FoundFiles:
     if entries:
         return _find_flat(root, entries)
     if not nested.sources and not nested.problems:
-        raise RecordingFileError(root, f"holds no recordings; wanted {LAYOUTS} (or files of another format)")
+        problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
+        raise RecordingFileError(root, problem + _found_instead(root))
     return nested
+
+
+def _found_instead(root: Path) -> str:
+    """Say what lies in a folder in which there are no recordings where they are looked for."""
+    endings: list[str] = []
+    for seen, (place, _, names) in enumerate(os.walk(root)):
+        for path in sorted(Path(place) / name for name in names if not name.startswith(".")):
+            if format_of(path) is not None:
+                return f"; {path.relative_to(root).as_posix()!r} lies too deep"
+            endings.append(path.suffix or path.name)
+        if seen >= _LOOKED_AT:
+            break
+    common = [ending for ending, _ in Counter(endings).most_common(3)]
+    return f"; it holds files of no known format ({', '.join(common)})" if common else ""
 
 
 def _listed(folder: Path, root: Path) -> tuple[list[Path], list[Path]]:

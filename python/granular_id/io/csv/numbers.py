@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import MAX_LINE_BYTES, NumberTableError, parse_number_table
+from granular_id.io.columns import axis_of
 from granular_id.io.errors import RecordingFileError
+from granular_id.recording import AXES
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t]*")
 
@@ -46,8 +48,9 @@ def split_header(data: bytes, path: str | PathLike[str]) -> tuple[list[str], int
     text = text.removesuffix("\r")
     if "\r" in text:
         raise RecordingFileError(path, "lines end with a bare carriage return; wanted LF or CR LF", line=1)
-    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
-        if separator in text and "," not in text:
+    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (None, "blanks")):
+        parts = text.split(separator) if "," not in text else []
+        if len(parts) > 1 and (separator or set(AXES) <= {axis_of(part) for part in parts}):
             problem = f"columns are separated by {name}; wanted commas (and points in decimal numbers)"
             raise RecordingFileError(path, problem, line=1)
     return [_plain(cell) for cell in text.split(",")], end + 1
