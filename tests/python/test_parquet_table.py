@@ -149,3 +149,11 @@ def test_a_nested_column_is_no_axis(tmp_path):
     path = write(tmp_path, columns(fx=[{"a": 1.0}] * 6))
     with pytest.raises(RecordingFileError, match=r"row group 0|column fx"):
         load(path, rate_hz=1)
+
+
+def test_a_clock_that_begins_anew_is_no_reason_to_mix_recordings(tmp_path):
+    path = write(tmp_path, columns(time=[0.0, 1, 2, 0, 1, 2]))
+    with pytest.raises(
+        RecordingFileError, match=r"row 3: time runs back.* where it began: .* a column recording"
+    ):
+        load(path)

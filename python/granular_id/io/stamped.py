@@ -135,6 +135,12 @@ def _order_time(
         if after == before:
             what = f"the stamp {after!r} is repeated"
         problem = f"{what}; on_time_error='repair' sorts samples and averages those that share a stamp"
+        if first and after <= stamps[0]:
+            one_each = "a file each, in a Parquet table a column recording"
+            problem = (
+                f"{what}, where it began: several recordings must be told apart ({one_each}); of a single one "
+                "on_time_error='repair' sorts samples and averages those that share a stamp"
+            )
         raise RecordingFileError(source.path, problem, **where(first + 1))
     repaired = repair_time(stamps, samples.wrench)
     remarks.update(moved=repaired.n_moved, merged=repaired.n_merged)
