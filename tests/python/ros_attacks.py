@@ -64,6 +64,10 @@ BAG_ATTACKS = {
         lambda f: written(f / "x.bag", b"#ROSBAG V1.2\n" + bytes(99)),
         r"begins with '#ROSBAG V1.2'",
     ),
+    "another kind of file": (
+        lambda f: written(f / "x.bag", b"PK" * 50),
+        "does not begin as a bag does; wanted '#ROSBAG V2.0'",
+    ),
     "nothing but magic": (lambda f: written(f / "x.bag", b"#ROSBAG V2.0\n"), "is cut off"),
     "giant header": (
         lambda f: written(f / "x.bag", b"#ROSBAG V2.0\n" + b"\xff" * 9),

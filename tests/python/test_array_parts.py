@@ -40,6 +40,13 @@ def test_any_order_of_axes_that_can_be_told_will_do(order):
     assert np.array_equal(read_tree(tree, rate_hz=500)[0].X, X)
 
 
+def test_forces_and_torques_of_six_recordings_are_halves_all_the_same():
+    tree = {"force": FORCES, "torque": TORQUES, "labels": LABELS}
+    six = {name: [*values, *values][:6] for name, values in tree.items()}
+    data, _ = read_tree({"force": np.array(six["force"]), "torque": np.array(six["torque"])}, rate_hz=500)
+    assert np.array_equal(data.X, np.concatenate([X, X])[:6])
+
+
 def test_three_recordings_of_three_axes_are_refused_as_six_of_six_are():
     with pytest.raises(RecordingFileError, match="which of the axes of length 3 is which"):
         read_tree({"force": FORCES[:3], "torque": TORQUES[:3]}, rate_hz=500)

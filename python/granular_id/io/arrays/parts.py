@@ -11,7 +11,7 @@ from granular_id.io.arrays.tree import Origin, has_axis, is_leaf
 from granular_id.io.columns import axis_of
 from granular_id.recording import AXES
 
-__all__ = ["THREE", "Halves", "axis_arrays", "halves_of", "in_parts", "is_half"]
+__all__ = ["THREE", "Halves", "axis_arrays", "halves_of", "in_parts", "is_half", "only_halves"]
 
 THREE = ("x", "y", "z")
 """Axes of a force, and of a torque."""
@@ -108,6 +108,12 @@ def in_parts(items: Mapping[str, Any]) -> bool:
     """Tell whether a struct or group holds a wrench in parts, going by names and shapes alone."""
     axes = {axis_of(key) for key in items}
     return set(AXES) <= axes or all(_called(items, names) for names in (_FORCES, _TORQUES))
+
+
+def only_halves(samples: Mapping[str, Any]) -> bool:
+    """Tell whether all that looks like recordings are forces and torques, of six recordings or six samples."""
+    called = [_called(samples, names) for names in (_FORCES, _TORQUES)]
+    return all(called) and set(samples) <= {key for keys in called for key in keys}
 
 
 def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:

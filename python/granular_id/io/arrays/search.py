@@ -18,7 +18,7 @@ from granular_id.io.arrays.axes import (
 from granular_id.io.arrays.details import Entries, add_details
 from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.names import Role, is_general, label_of_name, role_of, without_tables
-from granular_id.io.arrays.parts import THREE, Halves, axis_arrays, halves_of, in_parts
+from granular_id.io.arrays.parts import THREE, Halves, axis_arrays, halves_of, in_parts, only_halves
 from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, has_axis, is_leaf, n_values, texts, values
 from granular_id.io.bulk import row_major
 from granular_id.recording._values import FloatArray
@@ -78,6 +78,8 @@ class Search:
             len(known.axes),
             beside_parts=in_parts(others),
         )
+        if only_halves(samples):
+            samples = {}
         halves = None if samples or vectors else halves_of(others, self.origin)
         used: Collection[str] = samples
         if vectors and not samples:

@@ -60,10 +60,9 @@ class _Walk:
     def run(self) -> None:
         magic = self._file.read(len(_MAGIC))
         if magic != _MAGIC:
-            came = (
-                magic.decode("ascii", "replace").strip() if magic.startswith(b"#ROSBAG") else "something else"
-            )
-            raise RecordingFileError(self._path, f"begins with {came!r}; wanted '#ROSBAG V2.0'")
+            other = f"begins with {magic.decode('ascii', 'replace').strip()!r}"
+            came = other if magic.startswith(b"#ROSBAG") else "does not begin as a bag does"
+            raise RecordingFileError(self._path, f"{came}; wanted '#ROSBAG V2.0'")
         header, data_bytes, start = self._record(len(_MAGIC))
         if header.get(b"op") != bytes([_BAG_HEADER]):
             self._fail("has no bag header", len(_MAGIC))
