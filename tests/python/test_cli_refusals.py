@@ -318,3 +318,21 @@ def test_select_refuses_spaces_with_a_classifier_before_anything_is_read(tmp_pat
 def test_one_material_is_no_pair(tmp_path):
     line = refused("explain", tmp_path / "absent", "oat", "oat")
     assert "FIRST and SECOND must be two materials, got 'oat' twice" in line
+
+
+@pytest.mark.parametrize("option", [("--max-gap-s", 1), ("--on-gap", "skip")])
+def test_gaps_are_nothing_to_talk_of_where_nothing_is_resampled(tmp_path, option):
+    said = refused("data", "convert", tmp_path, tmp_path / "x.npz", *option)
+    assert said == f"error: {option[0]} is about gaps that resampling fills: add --rate-hz"
+
+
+def test_the_default_of_gaps_is_that_of_the_library():
+    from granular_id.cli.recordings import MAX_GAP_S
+    from granular_id.recording import resampling
+
+    assert MAX_GAP_S == resampling.MAX_GAP_S
+
+
+def test_check_refuses_a_rate_of_false_alarms_before_it_reads(tmp_path):
+    said = refused("data", "check", tmp_path / "nowhere", "--false-alarm-rate", 2)
+    assert said == "error: --false-alarm-rate must lie between 0 and 1, got 2"

@@ -33,6 +33,7 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     assert len(titles) == 6
     assert "push $_6, no onset:\nnone, as stated" in titles
     assert "still, no onset:\nno change stands out from the noise of the first 0.1 s" in titles
+    assert figure.legends[0]._ncols == len(figure.legends[0].get_texts())  # one line, none hangs below
     times = dict(zip(titles, (p.get_title(loc="right") for p in figure.axes[1::2]), strict=True))
     assert times["push $_5"] == "0.250 s"
     assert times["push $_0"] == "0.600 s"

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 __all__ = ["MaxGapS", "OnGap", "OnShort", "OnsetAt", "RateHz", "RestS", "Steps", "equal_recordings", "saying"]
 
 
+MAX_GAP_S = 0.25
+"""Default of ``--max-gap-s``."""
+
+
 class Beginning(str, Enum):
     """Choices of ``--begin-at``."""
 
@@ -57,7 +61,7 @@ class Steps:
         self,
         *,
         rate_hz: RateHz = None,
-        max_gap_s: MaxGapS = 0.25,
+        max_gap_s: MaxGapS = MAX_GAP_S,
         on_gap: OnGap = Handling.refuse,
         begin_at: Annotated[
             Beginning,
@@ -95,6 +99,9 @@ class Steps:
         for name, value in (("--rate-hz", rate_hz), ("--duration-s", duration_s)):
             positive(name, value)
         positive("--max-gap-s", max_gap_s, infinite=True)
+        if rate_hz is None and (max_gap_s != MAX_GAP_S or on_gap is not Handling.refuse):
+            unused = "--max-gap-s" if max_gap_s != MAX_GAP_S else "--on-gap"
+            raise ValueError(f"{unused} is about gaps that resampling fills: add --rate-hz")
         positive("--rest-s", rest_s)
         self.preparation = Preparation(
             rate_hz=rate_hz,

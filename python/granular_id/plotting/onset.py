@@ -123,7 +123,8 @@ def plot_onsets(
     )
     figure.suptitle(_title(shown, len(dataset), settings), fontsize=11, color=INK)
     kinds = {rows.get(r.name, {}).get("how", "kept") for r in shown if r.trigger_index is not None}
-    figure.legend(handles=_key(shown, kinds), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    key = _key(shown, kinds)
+    figure.legend(handles=key, loc="outside lower center", ncols=len(key), frameon=False, fontsize=8)
     save(figure, path)
     return figure
 
