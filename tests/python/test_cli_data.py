@@ -101,6 +101,13 @@ def test_onsets_are_found_on_the_way(pushes, tmp_path):
     assert "find_onsets" in [step.step for step in data.history]
 
 
+def test_where_no_onset_is_found_the_error_does_not_say_to_look_for_one(folder, tmp_path):
+    words = ("data", "convert", folder, tmp_path / "x.npz", "--begin-at", "onset", "--n-samples", 9)
+    said = refused(*words)
+    assert "no onset in 30 of 30 recordings, the first is 'oat/oat_00.csv': state it with --onset-at" in said
+    assert "add --begin-at onset" not in said
+
+
 def test_convert_refuses_before_it_reads(folder, tmp_path):
     (tmp_path / "there.npz").write_bytes(b"mine")
     nowhere = tmp_path / "nowhere"

@@ -45,6 +45,7 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     assert dashes["push $_0"] == {"-."}
     assert dashes[titles[1]] == {"-"}
     assert dashes["push $_6, no onset:\nnone, as stated"] == set()
+    assert figure.axes[-1].get_xlabel() == "time from the onset or, without one, the end of rest, s"
 
 
 def test_onsets_are_found_first_where_they_were_not(data):

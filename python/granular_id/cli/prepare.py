@@ -91,6 +91,7 @@ def prepare(data: Dataset, wanted: Preparation, say: Callable[[str, str], None])
         data = told(data.resample(wanted.rate_hz, max_gap_s=limit, on_gap=wanted.on_gap), say)
     if wanted.begin_at == "onset":
         data = told(with_onsets(data, wanted), say)
+        _refuse_missing_onsets(data, wanted)
     if wanted.duration_s is not None or wanted.n_samples is not None:
         _refuse_unequal_rates(data)
         aligned = data.align(
@@ -109,6 +110,15 @@ def with_onsets(data: Dataset, wanted: Preparation) -> Dataset:
     """Find the onsets of recordings that share a rate, as asked; triggers that were stored give way."""
     _refuse_unequal_rates(data)
     return data.find_onsets(rest_s=wanted.rest_s, overrule=wanted.onset_at or None, replace=True)
+
+
+def _refuse_missing_onsets(data: Dataset, wanted: Preparation) -> None:
+    without = [recording.name for recording in data if recording.trigger_index is None]
+    if without and wanted.on_short == "raise":
+        raise ValueError(
+            f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
+            "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
+        )
 
 
 def refuse_unequal(data: Dataset) -> None:

@@ -116,7 +116,12 @@ def plot_onsets(
         how = rows.get(recording.name, {}).get("how", "kept")
         _draw_row(row, recording, onset, _MARKS.get(how, _MARKS["kept"]), settings["rest_s"])
     panels[0, 0].set_xlim(0.0, max(r.duration_s for r in shown) or 1.0)
-    for panel, origin in zip(panels[-1], ("first sample", "onset"), strict=True):
+    zero = (
+        "onset"
+        if all(r.trigger_index is not None for r in shown)
+        else "onset or, without one, the end of rest"
+    )
+    for panel, origin in zip(panels[-1], ("first sample", zero), strict=True):
         panel.set_xlabel(f"time from the {origin}, s", fontsize=9, color=INK)
     figure.supylabel(
         f"relative to rest, {unit_of(_drawn(shown[0])[0], shown[0].meta)}", fontsize=9, color=INK
