@@ -24,7 +24,7 @@ from granular_id.cli.reading import (
     load_settings,
     say_loaded,
 )
-from granular_id.cli.recordings import MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
+from granular_id.cli.recordings import MAX_GAP_S, MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
 from granular_id.cli.session import check_targets, say_written
 from granular_id.cli.settings import onsets_in, positive
 from granular_id.cli.unnamed import load_all
@@ -118,7 +118,7 @@ class Fitting:
         self,
         *,
         rate_hz: RateHz = None,
-        max_gap_s: MaxGapS = 0.25,
+        max_gap_s: MaxGapS = MAX_GAP_S,
         on_gap: OnGap = Handling.refuse,
         begin_at: Annotated[
             Beginning,
