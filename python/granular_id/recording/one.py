@@ -133,11 +133,11 @@ class Recording:
     @classmethod
     def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
         """Make many recordings at once: a column per field, none left out, each as `_trusted` wants it."""
-        make, names = object.__new__, tuple(columns)
+        make = object.__new__
         recordings = []
-        for row in zip(*columns.values(), strict=True):
+        for row in zip(*(columns[name] for name in _FIELDS), strict=True):
             recording = make(cls)
-            recording.__dict__.update(zip(names, row, strict=True))
+            recording.__dict__.update(zip(_FIELDS, row, strict=True))
             recordings.append(recording)
         return recordings
 
@@ -190,6 +190,8 @@ class Recording:
         fields = (thaw(self.meta) if n == "meta" else getattr(self, n) for n in self.__dataclass_fields__)
         return (Recording, tuple(fields))
 
+
+_FIELDS = tuple(f.name for f in fields(Recording))
 
 _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.default is not MISSING} | {
     "meta": freeze({}, "meta"),
