@@ -131,7 +131,7 @@ impl Isa for X86 {
     }
 }
 
-/// Quad samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
+/// Four samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
 ///
 /// # Safety
 /// AVX2; 24 values at `samples`; four rows of at least `lane + 6` lanes.
