@@ -78,6 +78,71 @@ fn extraction_allocates_nothing() {
     }
 }
 
+/// A recording that arrives bit by bit, with features asked for now and then, in the memory of another one.
+#[test]
+fn a_recording_that_arrives_has_the_same_bits() {
+    let _ = Path::detect(); // finds out what the machine can do
+    for (n_samples, n_axes) in [(6, 2), (63, 3), (64, 1), (85, 6), (700, 5), (1600, 6), (1665, 13)] {
+        let design = design(n_samples, n_axes);
+        let (mut work, mut fresh) = (design.workspace(), design.workspace());
+        let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
+        for seed in 0..6_u8 {
+            let rows = noise(n_samples * n_axes, seed.into());
+            work.restart();
+            let mut n_seen = 0;
+            // Single samples, some blocks at once, and work that lags behind.
+            let news = [1, 1, 63, 64, 2, 1, 190, 65, 30, 1, 257, 5, 128, 3].into_iter().cycle();
+            for (step, new) in news.skip(seed.into()).take(40).enumerate() {
+                n_seen = (n_seen + new).min(n_samples);
+                let seen = &rows[..n_seen * n_axes];
+                let counted =
+                    measure(|| design.advance(seen, &mut work, new / (1 + seed as usize % 3)).unwrap());
+                assert_eq!(counted.count_total, 0);
+                if step % 4 == 0 || step == 39 {
+                    design.finish_into(seen, &mut work, &mut out).unwrap();
+                    design.extract_into(seen, &mut fresh, &mut expected).unwrap();
+                    assert_eq!(bits(&out), bits(&expected), "{n_seen} of {n_samples} x {n_axes}");
+                }
+            }
+            design.advance(&rows, &mut work, usize::MAX).unwrap();
+            design.finish_into(&rows, &mut work, &mut out).unwrap();
+            design.extract_into(&rows, &mut fresh, &mut expected).unwrap();
+            assert_eq!(bits(&out), bits(&expected), "{n_samples} x {n_axes}");
+        }
+    }
+}
+
+/// What cannot be worked with is refused at the end, and leaves nothing behind.
+#[test]
+fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
+    let design = design(1000, 2);
+    let (mut work, mut out) = (design.workspace(), vec![0.0; design.n_features()]);
+    let rows = noise(2000, 7);
+    for bad in [1e150, f64::NAN, f64::INFINITY] {
+        let mut wrong = rows.clone();
+        wrong[300] = bad;
+        design.advance(&wrong, &mut work, 1000).unwrap();
+        let whole = design.extract_into(&wrong, &mut design.workspace(), &mut out).unwrap_err();
+        let error = design.finish_into(&wrong, &mut work, &mut out).unwrap_err();
+        assert_eq!(error.to_string(), whole.to_string());
+        work.restart();
+        design.advance(&rows, &mut work, 1000).unwrap();
+        design.finish_into(&rows, &mut work, &mut out).unwrap();
+        let mut expected = vec![0.0; design.n_features()];
+        design.extract_into(&rows, &mut design.workspace(), &mut expected).unwrap();
+        assert_eq!(bits(&out), bits(&expected));
+    }
+    // Fewer rows than it has seen are those of another recording.
+    design.advance(&rows[1000..], &mut work, 1000).unwrap();
+    for n_seen in [600, 2, 500] {
+        design.finish_into(&rows[..n_seen], &mut work, &mut out).unwrap();
+    }
+    for len in [0, 1, 2002] {
+        let error = design.advance(&vec![0.0; len], &mut work, 1).unwrap_err();
+        assert_eq!(error, Error::Length { what: "rows", expected: 2000, got: len });
+    }
+}
+
 #[test]
 fn sizes_and_names_agree() {
     for (n_samples, n_axes) in [(1, 1), (3, 2), (50, 6), (1600, 6), (1600, 13), (100_000, 1)] {

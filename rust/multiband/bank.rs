@@ -1,65 +1,17 @@
-//! From a recording to the signals of its bands.
+//! From a recording to the signals of its bands, as it arrives or all at once.
 
+use std::marker::PhantomData;
+
+use super::band_signals::{BandSignals, Place};
 use super::bands::{halved, halvings, n_octaves, Filters};
-use super::octave::{run, Coefficients, Memory, Rows, BACK, ROWS};
+use super::octave::{Coefficients, Rows, ROWS};
+use super::pyramid::{Pyramid, Target};
 use super::quad::{first, spread, Quad, QUAD};
 use crate::error::{Error, Result};
 use crate::lanes::Isa;
 
 /// Signals begin at whole cache lines: this many float64.
 const LINE: usize = 8;
-
-/// Where the signal of one band lies: `n_axes` stretches of `len` samples, axis after axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Place {
-    /// Index of the first sample of the first axis.
-    pub(super) start: usize,
-    /// From the first sample of one axis to that of the next.
-    pub(super) stride: usize,
-    /// Samples of each axis.
-    pub(super) len: usize,
-}
-
-/// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
-/// octave after octave downward, each at a rate of its own.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct BandSignals<'a> {
-    values: &'a [f64],
-    places: &'a [Place],
-    n_axes: usize,
-}
-
-impl<'a> BandSignals<'a> {
-    /// Signals of `n_axes` axes, those of band `b` at `places[b]` of `values`.
-    pub(super) fn new(values: &'a [f64], places: &'a [Place], n_axes: usize) -> Self {
-        Self { values, places, n_axes }
-    }
-
-    /// Samples of a band.
-    #[inline(always)]
-    pub(super) fn len(&self, band: usize) -> usize {
-        self.places[band].len
-    }
-
-    /// Axes of each band.
-    #[inline(always)]
-    pub(super) fn n_axes(&self) -> usize {
-        self.n_axes
-    }
-
-    /// Signals in the order of bands, then of axes.
-    #[inline(always)]
-    pub(super) fn numbered(&self, index: usize) -> &'a [f64] {
-        self.axis(index / self.n_axes, index % self.n_axes)
-    }
-
-    /// One axis of a band, in time order.
-    #[inline(always)]
-    pub(super) fn axis(&self, band: usize, axis: usize) -> &'a [f64] {
-        let Place { start, stride, len } = self.places[band];
-        &self.values[start + axis * stride..][..len]
-    }
-}
 
 /// Splits recordings of one shape into bands.
 #[derive(Clone, Debug)]
@@ -78,24 +30,27 @@ pub(super) struct Bank {
 pub(super) struct BankWork {
     values: Vec<f64>,
     places: Vec<Place>,
-    /// Four axes of the levels of the pyramid below the first, one after the other, each after [`BACK`] rows at rest.
-    levels: Vec<Quad>,
-    first_level: Box<FirstLevel>,
-}
-
-/// One block of the first level.
-#[derive(Clone, Debug)]
-struct FirstLevel {
-    input: [Quad; BACK + ROWS],
-    /// The input without its mean.
-    centred: [Quad; ROWS],
-    rows: Rows,
+    /// One for four axes.
+    pyramids: Vec<Pyramid>,
+    /// What comes out of a level.
+    rows: Box<Rows>,
 }
 
 impl BankWork {
-    /// The bands that [`Bank::split`] has left here.
+    /// What there is of the bands.
     pub(super) fn signals(&self, n_axes: usize) -> BandSignals<'_> {
         BandSignals::new(&self.values[aligned(&self.values)..], &self.places, n_axes)
+    }
+
+    /// Rows of the recording that have become octaves for good.
+    pub(super) fn n_done(&self) -> usize {
+        self.pyramids.first().map_or(0, Pyramid::n_done)
+    }
+
+    /// Ready for the first row of a recording.
+    pub(super) fn restart(&mut self) {
+        self.pyramids.iter_mut().for_each(Pyramid::restart);
+        self.places.iter_mut().for_each(|place| place.len = 0);
     }
 }
 
@@ -103,6 +58,11 @@ impl BankWork {
 fn aligned(values: &[f64]) -> usize {
     // Speed only: a pointer that cannot be aligned stays as it is.
     values.as_ptr().align_offset(LINE * size_of::<f64>()).min(LINE)
+}
+
+/// How often the rate is halved before each of the bands.
+fn rates(octaves: usize) -> impl Iterator<Item = u32> {
+    std::iter::once(0).chain((0..octaves).map(halvings))
 }
 
 impl Bank {
@@ -135,50 +95,51 @@ impl Bank {
     }
 
     pub(super) fn work(&self) -> BankWork {
-        let places = self.places(self.n_samples);
-        let n_values = places.last().map_or(0, |last| last.start + self.n_axes * last.stride);
-        // What the last level leaves is not used, but written.
-        let n_rows = (1..self.octaves.max(2)).map(|halvings| self.room(halvings)).sum();
+        let mut start = 0;
+        let place = |halvings| {
+            let stride = halved(self.n_samples, halvings).next_multiple_of(LINE);
+            let place = Place { start, stride, len: 0 };
+            start += self.n_axes * stride;
+            place
+        };
+        let places: Vec<_> = rates(self.octaves).map(place).collect();
         BankWork {
-            values: vec![0.0; n_values + LINE],
+            values: vec![0.0; start + LINE],
             places,
-            levels: vec![Quad::ZERO; n_rows],
-            first_level: Box::new(FirstLevel {
-                input: [Quad::ZERO; BACK + ROWS],
-                centred: [Quad::ZERO; ROWS],
-                rows: Rows::new(),
-            }),
+            pyramids: vec![Pyramid::new(self.octaves); self.n_axes.div_ceil(QUAD)],
+            rows: Box::new(Rows::new()),
         }
     }
 
-    /// Rows that a level takes up: those at rest before it, then its own in pairs.
-    fn room(&self, halvings: usize) -> usize {
-        let halvings = u32::try_from(halvings).unwrap_or(u32::MAX);
-        BACK + halved(self.n_samples, halvings).next_multiple_of(2)
-    }
-
-    /// Where the bands of the first `n_seen` samples lie.
-    fn places(&self, n_seen: usize) -> Vec<Place> {
-        let mut start = 0;
-        let rates = std::iter::once(0).chain((0..self.octaves).map(halvings));
-        rates
-            .map(|halvings| {
-                let stride = halved(self.n_samples, halvings).next_multiple_of(LINE);
-                let place = Place { start, stride, len: halved(n_seen, halvings) };
-                start += self.n_axes * stride;
-                place
-            })
-            .collect()
-    }
-
-    /// Splits the first samples of a recording, time-major; `means` are those of its axes, counted from the first sample.
+    /// Splits the next block of a recording of which `recording` is the beginning, time-major, into octaves; false where it
+    /// is not there yet.
     #[inline(always)]
-    pub(super) fn split<I: Isa>(&self, recording: &[f64], means: &[f64], work: &mut BankWork) {
+    pub(super) fn advance<I: Isa>(&self, recording: &[f64], work: &mut BankWork) -> bool {
+        let n_after = work.n_done() + ROWS;
+        if self.octaves == 0 || recording.len() / self.n_axes < n_after {
+            return false;
+        }
+        self.each_quad::<I>(recording, None, work);
+        for (place, halvings) in work.places.iter_mut().zip(rates(self.octaves)).skip(1) {
+            place.len = (n_after >> halvings) / ROWS * ROWS;
+        }
+        true
+    }
+
+    /// Splits what [`advance`](Self::advance) has left of a recording, of which more may come, and gives band 0; `means` are
+    /// those of its axes, counted from the first sample.
+    #[inline(always)]
+    pub(super) fn finish<I: Isa>(&self, recording: &[f64], means: &[f64], work: &mut BankWork) {
+        self.each_quad::<I>(recording, Some(means), work);
         let n_seen = recording.len() / self.n_axes;
-        let rates = std::iter::once(0).chain((0..self.octaves).map(halvings));
-        for (place, halvings) in work.places.iter_mut().zip(rates) {
+        for (place, halvings) in work.places.iter_mut().zip(rates(self.octaves)) {
             place.len = halved(n_seen, halvings);
         }
+    }
+
+    /// All axes through the next block, or with their means to the end.
+    #[inline(always)]
+    fn each_quad<I: Isa>(&self, recording: &[f64], means: Option<&[f64]>, work: &mut BankWork) {
         for axis in (0..self.n_axes).step_by(QUAD) {
             match self.n_axes - axis {
                 1 => self.quad::<I, 1>(recording, axis, means, work),
@@ -195,80 +156,64 @@ impl Bank {
         &self,
         recording: &[f64],
         axis: usize,
-        means: &[f64],
+        means: Option<&[f64]>,
         work: &mut BankWork,
     ) {
-        let BankWork { values, places, levels, first_level } = work;
-        let start = aligned(values);
-        let mut target = Target::<N> { values: &mut values[start..], places, axis, bank: self };
-        self.first_level::<I, N>(recording, first::<N>(&means[axis..]), levels, first_level, &mut target);
-        let rows = &mut first_level.rows;
-        let mut rest = &mut **levels;
-        for octave in 2..self.octaves {
-            let n_rows = target.places[1 + octave].len;
-            let (level, next) = rest.split_at_mut(self.room(octave - 1));
-            let mut memory = Memory::REST;
-            for start in (0..n_rows).step_by(ROWS) {
-                let n = (n_rows - start).min(ROWS);
-                let input = &level[start..][..BACK + n.next_multiple_of(2)];
-                run::<false>(&self.coefficients, &mut memory, input, rows, &mut next[BACK + start / 2..]);
-                target.write::<I>(1 + octave, start, n, &rows.octave);
+        let BankWork { values, places, pyramids, rows } = work;
+        let from = aligned(values);
+        let values = &mut values[from..];
+        let mut target = Axes::<I, N> { values, places, axis, bank: self, isa: PhantomData };
+        let pyramid = &mut pyramids[axis / QUAD];
+        let at_start = first::<N>(&recording[axis..]);
+        let done = pyramid.n_done();
+        let (before, after) = recording.split_at(done * self.n_axes);
+        let mean = means.map(|means| first::<N>(&means[axis..]));
+        if let Some(mean) = mean {
+            for (block, samples) in before.chunks(ROWS * self.n_axes).enumerate() {
+                for (row, centred) in samples.chunks_exact(self.n_axes).zip(&mut rows.top) {
+                    *centred = first::<N>(&row[axis..]) - at_start - mean;
+                }
+                target.write(0, block * ROWS, ROWS, &rows.top);
             }
-            rest = next;
         }
-    }
-
-    /// Band 0 and the octaves that are sampled at the full rate; what lies below them goes to `level`.
-    #[inline(always)]
-    fn first_level<I: Isa, const N: usize>(
-        &self,
-        recording: &[f64],
-        mean: Quad,
-        level: &mut [Quad],
-        work: &mut FirstLevel,
-        target: &mut Target<'_, N>,
-    ) {
-        let FirstLevel { input, centred, rows } = work;
-        let mut memory = Memory::REST;
-        input[..BACK].fill(Quad::ZERO);
-        let at_start = first::<N>(&recording[target.axis..]);
-        for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
-            let (start, n) = (block * ROWS, samples.len() / self.n_axes);
-            for (sample, (input, centred)) in
-                samples.chunks_exact(self.n_axes).zip(input[BACK..].iter_mut().zip(&mut *centred))
-            {
-                *input = first::<N>(&sample[target.axis..]) - at_start;
-                *centred = *input - mean;
+        for (block, samples) in after.chunks(ROWS * self.n_axes).enumerate() {
+            let n = samples.len() / self.n_axes;
+            let inputs = pyramid.input().iter_mut().zip(&mut rows.top);
+            for (row, (input, centred)) in samples.chunks_exact(self.n_axes).zip(inputs) {
+                *input = first::<N>(&row[axis..]) - at_start;
+                *centred = *input - mean.unwrap_or(Quad::ZERO);
             }
-            target.write::<I>(0, start, n, centred);
-            if self.octaves == 0 {
-                continue;
+            if mean.is_some() {
+                target.write(0, done + block * ROWS, n, &rows.top);
             }
-            let rows_in = &input[..BACK + n.next_multiple_of(2)];
-            run::<true>(&self.coefficients, &mut memory, rows_in, rows, &mut level[BACK + start / 2..]);
-            target.write::<I>(1, start, n, &rows.top);
-            target.write::<I>(2, start, n, &rows.octave);
-            input.copy_within(ROWS.., 0);
+            if n == ROWS {
+                pyramid.advance(&self.coefficients, rows, &mut target);
+                if mean.is_none() {
+                    return;
+                }
+            }
         }
+        pyramid.finish(&self.coefficients, after.len() / self.n_axes % ROWS, rows, &mut target);
     }
 }
 
 /// `N` axes of all bands, from `axis` on.
-struct Target<'a, const N: usize> {
+struct Axes<'a, I, const N: usize> {
     values: &'a mut [f64],
     places: &'a [Place],
     axis: usize,
     bank: &'a Bank,
+    isa: PhantomData<I>,
 }
 
-impl<const N: usize> Target<'_, N> {
-    /// Writes `n` samples of a band from sample `t` on. A band that the recording is too short for is left out.
+impl<I: Isa, const N: usize> Target for Axes<'_, I, N> {
+    /// A band that the recording is too short for is left out.
     #[inline(always)]
-    fn write<I: Isa>(&mut self, band: usize, t: usize, n: usize, quads: &[Quad; ROWS]) {
+    fn write(&mut self, band: usize, start: usize, n: usize, rows: &[Quad; ROWS]) {
         if let Some(place) = self.places.get(band) {
             let gain = self.bank.gains[band * self.bank.n_axes.div_ceil(QUAD) + self.axis / QUAD];
-            let values = &mut self.values[place.start + self.axis * place.stride + t..];
-            spread::<I, N>(&quads[..n.next_multiple_of(QUAD)], gain, place.stride, values);
+            let values = &mut self.values[place.start + self.axis * place.stride + start..];
+            spread::<I, N>(&rows[..n.next_multiple_of(QUAD)], gain, place.stride, values);
         }
     }
 }

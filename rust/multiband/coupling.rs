@@ -4,10 +4,10 @@
 //! "Log-Euclidean metrics for fast and simple calculus on diffusion tensors" (2006); Barachant et al., "Multiclass
 //! brain-computer interface classification by Riemannian geometry" (2012).
 
-use super::bank::BandSignals;
-use super::moments::{Moments, LAG};
+use super::band_signals::BandSignals;
+use super::moments::{Moments, CHUNK, LAG};
 use super::symmetric::{Logarithms, MATRICES};
-use crate::lanes::{Isa, Job, Path};
+use crate::lanes::{Isa, Job, Path, Quad};
 
 /// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
 pub(super) const RIDGE: f64 = 1e-3;
@@ -25,19 +25,41 @@ pub(super) const fn least_samples(n_axes: usize) -> usize {
 pub(super) struct Coupling {
     n_axes: usize,
     n_bands: usize,
+    /// Octaves that are added up while they grow.
+    growing: usize,
 }
 
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct CouplingWork {
-    moments: Moments,
+    /// Those of the octaves that are long enough to be added up while they grow.
+    growing: Vec<Moments>,
+    /// Those of the band whose turn it is, of all its samples.
+    whole: Moments,
     logarithms: Logarithms,
+}
+
+impl CouplingWork {
+    /// Ready for the first sample of a recording.
+    pub(super) fn restart(&mut self) {
+        self.growing.iter_mut().for_each(Moments::restart);
+    }
+
+    /// Adds up what there is of the octaves.
+    #[inline(always)]
+    pub(super) fn advance<V: Quad>(&mut self, signals: BandSignals<'_>) {
+        for (octave, moments) in self.growing.iter_mut().enumerate() {
+            moments.advance::<V>(signals, 1 + octave);
+        }
+    }
 }
 
 impl Coupling {
     /// For bands of some numbers of samples, the longest first; only the first few may be long enough.
     pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
-        Self { n_axes, n_bands: lengths.partition_point(|n| *n >= least_samples(n_axes)) }
+        let n_bands = lengths.partition_point(|n| *n >= least_samples(n_axes));
+        let growing = lengths[..n_bands].iter().skip(1).filter(|n| **n >= CHUNK).count();
+        Self { n_axes, n_bands, growing }
     }
 
     /// The first bands, those that have this statistic.
@@ -55,7 +77,9 @@ impl Coupling {
     }
 
     pub(super) fn work(&self) -> CouplingWork {
-        CouplingWork { moments: Moments::new(self.n_axes), logarithms: Logarithms::new(2 * self.n_axes) }
+        let whole = Moments::new(self.n_axes);
+        let growing = vec![whole.clone(); self.growing];
+        CouplingWork { growing, whole, logarithms: Logarithms::new(2 * self.n_axes) }
     }
 
     /// Band by band the upper triangle, row by row, off the diagonal times the square root of two, so that the norm of the
@@ -86,11 +110,15 @@ impl Job for Compute<'_> {
         let Self { design, signals, work, out } = self;
         let n_axes = design.n_axes;
         let rows = 2 * n_axes;
-        let CouplingWork { moments, logarithms } = work;
+        let CouplingWork { growing, whole, logarithms } = work;
         for (group, out) in out.chunks_mut(MATRICES * design.per_band()).enumerate() {
             for lane in 0..out.len() / design.per_band() {
                 let band = group * MATRICES + lane;
-                moments.take::<I::Quad>(signals, band, |i, j, moment| {
+                match growing.get(band.wrapping_sub(1)) {
+                    Some(so_far) => whole.copy(so_far),
+                    None => whole.restart(),
+                }
+                whole.finish::<I::Quad>(signals, band, |i, j, moment| {
                     let ridge = if i == j { RIDGE } else { 0.0 };
                     logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
                 });

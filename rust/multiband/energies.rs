@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::bank::BandSignals;
+use super::band_signals::BandSignals;
 use super::pack::Pack;
 use crate::lanes::Quad;
 

@@ -1,6 +1,6 @@
 //! Energy of a band over time.
 
-use super::bank::BandSignals;
+use super::band_signals::BandSignals;
 use super::energies::{stretch, Energies, STRETCHES};
 use super::logarithm::{self, Log};
 use crate::lanes::{Isa, Job, Path};

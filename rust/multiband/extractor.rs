@@ -5,9 +5,10 @@ use super::bank::Bank;
 use super::coupling::Coupling;
 use super::energies::{mean_square, STRETCHES};
 use super::envelope::Envelope;
-use super::jobs::Split;
+use super::jobs::{Advance, Finish};
 use super::level::Level;
 use super::limits::limits;
+use super::octave::ROWS;
 use super::quantiles::Quantiles;
 use super::scales::Scales;
 use super::spare::Spare;
@@ -84,7 +85,7 @@ impl MultiBand {
         let mut this = Self {
             bank: Bank::new(n_samples, n_axes, &scales.bands)?,
             coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
-            quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands, n_axes)),
+            quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope::new(n_bands, n_axes)),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(n_axes, n_samples)),
@@ -134,6 +135,37 @@ impl MultiBand {
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
     pub fn extract_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        work.restart();
+        self.finish_on(path, rows, work, out)
+    }
+
+    /// Does what can be done already while a recording arrives: [`finish_into`](Self::finish_into) then has less to do.
+    /// Works through some more of its rows, 64 at a time and at least `n_rows` if there are as many. Allocates nothing.
+    ///
+    /// # Arguments
+    /// - `rows`: all samples so far, time-major. Those that were there before have not changed since
+    ///   [`Workspace::restart`].
+    /// - `work`: from [`workspace`](Self::workspace).
+    ///
+    /// # Errors
+    /// [`Error::Length`].
+    pub fn advance(&self, rows: &[f64], work: &mut Workspace, n_rows: usize) -> Result<()> {
+        self.fit(rows, work)?;
+        let n_blocks = n_rows.div_ceil(ROWS);
+        Path::detect().run(Advance { design: self, rows, work, n_blocks });
+        Ok(())
+    }
+
+    /// Features of a recording of which [`advance`](Self::advance) knows a beginning, or nothing, into `out`: the bits of
+    /// [`extract_into`](Self::extract_into). More of it may still come.
+    ///
+    /// # Errors
+    /// As [`extract_into`](Self::extract_into).
+    pub fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        self.finish_on(Path::detect(), rows, work, out)
+    }
+
+    fn finish_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         self.split(path, rows, work)?;
         if out.len() != self.n_features {
             return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
@@ -150,6 +182,7 @@ impl MultiBand {
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        work.restart();
         self.split(Path::detect(), rows, work)?;
         let expected = self.n_bands() * self.n_axes;
         if out.len() != expected {
@@ -187,8 +220,17 @@ impl MultiBand {
         }
     }
 
-    /// Splits a recording into bands, once it is known to be one.
+    /// Splits the rest of a recording into bands, once it is known to be one.
     fn split(&self, path: Path, rows: &[f64], work: &mut Workspace) -> Result<()> {
+        self.fit(rows, work)?;
+        if path.run(Finish { design: self, rows, work }) {
+            return Ok(());
+        }
+        Err(self.refused(rows))
+    }
+
+    /// Refuses what is no recording of this shape, nor the beginning of one.
+    fn fit(&self, rows: &[f64], work: &mut Workspace) -> Result<()> {
         let whole = self.n_samples * self.n_axes;
         if rows.is_empty() || rows.len() > whole || !rows.len().is_multiple_of(self.n_axes) {
             return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
@@ -197,10 +239,11 @@ impl MultiBand {
         if !work.suits(self) {
             *work = self.workspace();
         }
-        if path.run(Split { design: self, rows, work }) {
-            return Ok(());
+        // So is one that knows more than there is.
+        if work.bank.n_done() * self.n_axes > rows.len() {
+            work.restart();
         }
-        Err(self.refused(rows))
+        Ok(())
     }
 
     /// Why a recording cannot be worked with.

@@ -17,6 +17,7 @@
 //! ```
 
 mod about;
+mod band_signals;
 mod bands;
 mod bank;
 mod batch;
@@ -37,6 +38,7 @@ mod names;
 mod octave;
 mod pack;
 mod passes;
+mod pyramid;
 mod quad;
 mod quantiles;
 mod reflections;
@@ -48,6 +50,7 @@ mod spare;
 mod spec;
 mod spectrum;
 mod symmetric;
+mod tally;
 mod workspace;
 
 pub use bands::{n_bands, FrequencyBand};

@@ -1,6 +1,6 @@
 //! Second moments of the axes of a band, and of the axes with themselves two samples earlier.
 
-use super::bank::BandSignals;
+use super::band_signals::BandSignals;
 use super::pack::Pack;
 use crate::lanes::Quad;
 
@@ -14,15 +14,17 @@ const TILE: usize = 3;
 const LANES: usize = 4;
 
 /// Samples that are multiplied at a time: a dozen axes of them stay in the first-level cache.
-const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
 
 /// Sums of products of three axes with three.
 type Tile = [[Pack<LANES>; TILE]; TILE];
 
-/// Room for the moments of some number of axes.
+/// Sums of products over the samples of a band so far.
 #[derive(Clone, Debug)]
 pub(super) struct Moments {
     n_axes: usize,
+    /// Instants from [`LAG`] on that are in the sums.
+    n_added: usize,
     /// Products of axes at the same instant, of all instants but the first two and the last.
     shared: Vec<Tile>,
     /// Products of later axes with earlier ones.
@@ -32,15 +34,39 @@ pub(super) struct Moments {
 impl Moments {
     pub(super) fn new(n_axes: usize) -> Self {
         let tiles = vec![[[Pack::ZERO; TILE]; TILE]; n_axes.div_ceil(TILE).pow(2)];
-        Self { n_axes, shared: tiles.clone(), lagged: tiles }
+        Self { n_axes, n_added: 0, shared: tiles.clone(), lagged: tiles }
     }
 
-    /// Second moments of stacked samples of a band: the axes of one instant, then those [`LAG`] samples
-    /// earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of [`LAG`] samples or fewer are zero.
+    /// Ready for the first sample of a band.
+    pub(super) fn restart(&mut self) {
+        self.n_added = 0;
+        self.shared.fill([[Pack::ZERO; TILE]; TILE]);
+        self.lagged.fill([[Pack::ZERO; TILE]; TILE]);
+    }
+
+    /// The sums of another band of as many axes. Allocates nothing.
+    pub(super) fn copy(&mut self, other: &Self) {
+        self.n_added = other.n_added;
+        self.shared.copy_from_slice(&other.shared);
+        self.lagged.copy_from_slice(&other.lagged);
+    }
+
+    /// Adds what no sample to come can change, once there is enough of it.
+    #[inline(always)]
+    pub(super) fn advance<V: Quad>(&mut self, signals: BandSignals<'_>, band: usize) {
+        let end = shared_end(signals.len(band));
+        if end >= self.n_added + CHUNK {
+            self.add::<V>(signals, band, end, end);
+        }
+    }
+
+    /// Second moments of stacked samples of a band, all of which are there: the axes of one instant, then those [`LAG`]
+    /// samples earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of [`LAG`] samples or fewer are
+    /// zero.
     ///
     /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
     #[inline(always)]
-    pub(super) fn take<V: Quad>(
+    pub(super) fn finish<V: Quad>(
         &mut self,
         signals: BandSignals<'_>,
         band: usize,
@@ -52,8 +78,8 @@ impl Moments {
             return;
         }
         let lagged_end = (n - LAG) / LANES * LANES;
-        let shared_end = n.saturating_sub(2 * LAG) / LANES * LANES;
-        self.add_chunks::<V>(signals, band, lagged_end, shared_end);
+        let shared_end = shared_end(n);
+        self.add::<V>(signals, band, lagged_end, shared_end);
         // What is left, and what is of the later or of the earlier instants alone.
         let later = LAG + shared_end..n;
         let between = LAG + shared_end..n.saturating_sub(LAG).max(LAG + shared_end);
@@ -87,27 +113,18 @@ impl Moments {
         (i / TILE * self.n_axes.div_ceil(TILE) + j / TILE, i % TILE, j % TILE)
     }
 
-    /// Adds up products in whole vectors, chunk by chunk: lagged ones of `lagged_end` instants from [`LAG`] on, shared ones
-    /// of `shared_end`.
+    /// Adds up products in whole vectors, chunk by chunk, of instants counted from [`LAG`]: lagged ones until `lagged_end`,
+    /// shared ones until `shared_end`.
     #[inline(always)]
-    fn add_chunks<V: Quad>(
-        &mut self,
-        signals: BandSignals<'_>,
-        band: usize,
-        lagged_end: usize,
-        shared_end: usize,
-    ) {
-        let Self { n_axes, shared, lagged } = self;
+    fn add<V: Quad>(&mut self, signals: BandSignals<'_>, band: usize, lagged_end: usize, shared_end: usize) {
+        let Self { n_axes, n_added: start, shared, lagged } = self;
         let side = n_axes.div_ceil(TILE);
-        shared.fill([[Pack::ZERO; TILE]; TILE]);
-        lagged.fill([[Pack::ZERO; TILE]; TILE]);
-        let mut start = 0;
-        while start < lagged_end {
-            let len = CHUNK.min(lagged_end - start);
-            let shared_len = len.min(shared_end.saturating_sub(start));
+        while *start < lagged_end {
+            let len = CHUNK.min(lagged_end - *start);
+            let shared_len = len.min(shared_end.saturating_sub(*start));
             // A tile at the edge takes the last axis more than once.
             let axis = |i: usize, r: usize| {
-                &signals.axis(band, (TILE * i + r).min(*n_axes - 1))[start..start + len + LAG]
+                &signals.axis(band, (TILE * i + r).min(*n_axes - 1))[*start..*start + len + LAG]
             };
             for i in 0..side {
                 let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
@@ -122,9 +139,14 @@ impl Moments {
                     }
                 }
             }
-            start += len;
+            *start += len;
         }
     }
+}
+
+/// Where whole vectors of shared products of `n` samples end, counted from [`LAG`].
+fn shared_end(n: usize) -> usize {
+    n.saturating_sub(2 * LAG) / LANES * LANES
 }
 
 /// Adds products of each row with each column, or only those on and below the diagonal.
@@ -171,7 +193,7 @@ fn add<V: Quad, const TRIANGLE: bool>(
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::bank::Place;
+    use super::super::band_signals::Place;
     use super::*;
     use crate::lanes::Plain;
 
@@ -195,7 +217,7 @@ mod tests {
             let mut seen = 0;
             let mut moments = Moments::new(n_axes);
             let mut far = 0;
-            moments.take::<Plain>(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
+            moments.finish::<Plain>(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
                 seen += 1;
                 let size = (slowly(&axes, i, i) * slowly(&axes, j, j)).sqrt();
                 far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);

@@ -1,10 +1,11 @@
 //! Distribution of the values of a band: quantiles of a histogram, and the size of the signal.
 
-use super::bank::BandSignals;
+use super::band_signals::BandSignals;
 use super::energies::{mean_square, Energies};
-use super::log_bins::{bin, edges, word, N_BINS};
+use super::log_bins::edges;
 use super::logarithm::{self, Asinh};
 use super::pack::Pack;
+use super::tally::{Histogram, Tally, TURNS};
 use crate::lanes::{Isa, Job, Path};
 
 /// Which quantiles.
@@ -16,37 +17,15 @@ const FLOOR: f64 = 1e-3;
 /// Numbers per axis.
 pub(super) const PER_AXIS: usize = PROBABILITIES.len() + 1;
 
-/// Values whose bins are found before any of them is counted: so many that bins go through memory, which is the fastest way
-/// from vectors to addresses.
-const BLOCK: usize = 512;
-
-/// Histograms that take turns, so that a value need not wait until the one before it is counted.
-const TURNS: usize = 2;
-
 /// Numbers calculated with as one.
 const LANES: usize = 8;
-
-/// Bins of one histogram, rounded up so that a mask keeps an index within.
-const ROOM: usize = N_BINS.next_power_of_two();
-
-/// Counts of one signal.
-type Counts = [[u32; ROOM]; TURNS];
 
 /// The statistic.
 #[derive(Clone, Debug)]
 pub(super) struct Quantiles {
-    n_signals: usize,
+    lengths: Vec<usize>,
+    n_axes: usize,
     edges: Vec<f64>,
-}
-
-/// What one thread needs to compute it. Between recordings all counts are zero.
-#[derive(Clone, Debug)]
-pub(super) struct QuantilesWork {
-    counts: Box<Counts>,
-    /// Values in each bin.
-    all: Box<[u32; ROOM]>,
-    words: Box<[i16; BLOCK]>,
-    bins: Box<[u16; BLOCK]>,
 }
 
 /// Where quantiles lie among sorted values; what lies behind the last of them is of no account.
@@ -69,25 +48,50 @@ impl Ranks {
         }
         Self { exact, whole }
     }
+
+    /// Quantiles of counted values, linear within the bin in which a rank lies.
+    #[inline(always)]
+    fn find(&self, histogram: &Histogram, edges: &[f64], out: &mut [f64; PROBABILITIES.len()]) {
+        let (counts, start) = histogram.counts::<LANES>();
+        // For each rank the bins, in groups, and the values before the group in which it lies.
+        let (mut groups, mut before) = ([0; LANES], [0; LANES]);
+        let mut sum = 0;
+        for group in counts {
+            sum += group.iter().sum::<u32>();
+            for l in 0..LANES {
+                let below = sum < self.whole[l];
+                groups[l] += u32::from(below);
+                before[l] = if below { sum } else { before[l] };
+            }
+        }
+        for (l, out) in out.iter_mut().enumerate() {
+            let group = groups[l] as usize;
+            let (mut sum, mut before, mut behind) = (before[l], before[l], 0);
+            for count in counts[group] {
+                sum += count;
+                if sum < self.whole[l] {
+                    (before, behind) = (sum, behind + 1);
+                }
+            }
+            let within = (self.exact[l] - f64::from(before)) / f64::from(counts[group][behind]);
+            let bin = start + group * LANES + behind;
+            *out = edges[bin] + within * (edges[bin + 1] - edges[bin]);
+        }
+    }
 }
 
 impl Quantiles {
-    pub(super) fn new(n_bands: usize, n_axes: usize) -> Self {
-        Self { n_signals: n_bands * n_axes, edges: edges() }
+    /// For bands of some numbers of samples, the longest first.
+    pub(super) fn new(lengths: Vec<usize>, n_axes: usize) -> Self {
+        Self { lengths, n_axes, edges: edges() }
     }
 
     pub(super) fn n_features(&self) -> usize {
-        self.n_signals * PER_AXIS
+        self.lengths.len() * self.n_axes * PER_AXIS
     }
 
-    #[allow(clippy::unused_self)] // as the other statistics
-    pub(super) fn work(&self) -> QuantilesWork {
-        QuantilesWork {
-            counts: Box::new([[0; ROOM]; TURNS]),
-            all: Box::new([0; ROOM]),
-            words: Box::new([0; BLOCK]),
-            bins: Box::new([0; BLOCK]),
-        }
+    pub(super) fn work(&self) -> Tally {
+        Tally::new(&self.lengths, self.n_axes)
     }
 
     /// Band by band, axis by axis: inverse hyperbolic sines of quantiles, then the logarithm of the RMS. Allocates nothing.
@@ -96,10 +100,10 @@ impl Quantiles {
         path: Path,
         signals: BandSignals<'_>,
         energies: &[Energies],
-        work: &mut QuantilesWork,
+        tally: &mut Tally,
         out: &mut [f64],
     ) {
-        path.run(Compute { design: self, signals, energies, work, out });
+        path.run(Compute { design: self, signals, energies, tally, out });
     }
 }
 
@@ -107,7 +111,7 @@ struct Compute<'a> {
     design: &'a Quantiles,
     signals: BandSignals<'a>,
     energies: &'a [Energies],
-    work: &'a mut QuantilesWork,
+    tally: &'a mut Tally,
     out: &'a mut [f64],
 }
 
@@ -116,17 +120,23 @@ impl Job for Compute<'_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Self { design, signals, energies, work, out } = self;
-        let (mut n, mut ranks) = (0, Ranks::new(0));
-        for (index, (out, energies)) in out.chunks_exact_mut(PER_AXIS).zip(energies).enumerate() {
-            let signal = signals.numbered(index);
-            if signal.len() != n {
-                (n, ranks) = (signal.len(), Ranks::new(signal.len()));
+        let Self { design, signals, energies, tally, out } = self;
+        let n_axes = signals.n_axes();
+        let of_bands = out.chunks_exact_mut(n_axes * PER_AXIS).zip(energies.chunks_exact(n_axes));
+        for (band, (out, energies)) in of_bands.enumerate() {
+            let n = signals.len(band);
+            let ranks = Ranks::new(n);
+            let mut of_axes = out.as_chunks_mut::<PER_AXIS>().0.iter_mut().zip(energies);
+            for axis in (0..n_axes).step_by(TURNS) {
+                for (histogram, (out, energies)) in
+                    tally.finish(signals, band, axis).iter_mut().zip(&mut of_axes)
+                {
+                    let [quantiles @ .., rms] = out;
+                    ranks.find(histogram, &design.edges, quantiles);
+                    histogram.clear();
+                    *rms = mean_square(energies, n).sqrt() + FLOOR;
+                }
             }
-            let range = work.count(signal);
-            let Some((rms, quantiles)) = out.split_last_mut() else { return };
-            work.quantiles(&ranks, range, &design.edges, quantiles);
-            *rms = mean_square(energies, signal.len()).sqrt() + FLOOR;
         }
         // The inverse sines of all, then the logarithms of sizes in their places, a few signals at a time.
         for rows in out.chunks_mut(LANES * PER_AXIS) {
@@ -143,94 +153,15 @@ impl Job for Compute<'_> {
     }
 }
 
-impl QuantilesWork {
-    /// Counts the values of a signal; returns the first and the last bin that hold any.
-    #[inline(always)]
-    fn count(&mut self, signal: &[f64]) -> (usize, usize) {
-        let Self { counts, words, bins, .. } = self;
-        let (mut least, mut most) = (u16::MAX, 0);
-        for block in signal.chunks(BLOCK) {
-            let (words, bins) = (&mut words[..block.len()], &mut bins[..block.len()]);
-            for (word_of_z, z) in words.iter_mut().zip(block) {
-                *word_of_z = word(*z);
-            }
-            for (bin_of_z, word) in bins.iter_mut().zip(&*words) {
-                *bin_of_z = bin(*word);
-            }
-            for bin in &*bins {
-                least = least.min(*bin);
-                most = most.max(*bin);
-            }
-            let [even, odd] = &mut **counts;
-            let (eights, rest) = bins.as_chunks::<LANES>();
-            for eight in eights {
-                for l in (0..LANES).step_by(TURNS) {
-                    even[usize::from(eight[l]) % ROOM] += 1;
-                    odd[usize::from(eight[l + 1]) % ROOM] += 1;
-                }
-            }
-            for bin in rest {
-                even[usize::from(*bin) % ROOM] += 1;
-            }
-        }
-        (least.into(), most.into())
-    }
-
-    /// Quantiles of counted values, linear within the bin in which a rank lies; the counts are zero afterwards.
-    #[inline(always)]
-    fn quantiles(&mut self, ranks: &Ranks, (first, last): (usize, usize), edges: &[f64], out: &mut [f64]) {
-        let (start, end) = (first - first % LANES, (last + 1).next_multiple_of(LANES));
-        let [even, odd] = &mut *self.counts;
-        let both = even[start..end]
-            .as_chunks_mut::<LANES>()
-            .0
-            .iter_mut()
-            .zip(odd[start..end].as_chunks_mut::<LANES>().0);
-        let all = self.all[start..end].as_chunks_mut::<LANES>().0;
-        // For each rank the bins, in groups, and the values before the group in which it lies.
-        let (mut groups, mut before) = ([0; LANES], [0; LANES]);
-        let mut sum = 0;
-        for ((a, b), all) in both.zip(all.iter_mut()) {
-            let (evens, odds) = (std::mem::take(a), std::mem::take(b));
-            let mut counts = [0; LANES];
-            for l in 0..LANES {
-                counts[l] = evens[l] + odds[l];
-            }
-            *all = counts;
-            sum += counts.iter().sum::<u32>();
-            for l in 0..LANES {
-                let below = sum < ranks.whole[l];
-                groups[l] += u32::from(below);
-                before[l] = if below { sum } else { before[l] };
-            }
-        }
-        for (l, out) in out.iter_mut().enumerate() {
-            let group = groups[l] as usize;
-            let (mut sum, mut before, mut behind) = (before[l], before[l], 0);
-            for count in all[group] {
-                sum += count;
-                if sum < ranks.whole[l] {
-                    (before, behind) = (sum, behind + 1);
-                }
-            }
-            let within = (ranks.exact[l] - f64::from(before)) / f64::from(all[group][behind]);
-            let bin = start + group * LANES + behind;
-            *out = edges[bin] + within * (edges[bin + 1] - edges[bin]);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
     fn compute(path: Path, signals: &Signals) -> Vec<f64> {
-        let design = Quantiles::new(signals.lengths().len(), signals.n_axes());
+        let design = Quantiles::new(signals.lengths(), signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
-        let mut work = design.work();
-        design.compute(path, signals.view(), &signals.energies(), &mut work, &mut out);
-        assert!(work.counts.iter().flatten().all(|count| *count == 0), "counts are left over");
+        design.compute(path, signals.view(), &signals.energies(), &mut design.work(), &mut out);
         out
     }
 

@@ -1,6 +1,6 @@
 //! Signals of bands for tests.
 
-use super::bank::{BandSignals, Place};
+use super::band_signals::{BandSignals, Place};
 use super::energies::{measure, Energies, STRETCHES};
 use crate::lanes::{Path, Plain};
 

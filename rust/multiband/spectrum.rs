@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use super::bank::BandSignals;
+use super::band_signals::BandSignals;
 use super::fft::Fft;
 use super::grid::{GridWork, Parts, LANES};
 use super::logarithm::{self, Log};

@@ -4,8 +4,8 @@ use super::bank::BankWork;
 use super::coupling::CouplingWork;
 use super::energies::Energies;
 use super::extractor::MultiBand;
-use super::quantiles::QuantilesWork;
 use super::spectrum::SpectrumWork;
+use super::tally::Tally;
 
 /// Memory for one recording at a time, of the shape that it was made for by
 /// [`MultiBand::workspace`](super::MultiBand::workspace). What it holds never shows in a result.
@@ -17,11 +17,22 @@ pub struct Workspace {
     pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
     pub(super) coupling: Option<CouplingWork>,
-    pub(super) quantiles: Option<QuantilesWork>,
+    pub(super) quantiles: Option<Tally>,
     pub(super) spectrum: Option<SpectrumWork>,
 }
 
 impl Workspace {
+    /// Forgets the recording that went before: the next row is the first one of another.
+    pub fn restart(&mut self) {
+        self.bank.restart();
+        if let Some(coupling) = &mut self.coupling {
+            coupling.restart();
+        }
+        if let Some(tally) = &mut self.quantiles {
+            tally.restart();
+        }
+    }
+
     /// Whether there is room for all that a design computes.
     pub(super) fn suits(&self, design: &MultiBand) -> bool {
         let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];

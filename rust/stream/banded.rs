@@ -1,4 +1,4 @@
-//! Scores of multi-band features: computed from the rows that are there whenever somebody asks.
+//! Scores of multi-band features: what can be added up is, as rows arrive; the rest is computed whenever somebody asks.
 
 use super::window::Window;
 use super::windows::Windows;
@@ -7,10 +7,10 @@ use crate::lanes::Path;
 use crate::model::{AddRows, Model};
 use crate::multiband::{MultiBand, Workspace};
 
-/// The rows of a window and room for their features.
+/// The rows of a window, what is known of them already, and room for their features.
 #[derive(Clone, Debug)]
 pub(super) struct Banded {
-    pub(super) window: Window,
+    window: Window,
     multiband: MultiBand,
     work: Workspace,
     features: Vec<f64>,
@@ -30,11 +30,36 @@ impl Banded {
         })
     }
 
+    pub(super) fn window(&self) -> &Window {
+        &self.window
+    }
+
+    pub(super) fn push(&mut self, rows: &[f64]) -> Result<usize> {
+        let n_taken = self.window.push(rows)?;
+        // Work keeps up with the rows, and catches up slowly where windows share some: a push takes a bounded time.
+        if n_taken > 0 && self.window.n_seen() > 0 {
+            self.multiband.advance(self.window.rows(), &mut self.work, n_taken)?;
+        }
+        Ok(n_taken)
+    }
+
+    /// Goes on to the next window, which is a recording of its own.
+    pub(super) fn advance(&mut self) -> Result<()> {
+        self.window.advance()?;
+        self.work.restart();
+        Ok(())
+    }
+
+    pub(super) fn reset(&mut self) {
+        self.window.reset();
+        self.work.restart();
+    }
+
     /// Scores of the learners from the rows so far; before the first the intercepts.
     pub(super) fn scores(&mut self, model: &Model, out: &mut [f64]) -> Result<()> {
         self.sums.fill(0.0);
         if self.window.n_seen() > 0 {
-            self.multiband.extract_into(self.window.rows(), &mut self.work, &mut self.features)?;
+            self.multiband.finish_into(self.window.rows(), &mut self.work, &mut self.features)?;
             let (rows, values) = (model.rows_from(0), &self.features);
             self.path.run(AddRows { sums: &mut self.sums, rows, values, scale: 1.0 });
         }

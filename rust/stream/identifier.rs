@@ -18,8 +18,9 @@ use crate::model::{best_and_margin, Extraction, Model};
 ///   up to a whole window. With a hop they are those of a filter that never stops, as
 ///   [`StreamingExtractor`](super::StreamingExtractor) says. [`advance`](Self::advance) adds up the samples that windows
 ///   share once more, in their new places: about as much work as pushing them.
-/// - **Multi-band features**: the rows so far are taken as the beginning of a recording, and their features are computed
-///   when somebody asks, which takes about as long early as late. With a hop each window is a recording of its own.
+/// - **Multi-band features**: the rows so far are taken as the beginning of a recording. Octaves, and what can be added up
+///   of them, are computed as rows arrive, 64 at a time, the rest when somebody asks. With a hop each window is a recording
+///   of its own.
 ///
 /// All memory is allocated at construction. [`push`](Self::push), [`standing`](Self::standing) and the others allocate
 /// nothing and never block.
@@ -93,7 +94,7 @@ impl StreamingIdentifier {
     pub fn n_seen(&self) -> usize {
         match &self.way {
             Way::Growing(growing) => growing.stream.n_seen(),
-            Way::Banded(banded) => banded.window.n_seen(),
+            Way::Banded(banded) => banded.window().n_seen(),
         }
     }
 
@@ -102,7 +103,7 @@ impl StreamingIdentifier {
     pub fn is_complete(&self) -> bool {
         match &self.way {
             Way::Growing(growing) => growing.stream.is_complete(),
-            Way::Banded(banded) => banded.window.is_complete(),
+            Way::Banded(banded) => banded.window().is_complete(),
         }
     }
 
@@ -111,7 +112,7 @@ impl StreamingIdentifier {
     pub fn first_row(&self) -> u64 {
         match &self.way {
             Way::Growing(growing) => growing.stream.first_row(),
-            Way::Banded(banded) => banded.window.first_row(),
+            Way::Banded(banded) => banded.window().first_row(),
         }
     }
 
@@ -122,7 +123,7 @@ impl StreamingIdentifier {
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let n_taken = match &mut self.way {
             Way::Growing(growing) => growing.push(&self.model, rows)?,
-            Way::Banded(banded) => banded.window.push(rows)?,
+            Way::Banded(banded) => banded.push(rows)?,
         };
         self.is_fresh &= n_taken == 0;
         Ok(n_taken)
@@ -132,7 +133,7 @@ impl StreamingIdentifier {
     pub fn advance(&mut self) -> Result<()> {
         match &mut self.way {
             Way::Growing(growing) => growing.advance(&self.model)?,
-            Way::Banded(banded) => banded.window.advance()?,
+            Way::Banded(banded) => banded.advance()?,
         }
         self.is_fresh = false;
         Ok(())
@@ -142,7 +143,7 @@ impl StreamingIdentifier {
     pub fn reset(&mut self) {
         match &mut self.way {
             Way::Growing(growing) => growing.reset(),
-            Way::Banded(banded) => banded.window.reset(),
+            Way::Banded(banded) => banded.reset(),
         }
         self.is_fresh = false;
     }
