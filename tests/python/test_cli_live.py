@@ -145,7 +145,7 @@ def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
         (("--label", "rice", "--direction", "1,0"), "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
         (("--label", "rice", "--speed-m-s", 0), "--speed-m-s must be positive and finite, got 0"),
         (("--label", "rice", "--pre-s", 9), "--pre-s must be at least 0 and below --duration-s 3.2, got 9"),
-        (("--label", "rice", "--duration-s", 5), "shorten it"),
+        (("--label", "rice", "--duration-s", 5), "a shorter push or a lower --speed-m-s is wanted"),
         (
             ("--label", "rice", "--robot", "source", "--trigger", "force", "--threshold-n", -1),
             "--threshold-n",
@@ -182,6 +182,14 @@ def test_options_that_do_nothing_or_harm_are_refused(model):
     assert "--port must be between 0 and 65535, got 70000" in refused(*words, "--view", "--port", 70000)
     line = refused(*words, "--pre-s", 0.1)
     assert "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out" in line
+
+
+def test_a_push_into_the_wall_speaks_of_options_that_live_has(model):
+    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--speed-m-s", 0.8, "--model", model, "--n", 1)
+    line = refused("live", *words, "--quiet")
+    assert "into the wall" in line
+    assert "a lower --speed-m-s is wanted" in line
+    assert "--duration-s" not in line
 
 
 def test_early_without_a_rule_and_unknown_materials_are_told(model):

@@ -130,8 +130,10 @@ def simulate_push(
     travel_m = rig.travel_m(time_s)
     if travel_m[-1] >= rig.wall_distance_m:
         raise ValueError(
-            f"duration_s = {duration_s:g} moves the tool {travel_m[-1]:.3f} m, into the wall at "
-            f"wall_distance_m = {rig.wall_distance_m:.3f}; shorten it, or set a slower or longer rig"
+            # No argument's name for the length: a robot is told it by whoever commands the push.
+            f"a push of {duration_s:g} s at speed_m_s = {rig.speed_m_s:g} moves the tool {travel_m[-1]:.3f} m, "
+            f"into the wall at wall_distance_m = {rig.wall_distance_m:.3f}; a shorter push or a lower speed_m_s "
+            "is wanted"
         )
     load = _wrench_on_tool(material, rig, conditions, travel_m, step_s=step_s, parts=parts, seed=seed)
     if "resonance" in parts:
