@@ -113,6 +113,20 @@ def test_bad_options_of_train_end_in_one_line(folder, tmp_path, words, message):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--coding", "nose"), "--coding must be one of 'onevsone', .*, got 'nose'"),
+        (("--space", "nose"), "--space must be one of 'best', .*, got 'nose'"),
+    ],
+)
+def test_names_that_do_not_exist_are_refused_before_anything_is_read(tmp_path, words, message):
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(b"no recordings in here")
+    words = ("--space", "hfmh", *words)
+    assert re.search(message, refused("train", broken, "-o", tmp_path / "m", *words))
+
+
 def test_a_model_too_large_names_ways_out(tmp_path):
     rng = np.random.default_rng(0)
     data = Dataset([recording(rng, k % 3, 0, samples=1600, label=f"m{k:02d}") for k in range(24)])

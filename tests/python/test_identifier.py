@@ -301,6 +301,12 @@ def test_bad_data_is_refused(data):
         Identifier.fit(changed(data, label=lambda r: None))
 
 
+@pytest.mark.parametrize("name", ["coding", "loss", "decoding", "posterior"])
+def test_names_that_do_not_exist_are_refused_by_the_recipe(name):
+    with pytest.raises(ValueError, match=rf"{name} must be one of '.*, got 'nose'"):
+        Recipe(**{"space": "hfmh", name: "nose"})
+
+
 def test_bad_recordings_are_refused(identifier, data):
     for wrong, kind in ((data, TypeError), (data[0], TypeError), (data.X[:, :, :5], ValueError)):
         with pytest.raises(kind, match=r"must"):

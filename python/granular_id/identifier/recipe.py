@@ -12,7 +12,11 @@ from sklearn.pipeline import Pipeline
 from granular_id import _core
 from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.codings import design
+from granular_id.ecoc.codings import CODINGS, design
+from granular_id.ecoc.decoding import DECODINGS
+from granular_id.ecoc.losses import fitting_loss
+from granular_id.ecoc.posterior import POSTERIORS
+from granular_id.ecoc.training import named
 from granular_id.evaluation.describe import describe_estimator
 from granular_id.identifier.banded import blocks_of
 from granular_id.spaces import HFMH, BlockScaler, RawHFMH, RawSignal, WithinClassWhitening
@@ -61,7 +65,8 @@ class Recipe:
     Raises
     ------
     ValueError
-        An unknown space (the message names those that work), or a setting that is not for the space.
+        An unknown space, coding, loss, decoding or posterior (the message names those that work), or a setting that
+        is not for the space.
 
     Examples
     --------
@@ -109,6 +114,14 @@ class Recipe:
                 f"block_weights weigh two blocks side by side, and space={self.space!r} has one: leave them out, or "
                 "take 'raw+hfmh'"
             )
+
+        # The classifier looks at these names when it is fitted; recordings need not be read for that.
+        if isinstance(self.coding, str):
+            named(CODINGS, "coding", self.coding)
+        fitting_loss(self.loss, "real")
+        named(DECODINGS, "decoding", self.decoding)
+        if self.posterior is not None:
+            named(POSTERIORS, "posterior", self.posterior)
 
     def features(self, rate_hz: float) -> Any:
         """Return the feature space, not fitted, for recordings of a rate."""
