@@ -157,10 +157,16 @@ def test_plots(pushes, tmp_path, what):
     assert f"wrote {tmp_path / what}.svg" in out
 
 
+@pytest.mark.parametrize("ending", ["xyz", "raw", "pgf"])
+def test_endings_that_make_no_picture_are_refused_before_anything_is_read(tmp_path, ending):
+    line = refused("data", "plot", tmp_path, "-o", tmp_path / f"x.{ending}")
+    assert "--output must end in .png, .svg or .pdf (" in line
+    assert ".jpg, " in line
+    assert f"work too), got '{tmp_path / 'x'}.{ending}'" in line
+    assert f".{ending}," not in line
+
+
 def test_plots_that_cannot_be_are_told(folder, tmp_path):
-    assert "--output must end in .png, .svg or .pdf" in refused(
-        "data", "plot", folder, "-o", tmp_path / "x.xyz"
-    )
     assert "mixes units" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "fx,tx")
     assert "wanted some of fx" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "force")
     assert list(tmp_path.iterdir()) == []

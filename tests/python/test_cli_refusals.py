@@ -269,7 +269,7 @@ def test_rates_that_differ_are_refused_with_the_lowest_proposed():
     [
         (["--space", "paper"], "there is no feature space 'paper'; there are raw"),
         (["--space", "raw,hfmh"], "there is no feature space 'raw,hfmh'"),
-        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf, got 'f.xyz'"),
+        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf ("),
         (["--figure", "one.svg", "--json", "one.svg"], "one.svg would be written twice"),
         (["--json", "no/where.json"], "the folder no does not exist"),
     ],

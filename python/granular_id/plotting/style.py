@@ -117,11 +117,14 @@ def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
 
 
 def file_format(path: str | os.PathLike[str], name: str = "path") -> str:
-    """Return the format that the ending of a path chooses, or say which are usual; `name` is that of the argument."""
+    """Return the format that the ending of a path chooses, or say which work; `name` is that of the argument."""
     target = Path(path)
     form = target.suffix.removeprefix(".").lower()
-    if form not in new_figure(1, 1).canvas.get_supported_filetypes():
-        raise ValueError(f"{name} must end in .png, .svg or .pdf, got {str(target)!r}")
+    # Of matplotlib's, which depend on its version: without bare pixels, and what needs a TeX installation to be drawn.
+    known = set(new_figure(1, 1).canvas.get_supported_filetypes()) - {"raw", "rgba", "pgf"}
+    if form not in known:
+        others = ", ".join(f".{other}" for other in sorted(known - {"png", "svg", "pdf"}))
+        raise ValueError(f"{name} must end in .png, .svg or .pdf ({others} work too), got {str(target)!r}")
     return form
 
 
