@@ -165,7 +165,7 @@ def test_classes_with_one_recording_always_train():
     y = y.astype(object)
     y[7] = "lonely"
     clf = BestClassifier(blocks=BLOCKS).fit(X, y)
-    assert "1 recordings that are alone" in clf.choice_.note
+    assert "1 recording that is alone in its class always trains" in clf.choice_.note
     assert np.isnan(clf.held_out_scores_[7]).all()
     assert not np.isnan(np.delete(clf.held_out_scores_, 7, axis=0)).any()
     assert "lonely" in clf.classes_

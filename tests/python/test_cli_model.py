@@ -128,7 +128,7 @@ def test_labels_that_the_model_does_not_know_are_not_counted(model, tmp_path):
     )
     save(data, tmp_path / "x.npz")
     out = ended_well("identify", model, tmp_path / "x.npz")
-    assert "of 1 recordings with a known material" in out
+    assert "of 1 recording with a known material" in out
     assert "labels that the model does not know, not counted: salt (2)" in out
 
 
@@ -197,7 +197,7 @@ def test_recordings_that_do_not_fit_are_refused_with_the_option_that_helps(folde
     ended_well("identify", model, slow, "--rate-hz", 125, "--begin-at", "first")
     short = saved(Dataset([recording(rng, 0, 0, samples=40), recording(rng, 0, 1)]), tmp_path / "short")
     line = refused("identify", model, short)
-    assert "has 40 samples (0.32 s), the model takes 60 (0.48 s); 1 of 2 recordings are shorter" in line
+    assert "has 40 samples (0.32 s), the model takes 60 (0.48 s); 1 of 2 recordings is shorter" in line
     assert "--on-short skip" in line
     out = ended_well("identify", model, short, "--on-short", "skip")
     assert "1 recording skipped:" in out or "recordings_skipped: 1" in out

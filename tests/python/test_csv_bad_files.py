@@ -167,7 +167,7 @@ def test_the_rest_of_the_folder_loads_with_skip(tmp_path):
 def test_nothing_readable_is_an_error_even_with_skip(tmp_path):
     (tmp_path / "a_1.csv").write_bytes(b"")
     with pytest.raises(
-        RecordingFileError, match=r"none of 1 recordings could be read; the first problem: .*empty"
+        RecordingFileError, match=r"none of 1 recording could be read; the first problem: .*empty"
     ):
         load(tmp_path, on_error="skip")
 

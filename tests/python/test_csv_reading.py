@@ -94,7 +94,7 @@ def test_index(tmp_path):
     assert (a.label, a.session, a.start_time, a.trigger_index, a.meta) == (None, None, None, None, {})
     assert data.history[-1].notes == (
         "columns of index.csv kept in meta: operator",
-        "1 recordings beside index.csv are not listed in it and were not read",
+        "1 recording beside index.csv is not listed in it and was not read",
     )
 
 

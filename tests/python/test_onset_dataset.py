@@ -44,9 +44,7 @@ def test_triggers_are_set_and_reported(data):
 
 def test_different_leads_are_aligned_as_in_the_paper(data):
     found = data.find_onsets()
-    with pytest.raises(
-        ValueError, match=r"1 recordings have no trigger_index: 'air_00'; .*on_missing='skip'"
-    ):
+    with pytest.raises(ValueError, match=r"1 recording has no trigger_index: 'air_00'; .*on_missing='skip'"):
         found.align(800, trigger="recorded", lead_s=0.1)
     aligned = found.align(800, trigger="recorded", lead_s=0.1, on_missing="skip")
     assert aligned.names == ("rice_00", "rice_01", "rice_02")
@@ -132,9 +130,7 @@ def test_irregular_recordings_must_be_resampled_or_overruled(data):
     times = np.arange(900) / RATE_HZ
     times[5] += 0.0005
     irregular = Dataset([Recording(noise(1, 900), time_s=times, name="irregular")])
-    with pytest.raises(
-        ValueError, match=r"1 of 1 recordings are irregularly sampled .*\.resample\(rate_hz\)"
-    ):
+    with pytest.raises(ValueError, match=r"1 of 1 recording is irregularly sampled .*\.resample\(rate_hz\)"):
         irregular.find_onsets()
     stated = irregular.find_onsets(overrule={"irregular": 0.01})
     assert stated[0].trigger_index == 5
@@ -145,7 +141,7 @@ def test_filled_gaps_in_the_rest_are_said(data):
     flags[10:13] = SampleFlag.GAP_FILLED
     notes = Dataset([replace(data[0], flags=flags), *data[1:]]).find_onsets().history[-1].notes
     assert len(notes) == 1
-    assert "1 recordings have filled gaps in what is taken for rest (the first is 'rice_00')" in notes[0]
+    assert "1 recording has filled gaps in what is taken for rest (the first is 'rice_00')" in notes[0]
     assert not data.find_onsets().history[-1].notes
 
 

@@ -58,7 +58,7 @@ def test_chronological_order_by_start_time(mixed):
 
 def test_labels_are_needed_for_y():
     data = Dataset([recording(), recording(label=None, name="nameless")])
-    with pytest.raises(ValueError, match=re.escape("1 recordings have no label, the first is 'nameless'")):
+    with pytest.raises(ValueError, match=re.escape("1 recording has no label, the first is 'nameless'")):
         _ = data.y
 
 
@@ -75,7 +75,7 @@ def test_stacked_refuses_unequal_rates_naming_resample():
 def test_stacked_refuses_irregular_recordings_naming_resample():
     irregular = recording(3, seed=9, rate_hz=None, time_s=[0, 1, 3])
     with pytest.raises(
-        ValueError, match=r"1 of 2 recordings are irregularly sampled.*'r9'.*\.resample\(rate_hz\)"
+        ValueError, match=r"1 of 2 recordings is irregularly sampled.*'r9'.*\.resample\(rate_hz\)"
     ):
         _ = Dataset([recording(3), irregular]).X
 
@@ -248,7 +248,7 @@ def test_align_refuses(mixed, how, message):
 
 
 def test_align_refuses_missing_triggers_and_rates():
-    with pytest.raises(ValueError, match="1 recordings have no trigger_index: 'r0'; call"):
+    with pytest.raises(ValueError, match="1 recording has no trigger_index: 'r0'; call"):
         Dataset([recording()]).align(3, trigger="recorded")
     with pytest.raises(ValueError, match=r"\.resample\(rate_hz\)"):
         Dataset([recording(3, rate_hz=None, time_s=[0, 1, 3])]).align(2)

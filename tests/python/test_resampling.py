@@ -127,7 +127,7 @@ def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
     assert out.names == ("sound",)
     assert out.history[-1].rows == ({"name": "holed", "skipped": "gap of 0.39 s"},)
     assert data.resample(100, max_gap_s=0.4).names == ("holed", "sound")
-    with pytest.raises(ValueError, match="all 1 recordings have gaps beyond"):
+    with pytest.raises(ValueError, match="each of 1 recording has gaps beyond"):
         data[:1].resample(100, on_gap="skip")
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._numbers import whole_number
+from granular_id._words import counted, verb
 from granular_id.evaluation.folds import (
     BLOCKS,
     RANDOM,
@@ -114,7 +115,9 @@ def choice_folds(
         times = f", drawn {repeats} times" if repeats > 1 else ""
         held_out, note = RANDOM, f"{n_used} random folds{times} ({why}, and no order in time)"
     if several.size < len(codes):
-        note += f"; {len(codes) - several.size} recordings that are alone in their class always train"
+        n_alone = len(codes) - several.size
+        alone = f"{counted(n_alone)} that {verb(n_alone, 'is', 'are')} alone in {verb(n_alone, 'its', 'their')} class"
+        note += f"; {alone} always {verb(n_alone, 'trains', 'train')}"
     folds = []
     for part in parts:
         test = several[part.test]

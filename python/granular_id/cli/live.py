@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from granular_id._words import counted
 from granular_id.cli.errors import INTERRUPTED, guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
-from granular_id.cli.sentences import counted
 from granular_id.cli.session import check_targets
 from granular_id.cli.settings import at_least, positive
 

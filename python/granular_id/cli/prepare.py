@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
+from granular_id._words import counted, verb
 from granular_id.cli.sentences import excluded_text, skipped_text
 
 if TYPE_CHECKING:
@@ -150,12 +151,14 @@ def _refuse_unequal_rates(data: Dataset) -> None:
         steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
         if not steps.size:
             raise ValueError(
-                f"{len(irregular)} of {len(data)} recordings hold a single sample, the first is "
+                f"{len(irregular)} of {counted(len(data))} "
+                f"{verb(len(irregular), 'holds', 'hold')} a single sample, the first is "
                 f"{irregular[0].name!r}: wanted recordings of a whole push"
             )
         step_s = float(np.median(steps))
         raise ValueError(
-            f"{len(irregular)} of {len(data)} recordings are sampled irregularly, with a median step of "
+            f"{len(irregular)} of {counted(len(data))} "
+            f"{verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
             f"{1000 * step_s:.3g} ms; nothing is resampled unasked: "
             f"add --rate-hz {_round_below(1 / step_s):g}"
         )

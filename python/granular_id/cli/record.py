@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from granular_id._words import counted
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
-from granular_id.cli.sentences import counted
 from granular_id.cli.settings import at_least, names_in, positive
 
 if TYPE_CHECKING:

@@ -6,23 +6,14 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from granular_id._words import counted, verb
+
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport
 
-__all__ = ["counted", "excluded_text", "loaded_text", "skipped_text"]
+__all__ = ["excluded_text", "loaded_text", "skipped_text"]
 
 MOST_LINES = 10
-
-
-def counted(count: int, thing: str) -> str:
-    """Count things.
-
-    Examples
-    --------
-    >>> counted(1, "recording"), counted(2, "recording")
-    ('1 recording', '2 recordings')
-    """
-    return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 def loaded_text(data: Dataset) -> str:
@@ -94,7 +85,7 @@ def _span(values: Sequence[float]) -> str:
 def _times(data: Dataset, longest: int) -> str:
     rates = [recording.rate_hz for recording in data if recording.rate_hz is not None]
     irregular = len(data) - len(rates)
-    samples = "sample" if longest == 1 else "samples"
+    samples = verb(longest, "sample", "samples")
     if not rates:
         return f"{samples}, irregular in time"
     remark = f", {irregular} of them irregular in time" if irregular else ""

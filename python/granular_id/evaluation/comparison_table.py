@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from granular_id._percent import whole_percent
+from granular_id._words import counted
 from granular_id.evaluation.tables import Table
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
         raise ValueError(f"of must be one of {', '.join(map(repr, comparison.names))}, got {of!r}")
     count = comparison.n_partitions
     where = f", {comparison.protocol} protocol" if comparison.protocol else ""
-    title = f"Differences in accuracy on the same {count} partition{'' if count == 1 else 's'}{where}"
+    title = f"Differences in accuracy on the same {counted(count, 'partition')}{where}"
     why_not = (comparison.why_not,) if comparison.why_not else ()
     if not comparison.testable:
         plain = tuple((pair.first, pair.second, _points(pair.difference)) for pair in pairs)
@@ -50,7 +51,7 @@ def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
     notes = (
         MANN_WHITNEY_MARK,
         "p: corrected resampled t-test (Nadeau & Bengio 2003); "
-        f"Holm: the same, adjusted for {tests} {'pair' if tests == 1 else 'pairs'}",
+        f"Holm: the same, adjusted for {counted(tests, 'pair')}",
         "worse, equal, better: probability that the first is so, equal meaning within "
         f"{100 * comparison.rope:g} % (Bayesian correlated t-test, Corani & Benavoli 2015)",
     )

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._numbers import whole_number
+from granular_id._words import counted
 from granular_id.evaluation.folds import block_partitions, kfold_partitions, session_partitions
 from granular_id.evaluation.partition import (
     PROTOCOLS,
@@ -204,6 +205,6 @@ def _too_few(short: dict[Any, int], train: int, test: int) -> str:
         fits = min(has - 1, max(1, round(has * train / (train + test))))
         hint = f": pass train_per_class={fits}, test_per_class={has - fits}"
     return (
-        f"class {label!r} has {has} recording{'' if has == 1 else 's'}, wanted {train + test} "
+        f"class {label!r} has {counted(has)}, wanted {train + test} "
         f"({train} to train, {test} to test){others}{hint}"
     )

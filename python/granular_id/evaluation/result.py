@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import write_json
+from granular_id._words import counted
 from granular_id.evaluation import export, restore, tables
 from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.compare import compare
@@ -249,7 +250,7 @@ class EvaluationResult:
     def __repr__(self) -> str:
         means = ", ".join(f"{s.name} {tables.percent(self.mean_accuracy(s.name))}" for s in self.spaces)
         mark = "SYNTHETIC, " if self.synthetic else ""
-        return f"EvaluationResult({mark}{len(self.names)} recordings, {len(self.labels)} labels, {means})"
+        return f"EvaluationResult({mark}{counted(len(self.names))}, {counted(len(self.labels), 'label')}, {means})"
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, in types that JSON knows; see `to_json`."""

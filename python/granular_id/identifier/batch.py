@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import whole_file
+from granular_id._words import counted
 from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint
@@ -159,7 +160,7 @@ class Batch:
         judged, accuracy = self.judged, self.accuracy
         if accuracy is not None:
             right = sum(named.label == named.truth for named in judged)
-            yield f"{right} of {len(judged)} recordings with a known material named rightly: {percent(accuracy)}"
+            yield f"{right} of {counted(len(judged))} with a known material named rightly: {percent(accuracy)}"
             mistakes = Counter((n.truth, n.label) for n in judged if n.label != n.truth)
             if mistakes:
                 said = (f"{truth} for {label} ({count})" for (truth, label), count in mistakes.most_common(5))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 from granular_id import _core
+from granular_id._words import counted, verb
 from granular_id.identifier.about import axes_of, begins_at_first, lead_of
 from granular_id.recording import Dataset
 
@@ -81,7 +82,8 @@ def fitted(
     if short and on_short == "raise":
         raise ValueError(
             f"recording {short[0].name!r} has {short[0].n_samples} samples ({short[0].n_samples / rate_hz:g} s), the "
-            f"model takes {n} ({n / rate_hz:g} s); {len(short)} of {len(data)} recordings are shorter: pass "
+            f"model takes {n} ({n / rate_hz:g} s); {len(short)} of {counted(len(data))} "
+            f"{verb(len(short), 'is', 'are')} shorter: pass "
             "on_short='skip' to leave such recordings out"
         )
     if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):

@@ -7,6 +7,7 @@ from textwrap import shorten
 from typing import Any
 
 from granular_id import _core
+from granular_id._words import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import begins_at_first
 from granular_id.identifier.answers import Answers
@@ -52,7 +53,7 @@ def description(model: Answers) -> list[str]:
         each = sorted(set(counts.values()))
         span = f"{each[0]}" if len(each) == 1 else f"{each[0]} to {each[-1]}"
         sessions = trained.get("n_sessions", 0)
-        within = f", {sessions} session{'s' * (sessions > 1)}" if sessions else ""
+        within = f", {counted(sessions, 'session')}" if sessions else ""
         lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
     lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
     if model.synthetic:

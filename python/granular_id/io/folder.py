@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from granular_id._words import counted, verb
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, read_bounded, refuse_outside
 from granular_id.io.flat_checks import checked_history
@@ -113,7 +114,8 @@ def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> Foun
     listed = {source.path for source in found.sources}
     unlisted = sum(path not in listed and path.name != INDEX_NAME for path in entries)
     if unlisted:
-        found.notes.append(f"{unlisted} recordings beside index.csv are not listed in it and were not read")
+        beside = f"{counted(unlisted)} beside index.csv {verb(unlisted, 'is', 'are')}"
+        found.notes.append(f"{beside} not listed in it and {verb(unlisted, 'was', 'were')} not read")
     if (root / HISTORY_NAME).is_file():
         found.history = _read_history(root / HISTORY_NAME, root, options, len(found.sources))
     return found

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
+from granular_id._words import counted
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of
@@ -125,7 +126,7 @@ def _read(
             progress(done, len(found.sources), source.name)
     recordings = [recording for content in contents for recording in content.recordings]
     if not recordings:
-        problem = f"none of {len(problems)} recordings could be read; the first problem: {problems[0]}"
+        problem = f"none of {counted(len(problems))} could be read; the first problem: {problems[0]}"
         raise RecordingFileError(root, problem) from problems[0]
     history = [*found.history, *(step for content in contents for step in content.history)]
     return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._numbers import non_negative_number, positive_number
+from granular_id._words import counted
 from granular_id.io import load
 from granular_id.live.clock import host_ns
 from granular_id.live.source import SourceInfo, WrenchSink
@@ -62,7 +63,7 @@ class ReplaySource(ThreadedSource):
         measured = known.get("source", known)
         super().__init__(
             SourceInfo(
-                f"replay of {len(recordings)} recordings",
+                f"replay of {counted(len(recordings))}",
                 rate_hz,
                 device_clock=True,
                 frame=_text(measured.get("frame")),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.live.capture_state import FailureReason
 from granular_id.live.rows import Rows
 from granular_id.recording import SampleFlag
@@ -54,7 +55,10 @@ def runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> I
         when = f"at {rows.time_s[at]:.3f} s of the sensor's time"
         if gap[at]:
             n = int(rows.missing_before[at])
-            yield Break(FailureReason.GAP, f"{n} samples ({1e3 * n / rate_hz:g} ms) are missing {when}")
+            yield Break(
+                FailureReason.GAP,
+                f"{counted(n, 'sample')} ({1e3 * n / rate_hz:g} ms) {verb(n, 'is', 'are')} missing {when}",
+            )
         start = at
         if saturated[at]:
             yield Break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}", 1)

@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from granular_id._words import counted
+
 if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
     from granular_id.live.snapshot import Snapshot
@@ -165,7 +167,7 @@ def score_of(snapshot: Snapshot) -> str:
     if not snapshot.n_captures:
         return ""
     if snapshot.n_correct is None:
-        return f"{snapshot.n_captures} capture{'s' * (snapshot.n_captures > 1)}"
+        return counted(snapshot.n_captures, "capture")
     return f"{snapshot.n_correct} of {snapshot.n_captures} right"
 
 

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import checked_index, checked_number
 from granular_id.recording.axes import common_axes
 from granular_id.recording.one import Recording
@@ -36,7 +37,7 @@ def align_recordings(
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
             raise ValueError(
-                f"none of the {len(without)} recordings has a trigger_index; call .find_onsets(), or see in its "
+                f"none of the {counted(len(without))} has a trigger_index; call .find_onsets(), or see in its "
                 "report why it found none"
             )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
@@ -66,8 +67,8 @@ def align_recordings(
         if all(start < 0 for start in starts):
             wanted = f"the lead before its trigger (lead_s={lead_s:g})"
         raise ValueError(
-            f"none of the {len(recordings)} recordings has {wanted}; the longest has "
-            f"{max(r.n_samples for r in recordings)} samples in all"
+            f"none of the {counted(len(recordings))} has {wanted}; the longest has "
+            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all"
         )
     rows.sort(key=lambda row: "skipped" not in row)
     cropped = _crop(kept, n)
@@ -108,8 +109,9 @@ def _starts(
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
             names = ", ".join(map(repr, without[:3])) + (", ..." if len(without) > 3 else "")
+            n = len(without)
             raise ValueError(
-                f"{len(without)} recordings have no trigger_index: {names}; call .find_onsets(), state it with "
+                f"{counted(n)} {verb(n, 'has', 'have')} no trigger_index: {names}; call .find_onsets(), state it with "
                 ".find_onsets(overrule={name: seconds}), or pass on_missing='skip' to leave such recordings out"
             )
         return [(r.trigger_index or 0) - lead for r in recordings]

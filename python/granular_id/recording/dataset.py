@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._progress import ProgressCallback
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import common_axes
 from granular_id.recording.checking import CheckReport
@@ -99,7 +100,8 @@ class Dataset(DatasetSteps):
         """Labels, shape (n,); ValueError naming the first recording without one."""
         without = [r.name for r in self.recordings if r.label is None]
         if without:
-            raise ValueError(f"{len(without)} recordings have no label, the first is {without[0]!r}")
+            have = f"{counted(len(without))} {verb(len(without), 'has', 'have')}"
+            raise ValueError(f"{have} no label, the first is {without[0]!r}")
         return np.array([r.label for r in self.recordings], dtype=np.str_)
 
     @property
@@ -227,7 +229,7 @@ class Dataset(DatasetSteps):
         rates = {r.rate_hz for r in self.recordings}
         rate = next(iter(rates)) if len(rates) == 1 else None
         shared = "no common rate" if rate is None else f"{rate:g} Hz"
-        return f"Dataset({len(self)} recordings, {len(self.labels)} labels, {shared})"
+        return f"Dataset({counted(len(self))}, {counted(len(self.labels), 'label')}, {shared})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Dataset, (self.recordings, self.history))  # without the cached X, which would be sent twice

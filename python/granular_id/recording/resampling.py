@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from granular_id._words import counted
 from granular_id.recording._values import FloatArray, checked_number, checked_rate
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
@@ -72,7 +73,7 @@ def resample_recordings(
             )
     rows.sort(key=lambda row: -row.get("largest_gap_s", np.inf))  # skipped ones first, then the widest gaps
     if not results:
-        raise ValueError(f"all {len(recordings)} recordings have gaps beyond max_gap_s={limit:g} s")
+        raise ValueError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
     changed = [row for row in rows if "skipped" not in row]
     filled = [row for row in changed if row["gap_filled"]]
     widest: dict[str, Any] = max(changed, key=lambda row: row["largest_gap_s"], default={})

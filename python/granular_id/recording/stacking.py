@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import common_axes
 from granular_id.recording.one import Recording
@@ -16,7 +17,8 @@ def common_rate(recordings: Sequence[Recording]) -> float:
     irregular = [r.name for r in recordings if r.rate_hz is None]
     if irregular:
         raise ValueError(
-            f"{len(irregular)} of {len(recordings)} recordings are irregularly sampled (the first is "
+            f"{len(irregular)} of {counted(len(recordings))} "
+            f"{verb(len(irregular), 'is', 'are')} irregularly sampled (the first is "
             f"{irregular[0]!r}); call .resample(rate_hz) first, nothing is resampled silently"
         )
     rates = sorted({r.rate_hz for r in recordings if r.rate_hz is not None})

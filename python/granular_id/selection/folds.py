@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._numbers import whole_number
+from granular_id._words import counted
 from granular_id.evaluation.folds import (
     BLOCKS,
     RANDOM,
@@ -106,7 +107,7 @@ class _Splitter:
         for label, rows in rows_of_class(self._y).items():
             if rows.size < 3:
                 raise ValueError(
-                    f"class {label!r} has {rows.size} recording{'s' if rows.size > 1 else ''}; choosing holds out "
+                    f"class {label!r} has {counted(rows.size)}; choosing holds out "
                     "twice, one fold inside the other, and needs at least 3 of each class"
                 )
         self._sessions = data.sessions

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from rich.console import Console
 
+from granular_id._words import counted
 from granular_id.cli.data.target import Target
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
@@ -53,8 +54,8 @@ def synthesize(
         names_in(materials) or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed
     )
     target.save(data)
-    said = f"wrote {target.path}: {len(data)} SYNTHETIC recordings of {len(data.labels)} materials"
-    Console(highlight=False).print(said, soft_wrap=True, markup=False)
+    what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
+    Console(highlight=False).print(f"wrote {target.path}: {what}", soft_wrap=True, markup=False)
 
 
 synthesize.__doc__ = TEXT

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from granular_id._words import counted
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.tables import SMALL_GAP, gap_lines, percent
 
@@ -122,12 +123,12 @@ def _side(result: EvaluationResult, space: str, protocol: str) -> Side:
     values = result.accuracies(space, protocol)
     low, high = result.interval(space, protocol)
     if np.isfinite(low):
-        spread = f"95 % interval {100 * low:.1f} to {100 * high:.1f} %, {len(values)} partitions"
+        spread = f"95 % interval {100 * low:.1f} to {100 * high:.1f} %, {counted(len(values), 'partition')}"
     elif len(values) == 1:
         spread = "one partition"
     else:
         each = " and ".join(f"{100 * value:.1f} %" for value in values.tolist())
-        spread = each if len(values) == 2 else f"the same in each of {len(values)} partitions"
+        spread = each if len(values) == 2 else f"the same in each of {counted(len(values), 'partition')}"
     return Side(
         protocol, protocol_name(protocol, partitions), percent(result.mean_accuracy(space, protocol)), spread
     )

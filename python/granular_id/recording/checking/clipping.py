@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from scipy.special import pdtrc
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
@@ -55,8 +56,8 @@ def check_clipping(
     if places:
         axes = sorted({axis for names in places.values() for axis in names})
         message = (
-            f"{count(len(places))} {verb(len(places), 'seems', 'seem')} clipped on {', '.join(axes)}: "
-            f"{count(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
+            f"{counted(len(places))} {verb(len(places), 'seems', 'seem')} clipped on {', '.join(axes)}: "
+            f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
         )
         yield found("warning", "clipped", message, recordings, places, axes=axes, samples=samples)
 
@@ -103,12 +104,12 @@ def _beyond_range(recordings: Sequence[Recording], ranges: Mapping[str, float]) 
             clipped[i] = int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum())
             touched |= {axis for axis, hit in zip(r.axes, peak >= NEAR_RANGE * limit, strict=True) if hit}
     if far:
-        message = f"{count(len(far))} with readings above twice the range: are they in N and N m?"
+        message = f"{counted(len(far))} with readings above twice the range: are they in N and N m?"
         yield found("error", "beyond-range", message, recordings, far)
     if clipped:
         samples = sum(clipped.values())
         message = (
-            f"{count(len(clipped))} {verb(len(clipped), 'reaches', 'reach')} the sensor's range on "
-            f"{', '.join(sorted(touched))}, in {count(samples, 'sample')}: the true load was higher"
+            f"{counted(len(clipped))} {verb(len(clipped), 'reaches', 'reach')} the sensor's range on "
+            f"{', '.join(sorted(touched))}, in {counted(samples, 'sample')}: the true load was higher"
         )
         yield found("warning", "clipped", message, recordings, clipped, axes=sorted(touched), samples=samples)

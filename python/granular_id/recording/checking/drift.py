@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr
 
+from granular_id._words import counted
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
-from granular_id.recording.checking.finding import Finding, count, found
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.rest import Rest, unit_columns
 from granular_id.recording.one import Recording
@@ -134,7 +135,7 @@ def _report(
     large = change.share >= LARGE
     message = (
         f"the rest level of {change.axis} {words} {abs(change.size):.2g} {unit} {change.where} "
-        f"({count(len(change.indices))}): {100 * change.share:.0f} % of the signal, {change.noise:.0f} times the "
+        f"({counted(len(change.indices))}): {100 * change.share:.0f} % of the signal, {change.noise:.0f} times the "
         "noise; subtract it"
     )
     concerned = [resting[row] for row in change.indices] if large else []

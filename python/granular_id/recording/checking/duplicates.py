@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Sequence
 
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id._words import counted, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.overlap import Overlap, find_overlaps
 from granular_id.recording.one import Recording
 
@@ -20,9 +21,7 @@ def check_duplicates(recordings: Sequence[Recording]) -> Iterator[Finding]:
         if original != i:
             twin_of[i] = original
     if twin_of:
-        message = (
-            f"{count(len(twin_of))} {verb(len(twin_of), 'holds', 'hold')} exactly the samples of another one"
-        )
+        message = f"{counted(len(twin_of))} {verb(len(twin_of), 'holds', 'hold')} exactly the samples of another one"
         clash = [i for i, j in twin_of.items() if recordings[i].label != recordings[j].label]
         if clash:
             message += ", some under a different label"
@@ -40,7 +39,7 @@ def _near(recordings: Sequence[Recording], distinct: Sequence[int]) -> Iterator[
     worst = max(overlaps, key=lambda overlap: overlap.share)
     places = sorted({distinct[k] for overlap in overlaps for k in (overlap.first, overlap.second)})
     message = (
-        f"{count(len(overlaps), 'pair')} of recordings {verb(len(overlaps), 'shares', 'share')} samples: "
+        f"{counted(len(overlaps), 'pair')} of recordings {verb(len(overlaps), 'shares', 'share')} samples: "
         f"{_words(worst, [recordings[distinct[k]].name for k in (worst.first, worst.second)])}"
     )
     if any(recordings[distinct[o.first]].label != recordings[distinct[o.second]].label for o in overlaps):
@@ -51,7 +50,7 @@ def _near(recordings: Sequence[Recording], distinct: Sequence[int]) -> Iterator[
 
 def _words(overlap: Overlap, names: Sequence[str]) -> str:
     share = f"{100 * overlap.share:.0f} %"
-    shifted = f", {count(abs(overlap.shift), 'sample')} later" if overlap.shift else ""
+    shifted = f", {counted(abs(overlap.shift), 'sample')} later" if overlap.shift else ""
     if overlap.shift < 0:
         names = names[::-1]
     how = "" if overlap.exact else " up to rounding or an offset"

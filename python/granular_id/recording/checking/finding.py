@@ -94,25 +94,3 @@ def found(
     """Make a finding about ``recordings[i] for i in indices``; about the whole set when none is given."""
     places = tuple(int(i) for i in indices)
     return Finding(severity, code, message, tuple(recordings[i].name for i in places), places, values)
-
-
-def count(number: int, noun: str = "recording") -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> count(1), count(3, "label")
-    ('1 recording', '3 labels')
-    """
-    return f"{number} {noun}" + ("" if number == 1 else "s")
-
-
-def verb(number: int, singular: str, plural: str) -> str:
-    """Choose the form of a verb.
-
-    Examples
-    --------
-    >>> verb(1, "has", "have")
-    'has'
-    """
-    return singular if number == 1 else plural

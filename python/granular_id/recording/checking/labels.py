@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id._words import counted, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.one import Recording
 
 
@@ -21,7 +22,7 @@ def check_labels(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Find recordings without a label, sets with nothing to tell apart, and labels of unequal size."""
     without = [i for i, r in enumerate(recordings) if r.label is None]
     if without:
-        message = f"{count(len(without))} {verb(len(without), 'has', 'have')} no label"
+        message = f"{counted(len(without))} {verb(len(without), 'has', 'have')} no label"
         yield found("error", "no-label", message, recordings, without)
     groups = by_label(recordings)
     if len(groups) == 1:
@@ -29,7 +30,7 @@ def check_labels(recordings: Sequence[Recording]) -> Iterator[Finding]:
         yield found("error", "one-label", f"all recordings are {only!r}: nothing to tell apart")
     single = [label for label, group in groups.items() if len(group) == 1]
     if single and len(groups) > 1:
-        message = f"{count(len(single), 'label')} with one recording only: nothing is left to test with"
+        message = f"{counted(len(single), 'label')} with one recording only: nothing is left to test with"
         yield found("warning", "single", message, recordings, [groups[label][0] for label in single])
     sizes = [len(group) for group in groups.values()]
     if len(set(sizes)) > 1:
@@ -45,5 +46,5 @@ def check_axes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     if len(kinds) > 1:
         usual = max(kinds, key=lambda axes: len(kinds[axes]))
         other = sorted(i for axes, group in kinds.items() if axes != usual for i in group)
-        message = f"{count(len(other))} {verb(len(other), 'has', 'have')} other axes than {' '.join(usual)}"
+        message = f"{counted(len(other))} {verb(len(other), 'has', 'have')} other axes than {' '.join(usual)}"
         yield found("error", "axes-differ", message, recordings, other)

@@ -9,8 +9,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._words import verb
 from granular_id.recording.checking.attributes import Attribute, attributes_of
-from granular_id.recording.checking.finding import Finding, first_names, found, verb
+from granular_id.recording.checking.finding import Finding, first_names, found
 from granular_id.recording.checking.labels import by_label
 from granular_id.recording.checking.nearest import LEAST_P, Naming, naming
 from granular_id.recording.checking.rest import Rest

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from granular_id.recording.checking.finding import Finding, Severity, count, found
+from granular_id._words import counted
+from granular_id.recording.checking.finding import Finding, Severity, found
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
 
@@ -35,7 +36,9 @@ def check_flags(recordings: Sequence[Recording]) -> Iterator[Finding]:
         worrying = (
             share > MANY_FILLED if bit is SampleFlag.GAP_FILLED else bit is not SampleFlag.TIME_REPAIRED
         )
-        message = f"{count(samples, 'sample')} in {count(len(places))} ({100 * share:.2g} %) {_WORDS[bit]}"
+        message = (
+            f"{counted(samples, 'sample')} in {counted(len(places))} ({100 * share:.2g} %) {_WORDS[bit]}"
+        )
         code = str(bit.name).lower().replace("_", "-")
         severity: Severity = "warning" if worrying else "info"
         yield found(severity, code, message, recordings, places, samples=samples, share=share)

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.special import stdtrit
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.labels import by_label
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.rest import unit_columns
@@ -112,8 +113,9 @@ def check_outliers(recordings: Sequence[Recording], false_alarm_rate: float) -> 
     if apart:
         worst = max(apart, key=lambda i: apart[i][0])
         message = (
-            f"{count(len(apart))} {verb(len(apart), 'stands', 'stand')} apart from {verb(len(apart), 'its', 'their')} "
-            f"label: {recordings[worst].name!r} has a {apart[worst][1]} what is usual for {recordings[worst].label!r}"
+            f"{counted(len(apart))} {verb(len(apart), 'stands', 'stand')} apart from "
+            f"{verb(len(apart), 'its', 'their')} label: "
+            f"{recordings[worst].name!r} has a {apart[worst][1]} what is usual for {recordings[worst].label!r}"
         )
         order = sorted(apart, key=lambda i: -apart[i][0])
         distance = {recordings[i].name: round(apart[i][0], 1) for i in order}

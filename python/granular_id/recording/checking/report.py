@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, overload
 
-from granular_id.recording.checking.finding import SEVERITIES, Finding, count, first_names
+from granular_id._words import counted
+from granular_id.recording.checking.finding import SEVERITIES, Finding, first_names
 from granular_id.recording.one import Recording
 from granular_id.recording.report import save_report
 
@@ -143,7 +144,7 @@ class CheckReport(Sequence[Finding]):
         states = Counter(verdict.state for verdict in self.verdicts)
         parts = [f"{states['ok']} ok"]
         parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
-        return f"{count(len(self.verdicts))} checked: {', '.join(parts)}"
+        return f"{counted(len(self.verdicts))} checked: {', '.join(parts)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""

@@ -7,8 +7,9 @@ from functools import reduce
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
@@ -122,7 +123,7 @@ def check_resolution(
         axis = next(iter(differing))
         kinds = " and ".join(_words(step) for step in sorted(differing[axis])[:3])
         message = (
-            f"{count(len(other))} {verb(len(other), 'has', 'have')} another resolution than the rest on "
+            f"{counted(len(other))} {verb(len(other), 'has', 'have')} another resolution than the rest on "
             f"{', '.join(differing)} ({axis}: {kinds}): other sensor, settings or decimals"
         )
         yield found("warning", "resolution-differs", message, recordings, sorted(other), axes=list(differing))

@@ -8,11 +8,12 @@ from typing import TypeVar
 import numpy as np
 
 from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._words import counted
 from granular_id.recording._values import checked_number
 from granular_id.recording.checking.clipping import check_clipping
 from granular_id.recording.checking.drift import check_drift
 from granular_id.recording.checking.duplicates import check_duplicates
-from granular_id.recording.checking.finding import Finding, count, found
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.labels import check_axes, check_labels
 from granular_id.recording.checking.leaks import check_leaks
 from granular_id.recording.checking.marks import check_flags
@@ -71,7 +72,7 @@ def _findings(
     absurd = [i for i, peak in enumerate(peaks) if peak.max() > ABSURD]
     if absurd:
         message = (
-            f"{count(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
+            f"{counted(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
         )
         yield found("error", "beyond-range", message, recordings, absurd)
         return

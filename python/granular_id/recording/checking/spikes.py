@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id._words import counted, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.one import Recording
 
@@ -48,7 +49,7 @@ def check_spikes(recordings: Sequence[Recording]) -> Iterator[Finding]:
     if places:
         samples = sum(places.values())
         message = (
-            f"{count(len(places))} {verb(len(places), 'has', 'have')} single samples that jump away and come back "
-            f"({count(samples, 'spike')} on {', '.join(sorted(touched))})"
+            f"{counted(len(places))} {verb(len(places), 'has', 'have')} single samples that jump away and come back "
+            f"({counted(samples, 'spike')} on {', '.join(sorted(touched))})"
         )
         yield found("warning", "spikes", message, recordings, places, spikes=samples, axes=sorted(touched))

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.checking.layout import by_axis
 from granular_id.recording.checking.runs import longest_run, surprising_run
 from granular_id.recording.one import Recording
@@ -43,20 +44,20 @@ def check_stuck(recordings: Sequence[Recording], false_alarm_rate: float) -> Ite
             frozen[i] = length
     if whole:
         axes = sorted(set().union(*whole.values()))
-        where = "every recording" if len(whole) == len(recordings) else count(len(whole))
+        where = "every recording" if len(whole) == len(recordings) else counted(len(whole))
         message = f"{where} with an axis that never changes ({', '.join(axes)})"
         yield found("warning", "stuck-axis", message, recordings, whole, axes=axes)
     if part:
         axes = sorted(set().union(*part.values()))
         message = (
-            f"{count(len(part))} {verb(len(part), 'has', 'have')} an axis that stands still for a stretch while "
+            f"{counted(len(part))} {verb(len(part), 'has', 'have')} an axis that stands still for a stretch while "
             f"others move ({', '.join(axes)})"
         )
         yield found("warning", "stuck-stretch", message, recordings, part, axes=axes)
     if frozen:
         worst = max(frozen, key=lambda i: frozen[i])
         message = (
-            f"{count(len(frozen))} in which all axes repeat one sample: {frozen[worst]} times in "
+            f"{counted(len(frozen))} in which all axes repeat one sample: {frozen[worst]} times in "
             f"{recordings[worst].name!r}; a reader that fell behind, or samples lost on the way"
         )
         yield found("warning", "frozen", message, recordings, frozen, longest=frozen[worst])

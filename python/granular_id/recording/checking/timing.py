@@ -9,8 +9,9 @@ from typing import TypeGuard
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import FloatArray
-from granular_id.recording.checking.finding import Finding, count, found, verb
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.one import Recording
 from granular_id.recording.resampling import MAX_GAP_S
 
@@ -85,7 +86,7 @@ def check_timing(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iter
 def _rates(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[Finding]:
     slow = [i for i, p in enumerate(paces) if p.median_s * SLOWEST_RATE_HZ > 1]
     if slow:
-        message = f"{count(len(slow))} with less than one sample per second: are the stamps in seconds?"
+        message = f"{counted(len(slow))} with less than one sample per second: are the stamps in seconds?"
         yield found("error", "slow", message, recordings, slow)
     rates = sorted({r.rate_hz for r in recordings if r.rate_hz is not None})
     if len(rates) > 1:
@@ -104,7 +105,7 @@ def _rates(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[F
     if broken:
         worst = max(broken, key=lambda i: abs(paces[i].mean_s * broken[i] - 1))
         message = (
-            f"{count(len(broken))} {verb(len(broken), 'does', 'do')} not keep the stated rate: the stamps of "
+            f"{counted(len(broken))} {verb(len(broken), 'does', 'do')} not keep the stated rate: the stamps of "
             f"{recordings[worst].name!r} mean {1 / paces[worst].mean_s:.4g} Hz, its meta says {broken[worst]:g}"
         )
         yield found("warning", "rate-not-kept", message, recordings, broken)
@@ -119,7 +120,7 @@ def _sparse(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[
     if sparse:
         least = min(sparse, key=lambda i: means[i])
         message = (
-            f"{count(len(sparse))} with less than half as many samples per second as usual ({usual:.3g}): "
+            f"{counted(len(sparse))} with less than half as many samples per second as usual ({usual:.3g}): "
             f"{recordings[least].name!r} has {means[least]:.2g}"
         )
         yield found("warning", "sparse", message, recordings, sparse, usual_hz=usual, least_hz=means[least])
@@ -131,7 +132,7 @@ def _gaps(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[Fi
         worst = max(holed, key=lambda i: paces[i].longest_s)
         gap = paces[worst].longest_s
         message = (
-            f"{count(len(holed))} {verb(len(holed), 'has', 'have')} gaps, the longest {gap:.3g} s in "
+            f"{counted(len(holed))} {verb(len(holed), 'has', 'have')} gaps, the longest {gap:.3g} s in "
             f"{recordings[worst].name!r}"
         )
         long = sum(paces[i].longest_s > MAX_GAP_S for i in holed)
@@ -149,11 +150,11 @@ def _steps(recordings: Sequence[Recording], paces: Sequence[Pace]) -> Iterator[F
         median = float(np.median([paces[i].median_s for i in jittery]))
         mean = float(np.median([paces[i].mean_s for i in jittery]))
         message = (
-            f"{count(len(jittery))} with uneven steps (median {1e3 * median:.3g} ms, mean {1e3 * mean:.3g} ms): "
+            f"{counted(len(jittery))} with uneven steps (median {1e3 * median:.3g} ms, mean {1e3 * mean:.3g} ms): "
             f"above {0.5 / mean:.3g} Hz the resampled signal is made up"
         )
         yield found("warning", "jitter", message, recordings, jittery, median_step_s=median, mean_step_s=mean)
-    message = f"{count(len(irregular))} irregularly sampled: resample before extracting features"
+    message = f"{counted(len(irregular))} irregularly sampled: resample before extracting features"
     yield found("info", "irregular", message, recordings, irregular)
 
 

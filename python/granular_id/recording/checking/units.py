@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from granular_id._words import counted
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
-from granular_id.recording.checking.finding import Finding, count, found
+from granular_id.recording.checking.finding import Finding, found
 from granular_id.recording.one import Recording
 
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
@@ -32,7 +33,7 @@ def check_units(recordings: Sequence[Recording], peaks: Sequence[FloatArray]) ->
     if large:
         peak, axis, unit = worst
         message = (
-            f"{count(len(large))} with readings up to {peak:.3g} {unit} ({axis}), above {PLAUSIBLE[unit]:g}: are they "
-            f"in m{unit.replace(' ', '')}, N mm or counts?"
+            f"{counted(len(large))} with readings up to {peak:.3g} {unit} ({axis}), above {PLAUSIBLE[unit]:g}: are "
+            f"they in m{unit.replace(' ', '')}, N mm or counts?"
         )
         yield found("warning", "units", message, recordings, large)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._words import counted, verb
 from granular_id.recording._values import checked_number
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
@@ -100,7 +101,8 @@ def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rat
     irregular = [r.name for r in recordings if r.rate_hz is None]
     if irregular:
         raise ValueError(
-            f"{len(irregular)} of {len(recordings)} recordings are irregularly sampled (the first is "
+            f"{len(irregular)} of {counted(len(recordings))} "
+            f"{verb(len(irregular), 'is', 'are')} irregularly sampled (the first is "
             f"{irregular[0]!r}), and windows of a varying number of samples cannot be compared; call "
             ".resample(rate_hz) first, or overrule these"
         )
@@ -177,6 +179,7 @@ def _notes(recordings: Sequence[Recording], found: Mapping[int, Onset]) -> list[
     if not filled:
         return []
     return [
-        f"{len(filled)} recordings have filled gaps in what is taken for rest (the first is {filled[0]!r}): "
+        f"{counted(len(filled))} {verb(len(filled), 'has', 'have')} "
+        f"filled gaps in what is taken for rest (the first is {filled[0]!r}): "
         "straight lines hide the noise there, and the false-alarm rate does not hold for them"
     ]
