@@ -280,6 +280,14 @@ def test_explain_is_refused_before_anything_is_read(tmp_path, monkeypatch, words
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_topic_is_refused_for_files_that_are_no_bags(folder):
+    line = refused("data", "info", folder, "--topic", "/wrench")
+    assert line.startswith(
+        "error: --topic must be left out where no file is a bag or MCAP: 30 files, the first is "
+    )
+    assert str(folder / "oat" / "oat_") in line
+
+
 def test_no_output_is_written_over_another(tmp_path):
     line = refused("evaluate", tmp_path, "--json", tmp_path / "r", "--csv", tmp_path / "." / "r")
     assert "would be written twice" in line

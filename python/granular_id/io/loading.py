@@ -15,6 +15,7 @@ from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.io.options import LoadOptions
+from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource, completed
 from granular_id.recording import Dataset, Recording, StepReport
 
@@ -56,7 +57,7 @@ def load(
         minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than 64-fold beyond 64 MiB: a
         file that is no recording is refused within a second and 256 MB.
     topic : str, optional
-        Which topic of a bag holds the wrench, where there are several.
+        Which topic of a bag holds the wrench, where there are several. Refused where no file is a bag or MCAP.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 
@@ -110,6 +111,8 @@ def _read(
     alone: bool = False,
 ) -> Dataset:
     """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
+    if options.topic is not None:
+        _refuse_topic(found.sources)
     if options.on_error == "raise" and found.problems:
         raise _skippable(found.problems[0]) if found.sources else found.problems[0]
     contents: list[FileContent] = []
@@ -130,6 +133,14 @@ def _read(
         raise RecordingFileError(root, problem) from problems[0]
     history = [*found.history, *(step for content in contents for step in content.history)]
     return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])
+
+
+def _refuse_topic(sources: Sequence[FileSource]) -> None:
+    """Refuse a topic where it would change nothing: no file has any."""
+    known = [format_of(source.path) for source in sources]
+    if sources and not any(one is not None and one.read is read_ros for one in known):
+        came = f"{counted(len(sources), 'file')}, the first is {sources[0].path}"
+        raise ValueError(f"topic must be left out where no file is a bag or MCAP: {came}")
 
 
 def _read_one(source: FileSource, options: LoadOptions) -> FileContent:
