@@ -136,6 +136,35 @@ fn recordings_of_the_papers_size_differ_in_no_bit() {
     }
 }
 
+/// Windows long enough for sums and counts to grow, with and without questions in between, and a reset.
+#[test]
+fn long_windows_that_share_rows_are_recordings() {
+    for (n_samples, hop, block, asks) in [(700, 90, 64, true), (420, 300, 7, true), (900, 250, 130, false)] {
+        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
+        let rows = noise(9, 2 * 3000);
+        let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
+        let (mut taken, mut windows) = (0, 0);
+        while taken < 3000 {
+            taken += stream.push(&rows[2 * taken..2 * (taken + block).min(3000)]).unwrap();
+            if asks && taken % 3 == 0 {
+                stream.scores().unwrap();
+            }
+            if stream.is_complete() {
+                let first = windows * hop;
+                let wanted = model.scores(&rows[2 * first..2 * (first + n_samples)], 1, 1).unwrap();
+                assert!(bits(stream.scores().unwrap()) == bits(&wanted), "window {windows} of {n_samples}");
+                stream.advance().unwrap();
+                windows += 1;
+            }
+        }
+        assert_eq!(windows, (3000 - n_samples) / hop + 1);
+        stream.reset();
+        stream.push(&rows[2 * 1500..2 * (1500 + n_samples)]).unwrap();
+        let wanted = model.scores(&rows[2 * 1500..2 * (1500 + n_samples)], 1, 1).unwrap();
+        assert!(bits(stream.scores().unwrap()) == bits(&wanted));
+    }
+}
+
 #[test]
 fn before_the_first_row_there_are_intercepts_and_a_refused_row_changes_nothing() {
     let model = Arc::new(random_banded(3, 16, 2, MultiBandSpec::default()));

@@ -30,9 +30,9 @@ pub(super) struct Bank {
 pub(super) struct BankWork {
     values: Vec<f64>,
     places: Vec<Place>,
-    /// One for four axes.
+    /// One for four axes; none where there are no octaves.
     pyramids: Vec<Pyramid>,
-    /// What comes out of a level.
+    /// What comes out of a level, or of the means.
     rows: Box<Rows>,
 }
 
@@ -50,7 +50,6 @@ impl BankWork {
     /// Ready for the first row of a recording.
     pub(super) fn restart(&mut self) {
         self.pyramids.iter_mut().for_each(Pyramid::restart);
-        self.places.iter_mut().for_each(|place| place.len = 0);
     }
 }
 
@@ -106,7 +105,10 @@ impl Bank {
         BankWork {
             values: vec![0.0; start + LINE],
             places,
-            pyramids: vec![Pyramid::new(self.octaves); self.n_axes.div_ceil(QUAD)],
+            pyramids: match self.octaves {
+                0 => Vec::new(),
+                octaves => vec![Pyramid::new(octaves); self.n_axes.div_ceil(QUAD)],
+            },
             rows: Box::new(Rows::new()),
         }
     }
@@ -119,7 +121,14 @@ impl Bank {
         if self.octaves == 0 || recording.len() / self.n_axes < n_after {
             return false;
         }
-        self.each_quad::<I>(recording, None, work);
+        for axis in (0..self.n_axes).step_by(QUAD) {
+            match self.n_axes - axis {
+                1 => self.advance_quad::<I, 1>(recording, axis, work),
+                2 => self.advance_quad::<I, 2>(recording, axis, work),
+                3 => self.advance_quad::<I, 3>(recording, axis, work),
+                _ => self.advance_quad::<I, QUAD>(recording, axis, work),
+            }
+        }
         for (place, halvings) in work.places.iter_mut().zip(rates(self.octaves)).skip(1) {
             place.len = (n_after >> halvings) / ROWS * ROWS;
         }
@@ -130,70 +139,77 @@ impl Bank {
     /// those of its axes, counted from the first sample.
     #[inline(always)]
     pub(super) fn finish<I: Isa>(&self, recording: &[f64], means: &[f64], work: &mut BankWork) {
-        self.each_quad::<I>(recording, Some(means), work);
+        for axis in (0..self.n_axes).step_by(QUAD) {
+            match self.n_axes - axis {
+                1 => self.finish_quad::<I, 1>(recording, axis, means, work),
+                2 => self.finish_quad::<I, 2>(recording, axis, means, work),
+                3 => self.finish_quad::<I, 3>(recording, axis, means, work),
+                _ => self.finish_quad::<I, QUAD>(recording, axis, means, work),
+            }
+        }
         let n_seen = recording.len() / self.n_axes;
         for (place, halvings) in work.places.iter_mut().zip(rates(self.octaves)) {
             place.len = halved(n_seen, halvings);
         }
     }
 
-    /// All axes through the next block, or with their means to the end.
+    /// `N` axes from `axis` on, one block.
     #[inline(always)]
-    fn each_quad<I: Isa>(&self, recording: &[f64], means: Option<&[f64]>, work: &mut BankWork) {
-        for axis in (0..self.n_axes).step_by(QUAD) {
-            match self.n_axes - axis {
-                1 => self.quad::<I, 1>(recording, axis, means, work),
-                2 => self.quad::<I, 2>(recording, axis, means, work),
-                3 => self.quad::<I, 3>(recording, axis, means, work),
-                _ => self.quad::<I, QUAD>(recording, axis, means, work),
-            }
+    fn advance_quad<I: Isa, const N: usize>(&self, recording: &[f64], axis: usize, work: &mut BankWork) {
+        let (mut target, pyramid, rows) = self.axes::<I, N>(axis, work);
+        let Some(pyramid) = pyramid else { return };
+        let at_start = first::<N>(&recording[axis..]);
+        let block = recording[pyramid.n_done() * self.n_axes..].chunks_exact(self.n_axes);
+        for (row, input) in block.zip(pyramid.input()) {
+            *input = first::<N>(&row[axis..]) - at_start;
         }
+        pyramid.advance(&self.coefficients, rows, &mut target);
     }
 
-    /// `N` axes from `axis` on.
+    /// `N` axes from `axis` on, to the end.
     #[inline(always)]
-    fn quad<I: Isa, const N: usize>(
+    fn finish_quad<I: Isa, const N: usize>(
         &self,
         recording: &[f64],
         axis: usize,
-        means: Option<&[f64]>,
+        means: &[f64],
         work: &mut BankWork,
     ) {
-        let BankWork { values, places, pyramids, rows } = work;
-        let from = aligned(values);
-        let values = &mut values[from..];
-        let mut target = Axes::<I, N> { values, places, axis, bank: self, isa: PhantomData };
-        let pyramid = &mut pyramids[axis / QUAD];
-        let at_start = first::<N>(&recording[axis..]);
-        let done = pyramid.n_done();
-        let (before, after) = recording.split_at(done * self.n_axes);
-        let mean = means.map(|means| first::<N>(&means[axis..]));
-        if let Some(mean) = mean {
-            for (block, samples) in before.chunks(ROWS * self.n_axes).enumerate() {
-                for (row, centred) in samples.chunks_exact(self.n_axes).zip(&mut rows.top) {
-                    *centred = first::<N>(&row[axis..]) - at_start - mean;
-                }
-                target.write(0, block * ROWS, ROWS, &rows.top);
+        let (mut target, mut pyramid, rows) = self.axes::<I, N>(axis, work);
+        let n_done = pyramid.as_ref().map_or(0, |pyramid| pyramid.n_done());
+        let (at_start, mean) = (first::<N>(&recording[axis..]), first::<N>(&means[axis..]));
+        for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
+            let (start, n) = (block * ROWS, samples.len() / self.n_axes);
+            for (row, centred) in samples.chunks_exact(self.n_axes).zip(&mut rows.top) {
+                *centred = first::<N>(&row[axis..]) - at_start - mean;
             }
-        }
-        for (block, samples) in after.chunks(ROWS * self.n_axes).enumerate() {
-            let n = samples.len() / self.n_axes;
-            let inputs = pyramid.input().iter_mut().zip(&mut rows.top);
-            for (row, (input, centred)) in samples.chunks_exact(self.n_axes).zip(inputs) {
+            target.write(0, start, n, &rows.top);
+            let Some(pyramid) = pyramid.as_deref_mut().filter(|_| start >= n_done) else { continue };
+            for (row, input) in samples.chunks_exact(self.n_axes).zip(pyramid.input()) {
                 *input = first::<N>(&row[axis..]) - at_start;
-                *centred = *input - mean.unwrap_or(Quad::ZERO);
-            }
-            if mean.is_some() {
-                target.write(0, done + block * ROWS, n, &rows.top);
             }
             if n == ROWS {
                 pyramid.advance(&self.coefficients, rows, &mut target);
-                if mean.is_none() {
-                    return;
-                }
             }
         }
-        pyramid.finish(&self.coefficients, after.len() / self.n_axes % ROWS, rows, &mut target);
+        if let Some(pyramid) = pyramid {
+            let n_rest = recording.len() / self.n_axes % ROWS;
+            pyramid.finish(&self.coefficients, n_rest, rows, &mut target);
+        }
+    }
+
+    /// What `N` axes from `axis` on work in.
+    #[inline(always)]
+    fn axes<'a, I, const N: usize>(
+        &'a self,
+        axis: usize,
+        work: &'a mut BankWork,
+    ) -> (Axes<'a, I, N>, Option<&'a mut Pyramid>, &'a mut Rows) {
+        let BankWork { values, places, pyramids, rows } = work;
+        let from = aligned(values);
+        let values = &mut values[from..];
+        let target = Axes { values, places, axis, bank: self, isa: PhantomData };
+        (target, pyramids.get_mut(axis / QUAD), rows)
     }
 }
 

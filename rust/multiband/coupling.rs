@@ -5,7 +5,7 @@
 //! brain-computer interface classification by Riemannian geometry" (2012).
 
 use super::band_signals::BandSignals;
-use super::moments::{Moments, CHUNK, LAG};
+use super::moments::{Moments, LAG};
 use super::symmetric::{Logarithms, MATRICES};
 use crate::lanes::{Isa, Job, Path, Quad};
 
@@ -58,7 +58,7 @@ impl Coupling {
     /// For bands of some numbers of samples, the longest first; only the first few may be long enough.
     pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
         let n_bands = lengths.partition_point(|n| *n >= least_samples(n_axes));
-        let growing = lengths[..n_bands].iter().skip(1).filter(|n| **n >= CHUNK).count();
+        let growing = lengths[..n_bands].iter().skip(1).filter(|n| Moments::can_grow(**n)).count();
         Self { n_axes, n_bands, growing }
     }
 

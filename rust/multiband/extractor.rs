@@ -111,7 +111,7 @@ impl MultiBand {
             means: vec![0.0; self.n_axes],
             energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
             coupling: self.coupling.as_ref().map(Coupling::work),
-            quantiles: self.quantiles.as_ref().map(Quantiles::work),
+            tally: self.quantiles.as_ref().map(Quantiles::work),
             spectrum: self.spectrum.as_ref().map(Spectrum::work),
         }
     }
@@ -136,23 +136,30 @@ impl MultiBand {
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
     pub fn extract_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         work.restart();
-        self.finish_on(path, rows, work, out)
+        let done = self.finish_on(path, rows, work, out);
+        work.restart();
+        done
     }
 
-    /// Does what can be done already while a recording arrives: [`finish_into`](Self::finish_into) then has less to do.
-    /// Works through some more of its rows, 64 at a time and at least `n_rows` if there are as many. Allocates nothing.
+    /// Does what can be done already while a recording arrives, 64 rows at a time: [`finish_into`](Self::finish_into) then
+    /// has less to do. Takes a time in proportion to the rows that are new, and catches up where more are left.
     ///
     /// # Arguments
     /// - `rows`: all samples so far, time-major. Those that were there before have not changed since
-    ///   [`Workspace::restart`].
-    /// - `work`: from [`workspace`](Self::workspace).
+    ///   [`Workspace::restart`]; where there are fewer than before they are those of another recording.
+    /// - `work`: from [`workspace`](Self::workspace) of the same design.
+    /// - `n_new`: how many of them are new.
     ///
     /// # Errors
     /// [`Error::Length`].
-    pub fn advance(&self, rows: &[f64], work: &mut Workspace, n_rows: usize) -> Result<()> {
+    pub fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
+        self.advance_on(Path::detect(), rows, work, n_new)
+    }
+
+    /// [`advance`](Self::advance) on a path of choice, for tests and benchmarks.
+    pub fn advance_on(&self, path: Path, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
         self.fit(rows, work)?;
-        let n_blocks = n_rows.div_ceil(ROWS);
-        Path::detect().run(Advance { design: self, rows, work, n_blocks });
+        path.run(Advance { design: self, rows, work, n_blocks: n_new.div_ceil(ROWS) + 1 });
         Ok(())
     }
 
@@ -165,7 +172,8 @@ impl MultiBand {
         self.finish_on(Path::detect(), rows, work, out)
     }
 
-    fn finish_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+    /// [`finish_into`](Self::finish_into) on a path of choice, for tests and benchmarks.
+    pub fn finish_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         self.split(path, rows, work)?;
         if out.len() != self.n_features {
             return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
@@ -183,7 +191,9 @@ impl MultiBand {
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         work.restart();
-        self.split(Path::detect(), rows, work)?;
+        let split = self.split(Path::detect(), rows, work);
+        work.restart();
+        split?;
         let expected = self.n_bands() * self.n_axes;
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
@@ -206,7 +216,7 @@ impl MultiBand {
         if let Some((block, work)) = self.coupling.as_ref().zip(work.coupling.as_mut()) {
             block.compute(path, signals, work, first(&mut rest, block.n_features()));
         }
-        if let Some((block, work)) = self.quantiles.as_ref().zip(work.quantiles.as_mut()) {
+        if let Some((block, work)) = self.quantiles.as_ref().zip(work.tally.as_mut()) {
             block.compute(path, signals, energies, work, first(&mut rest, block.n_features()));
         }
         if let Some(block) = &self.envelope {
@@ -239,7 +249,7 @@ impl MultiBand {
         if !work.suits(self) {
             *work = self.workspace();
         }
-        // So is one that knows more than there is.
+        // One that knows more rows than there are knows another recording.
         if work.bank.n_done() * self.n_axes > rows.len() {
             work.restart();
         }

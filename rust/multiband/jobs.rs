@@ -1,4 +1,4 @@
-//! The steps before the blocks, compiled for every path.
+//! The steps before the statistics, compiled for every path.
 
 use super::energies::measure;
 use super::extractor::MultiBand;
@@ -6,12 +6,12 @@ use super::limits::means_within;
 use super::workspace::Workspace;
 use crate::lanes::{Isa, Job};
 
-/// Splits the next blocks of the beginning of a recording into octaves, and adds up what the statistics make of them.
+/// Splits the next blocks of rows of the beginning of a recording into octaves, and adds up what the statistics make of them.
 pub(super) struct Advance<'a> {
     pub(super) design: &'a MultiBand,
     pub(super) rows: &'a [f64],
     pub(super) work: &'a mut Workspace,
-    /// Blocks at most.
+    /// Blocks of rows, at most.
     pub(super) n_blocks: usize,
 }
 
@@ -29,7 +29,7 @@ impl Job for Advance<'_> {
             if let Some(coupling) = &mut work.coupling {
                 coupling.advance::<I::Quad>(signals);
             }
-            if let Some(tally) = &mut work.quantiles {
+            if let Some(tally) = &mut work.tally {
                 tally.advance(signals);
             }
         }

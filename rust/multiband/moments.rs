@@ -14,7 +14,10 @@ const TILE: usize = 3;
 const LANES: usize = 4;
 
 /// Samples that are multiplied at a time: a dozen axes of them stay in the first-level cache.
-pub(super) const CHUNK: usize = 256;
+const CHUNK: usize = 256;
+
+/// Samples of a band that are worth adding up before the others are there.
+const LEAST: usize = 64;
 
 /// Sums of products of three axes with three.
 type Tile = [[Pack<LANES>; TILE]; TILE];
@@ -23,7 +26,7 @@ type Tile = [[Pack<LANES>; TILE]; TILE];
 #[derive(Clone, Debug)]
 pub(super) struct Moments {
     n_axes: usize,
-    /// Instants from [`LAG`] on that are in the sums.
+    /// Instants from [`LAG`] on that are in the sums; those of a finished band are not to be added to.
     n_added: usize,
     /// Products of axes at the same instant, of all instants but the first two and the last.
     shared: Vec<Tile>,
@@ -51,11 +54,17 @@ impl Moments {
         self.lagged.copy_from_slice(&other.lagged);
     }
 
-    /// Adds what no sample to come can change, once there is enough of it.
+    /// Whether a band of so many samples is worth adding up while it grows.
+    pub(super) fn can_grow(n: usize) -> bool {
+        n >= 2 * LEAST
+    }
+
+    /// Adds what no sample to come can change, once there is enough of it, and not much more at a time.
     #[inline(always)]
     pub(super) fn advance<V: Quad>(&mut self, signals: BandSignals<'_>, band: usize) {
         let end = shared_end(signals.len(band));
-        if end >= self.n_added + CHUNK {
+        if end >= self.n_added + LEAST {
+            let end = end.min(self.n_added + 2 * LEAST);
             self.add::<V>(signals, band, end, end);
         }
     }
@@ -223,6 +232,32 @@ mod tests {
                 far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);
             });
             prop_assert_eq!((seen, far), (n_axes * (2 * n_axes + 1), 0));
+        }
+
+        #[test]
+        fn sums_that_grew_with_their_band_have_the_same_bits(cuts in prop::collection::vec(1_usize..300, 0..8), n_axes in 1_usize..7) {
+            let n = 700;
+            let values: Vec<f64> = (0..n * n_axes).map(|k| (k as f64 * 0.731).sin()).collect();
+            let seen = |len| [Place { start: 0, stride: n, len }];
+            let finished = |moments: &Moments| {
+                let (mut whole, mut out, places) = (Moments::new(n_axes), Vec::new(), seen(n));
+                whole.copy(moments);
+                let signals = BandSignals::new(&values, &places, n_axes);
+                whole.finish::<Plain>(signals, 0, |_, _, moment| out.push(moment.to_bits()));
+                out
+            };
+            let expected = finished(&Moments::new(n_axes));
+            let mut moments = Moments::new(n_axes);
+            let mut len = 0;
+            for cut in cuts {
+                len = (len + cut).min(n);
+                let (before, places) = (moments.n_added, seen(len));
+                moments.advance::<Plain>(BandSignals::new(&values, &places, n_axes), 0);
+                let end = shared_end(len);
+                let added = if end < before + LEAST { 0 } else { (end - before).min(2 * LEAST) };
+                prop_assert_eq!(moments.n_added, before + added);
+            }
+            prop_assert!(finished(&moments) == expected);
         }
     }
 }

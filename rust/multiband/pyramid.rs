@@ -25,8 +25,9 @@ impl Level {
 /// The levels of four axes.
 #[derive(Clone, Debug)]
 pub(super) struct Pyramid {
-    /// One more than there are: rows below the last octave go there, and no further.
     levels: Vec<Level>,
+    /// Where the rows below the last octave go, and no further.
+    below: [Quad; ROWS / 2],
 }
 
 /// Where bands go. No closure: those are not compiled for the instruction set of their caller unless they are inlined.
@@ -36,9 +37,10 @@ pub(super) trait Target {
 }
 
 impl Pyramid {
+    /// For one octave or more.
     pub(super) fn new(octaves: usize) -> Self {
-        let n_levels = if octaves == 0 { 0 } else { (octaves - 1).max(1) };
-        Self { levels: vec![Level::REST; n_levels + 1] }
+        let n_levels = octaves.saturating_sub(1).max(1);
+        Self { levels: vec![Level::REST; n_levels], below: [Quad::ZERO; ROWS / 2] }
     }
 
     /// Back to the state before the first row.
@@ -64,21 +66,19 @@ impl Pyramid {
     #[inline(always)]
     pub(super) fn advance(&mut self, c: &Coefficients, rows: &mut Rows, target: &mut impl Target) {
         self.levels[0].n_waiting = ROWS;
-        for index in 0..self.levels.len() - 1 {
-            let [level, next, ..] = &mut self.levels[index..] else { return };
+        for index in 0..self.levels.len() {
+            let (level, halved) = self.level(index);
             if level.n_waiting < ROWS {
                 return;
             }
-            let halved = &mut next.input[BACK + next.n_waiting..];
             through(index, c, &mut level.memory, &level.input, rows, halved);
             give(index, rows, level.n_done, ROWS, target);
             level.input.copy_within(ROWS.., 0);
             level.n_waiting = 0;
             level.n_done += ROWS;
-            next.n_waiting += ROWS / 2;
-        }
-        if let Some(below) = self.levels.last_mut() {
-            below.n_waiting = 0;
+            if let Some(next) = self.levels.get_mut(index + 1) {
+                next.n_waiting += ROWS / 2;
+            }
         }
     }
 
@@ -86,16 +86,26 @@ impl Pyramid {
     #[inline(always)]
     pub(super) fn finish(&mut self, c: &Coefficients, n: usize, rows: &mut Rows, target: &mut impl Target) {
         let mut n_last = n;
-        for index in 0..self.levels.len() - 1 {
-            let [level, next, ..] = &mut self.levels[index..] else { return };
+        for index in 0..self.levels.len() {
+            let (level, halved) = self.level(index);
             let n = level.n_waiting + n_last;
             // An odd row goes through with whatever lies behind it: nobody looks at what comes of that.
             let input = &level.input[..BACK + n.next_multiple_of(2)];
-            let halved = &mut next.input[BACK + next.n_waiting..];
             through(index, c, &mut { level.memory }, input, rows, halved);
             give(index, rows, level.n_done, n, target);
             n_last = n.div_ceil(2);
         }
+    }
+
+    /// A level, and where rows at half of its rate go.
+    #[inline(always)]
+    fn level(&mut self, index: usize) -> (&mut Level, &mut [Quad]) {
+        let (levels, after) = self.levels.split_at_mut(index + 1);
+        let halved = match after {
+            [next, ..] => &mut next.input[BACK + next.n_waiting..],
+            [] => &mut self.below[..],
+        };
+        (&mut levels[index], halved)
     }
 }
 

@@ -128,14 +128,13 @@ impl Job for Compute<'_> {
             let ranks = Ranks::new(n);
             let mut of_axes = out.as_chunks_mut::<PER_AXIS>().0.iter_mut().zip(energies);
             for axis in (0..n_axes).step_by(TURNS) {
-                for (histogram, (out, energies)) in
-                    tally.finish(signals, band, axis).iter_mut().zip(&mut of_axes)
-                {
+                let histograms = tally.finish(signals, band, axis).iter();
+                for (histogram, (out, energies)) in histograms.zip(&mut of_axes) {
                     let [quantiles @ .., rms] = out;
                     ranks.find(histogram, &design.edges, quantiles);
-                    histogram.clear();
                     *rms = mean_square(energies, n).sqrt() + FLOOR;
                 }
+                tally.undo(signals, band, axis);
             }
         }
         // The inverse sines of all, then the logarithms of sizes in their places, a few signals at a time.

@@ -8,7 +8,9 @@ use super::spectrum::SpectrumWork;
 use super::tally::Tally;
 
 /// Memory for one recording at a time, of the shape that it was made for by
-/// [`MultiBand::workspace`](super::MultiBand::workspace). What it holds never shows in a result.
+/// [`MultiBand::workspace`](super::MultiBand::workspace). It remembers a recording that
+/// [`MultiBand::advance`](super::MultiBand::advance) or [`MultiBand::finish_into`](super::MultiBand::finish_into) work at,
+/// until [`restart`](Self::restart) or a whole recording; nothing else that it holds ever shows in a result.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     /// Samples and axes that it was made for.
@@ -17,25 +19,29 @@ pub struct Workspace {
     pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
     pub(super) coupling: Option<CouplingWork>,
-    pub(super) quantiles: Option<Tally>,
+    pub(super) tally: Option<Tally>,
     pub(super) spectrum: Option<SpectrumWork>,
 }
 
 impl Workspace {
     /// Forgets the recording that went before: the next row is the first one of another.
     pub fn restart(&mut self) {
+        // Before the first block of rows nothing is remembered.
+        if self.bank.n_done() == 0 {
+            return;
+        }
         self.bank.restart();
         if let Some(coupling) = &mut self.coupling {
             coupling.restart();
         }
-        if let Some(tally) = &mut self.quantiles {
+        if let Some(tally) = &mut self.tally {
             tally.restart();
         }
     }
 
     /// Whether there is room for all that a design computes.
     pub(super) fn suits(&self, design: &MultiBand) -> bool {
-        let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
+        let there = [self.coupling.is_some(), self.tally.is_some(), self.spectrum.is_some()];
         let needed = [design.coupling.is_some(), design.quantiles.is_some(), design.spectrum.is_some()];
         self.shape == (design.n_samples(), design.n_axes()) && there.iter().zip(needed).all(|(t, n)| *t || !n)
     }
@@ -71,6 +77,24 @@ mod tests {
             for other in designs.iter().chain([&short]) {
                 assert_eq!(extract(design, other.workspace()), own);
             }
+        }
+    }
+
+    #[test]
+    fn work_is_done_while_rows_arrive_and_never_much_at_a_time() {
+        let (n_samples, n_axes) = (1000, 2);
+        let scales = Scales::unit(n_bands(n_samples), n_axes);
+        let design = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &scales).unwrap();
+        let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
+        let mut work = design.workspace();
+        for n_seen in 1..=n_samples {
+            design.advance(&rows[..n_seen * n_axes], &mut work, 1).unwrap();
+            assert_eq!(work.bank.n_done(), n_seen / 64 * 64);
+        }
+        work.restart();
+        for n_done in [128, 256, 384] {
+            design.advance(&rows, &mut work, 1).unwrap();
+            assert_eq!(work.bank.n_done(), n_done);
         }
     }
 }

@@ -36,7 +36,7 @@ impl Banded {
 
     pub(super) fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let n_taken = self.window.push(rows)?;
-        // Work keeps up with the rows, and catches up slowly where windows share some: a push takes a bounded time.
+        // A bounded time per push: rows that windows share are caught up with by and by.
         if n_taken > 0 && self.window.n_seen() > 0 {
             self.multiband.advance(self.window.rows(), &mut self.work, n_taken)?;
         }
