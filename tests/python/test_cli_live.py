@@ -121,7 +121,17 @@ def test_a_recorded_folder_is_replayed(model, folder):
     out = ended_well(
         "live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model, "-q"
     )
-    assert "SYNTHETIC: 12 answers, 12 right (100 %)" in out
+    assert "SYNTHETIC: 12 answers, 12 right (100 %); the source came to its end" in out
+
+
+def test_a_replay_that_is_over_ends_calmly_unless_nothing_was_answered(model, folder):
+    words = ("live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model)
+    out = ended_well(*words)
+    assert "Ended: the source came to its end" in out
+    assert "Failed" not in out
+    assert "the source came to its end before any push was answered" in refused(
+        *words, "--trigger", "force", "--threshold-n", 1e6
+    )
 
 
 def test_misspelt_materials_are_found_before_the_first_push(tmp_path):

@@ -20,6 +20,7 @@ from granular_id.live import (
 )
 from granular_id.live.replay import ReplaySource
 from granular_id.live.sim_faults import Fault
+from granular_id.live.wording import state_of
 from granular_id.recording import Dataset
 
 MATERIALS = ("rice", "fine sugar")
@@ -268,6 +269,24 @@ def test_pushes_end_with_the_source_unless_more_were_wanted(model, pushes):
         assert (live.n_pushes, live.n_answered) == (2, 2), "the end of the source is no push"
     with opened(replay()) as stream, pytest.raises(CaptureError, match="came to its end"):
         list(LiveIdentifier(stream, model).pushes(3))
+
+
+def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(model, pushes):
+    class Breaking(ReplaySource):
+        def health(self):
+            health = super().health()
+            return replace(health, error="cable", finished=False) if health.finished else health
+
+    for kind, state in ((ReplaySource, "ended"), (Breaking, "failed")):
+        kept = Kept()
+        with opened(kind(Dataset([pushes[0]]), speed=20, pause_s=0.5)) as stream:
+            live = LiveIdentifier(stream, model, views=Views([kept]))
+            if state == "ended":
+                assert len(list(live.pushes())) == 1
+            else:
+                with pytest.raises(CaptureError, match="cable"):
+                    list(live.pushes())
+        assert (kept.snapshots[-1].state, state_of(kept.snapshots[-1])) == (state, state.capitalize())
 
 
 def test_no_machine_moves_unasked():

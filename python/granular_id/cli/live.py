@@ -127,6 +127,7 @@ def live(
             **moving.motion,
             **moving.limits,
         )
+        over = False
         try:
             for push in identifying.pushes(n):
                 if answers is not None:
@@ -134,13 +135,16 @@ def live(
                     answers.flush()
                 if quiet:
                     console.print(_line(push), soft_wrap=True, markup=False)
+            over = n is None
+            if over and not identifying.n_answered:
+                raise ValueError("the source came to its end before any push was answered")
         except CaptureError as error:
             raise ValueError(str(error)) from error
         except KeyboardInterrupt:  # how a session without --n ends: the tally says all
             raise typer.Exit(INTERRUPTED) from None
         finally:
             views.close()
-            _sum_up(console, identifying, views)
+            _sum_up(console, identifying, views, over=over)
 
 
 live.__doc__ = TEXT
@@ -190,7 +194,7 @@ def _line(push: Push) -> str:
     return f"{push.decision}{verdict}"
 
 
-def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None:
+def _sum_up(console: Console, identifying: LiveIdentifier, views: Views, *, over: bool) -> None:
     for complaint in views.complaints:
         console.print(f"a view ended: {complaint}", style="yellow", soft_wrap=True, markup=False)
     n, failed = identifying.n_answered, identifying.n_pushes - identifying.n_answered
@@ -202,4 +206,5 @@ def _sum_up(console: Console, identifying: LiveIdentifier, views: Views) -> None
     synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
     lost = f"; {failed} could not be captured" if failed else ""
     refused = f"; {identifying.n_unknown} like no known material" if identifying.n_unknown else ""
-    console.print(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}", soft_wrap=True)
+    end = "; the source came to its end" if over else ""
+    console.print(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}{end}", soft_wrap=True)

@@ -239,7 +239,9 @@ class LiveIdentifier:
             self.knows_truth |= truth is not None
             self.n_right += bool(push.is_right)
             self.n_unknown += bool(push.decision.unknown)
-        self._show(capture, push.decision, hint=push.text, state="failed" if failed else "complete")
+        # A replay that is over is no failure: there was no push.
+        state = "ended" if self._at_end(push) else "failed" if failed else "complete"
+        self._show(capture, push.decision, hint=push.text, state=state)
         return push
 
     def _show(

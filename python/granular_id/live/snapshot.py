@@ -44,7 +44,8 @@ class Snapshot:
     Parameters
     ----------
     state : str
-        State of the capture in lower case: idle, arming, armed, triggered, complete or failed.
+        State of the capture in lower case: idle, arming, armed, triggered, complete or failed; ended after the
+        last row of a replay.
     time_s : float or None
         Device time of the newest row; None before the first.
     hint : str

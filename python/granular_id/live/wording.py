@@ -35,6 +35,7 @@ _STATES = {
     "triggered": "Listening",
     "complete": "Done",
     "failed": "Failed",
+    "ended": "Ended",
 }
 
 _COUNTERS = {
@@ -113,6 +114,8 @@ def answer_of(snapshot: Snapshot) -> Answer:
     hint = printable(snapshot.hint)
     if snapshot.state == "failed":
         return Answer("failed", "no answer", "the capture failed", hint)
+    if snapshot.state == "ended":
+        return Answer("none", "no more pushes", hint, "")
     decision = snapshot.decision
     if decision is None:
         return Answer("none", "no answer yet", hint or state_of(snapshot).lower(), "")
