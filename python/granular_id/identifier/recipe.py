@@ -30,7 +30,7 @@ GROWING = ("raw", "hfmh", "raw+hfmh")
 """Feature spaces of which scores grow with each sample: a linear score of samples and counts, nothing else."""
 
 BANDED = ("best", "multiband")
-"""Those of multi-band features, which are computed anew when an answer is asked for."""
+"""Those of multi-band features, most of the work on which waits until an answer is asked for."""
 
 SPACES = (*BANDED, *GROWING)
 """Those of `granular_id.spaces.feature_spaces` that can be computed while samples arrive."""

@@ -42,9 +42,9 @@ class StreamingIdentifier:
 
     Notes
     -----
-    `push` takes under a microsecond per sample and `decision` some ten, with multi-band features some hundred: allocate
-    the object once, and `reset` it for each push of the robot. It may be used from several threads; calls take their
-    turn.
+    `push` takes under a microsecond per sample, with multi-band features little for most and some ten microseconds for
+    every 64th; `decision` some ten, with multi-band features some hundred. Allocate the object once, and `reset` it for
+    each push of the robot. It may be used from several threads; calls take their turn.
 
     Examples
     --------

@@ -108,7 +108,7 @@ class LiveIdentifier:
         self._reader = stream.buffer.reader(from_oldest=True)
         self._answer = StreamingIdentifier(model)
         self._n_looks = self._n_moments = 0
-        # Multi-band features are computed anew for each answer, others have grown with the rows.
+        # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
         self._always = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()

@@ -39,7 +39,7 @@ use crate::stream::StreamingIdentifier;
 /// -----
 /// Scores of a complete window are those of `Model.scores`, bit for bit. Before, samples that have not arrived count as
 /// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are
-/// those of the rows so far, computed when an answer is asked for.
+/// those of the rows so far, taken as the beginning of a recording.
 ///
 /// All memory is allocated by the constructor. One object may be used from several threads: calls take their turn.
 ///
