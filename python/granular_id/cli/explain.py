@@ -123,7 +123,7 @@ def _explained(
     model = _trained(data, X, y, np.flatnonzero(trains), space, cost)
     chosen = Chosen.of(model[-1])
     said = f"trained on {trains.sum()} of {len(y)} recordings{'' if chosen is None else f'; {chosen.words}'}"
-    return explain_pair(model, first, second, X[~trains], y[~trains]), said
+    return explain_pair(model, first, second, X[~trains], y[~trains], axes=data.axes), said
 
 
 def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:

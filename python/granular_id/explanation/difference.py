@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from sklearn.utils.validation import column_or_1d
 
 from granular_id.explanation.bands import BandExplanation
+from granular_id.explanation.naming import named
 from granular_id.explanation.pairs import pair_factors
 from granular_id.explanation.result import ExplainedBlock, Explanation
 from granular_id.explanation.steps import chain_of
@@ -19,7 +21,13 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def explain(
-    model: Any, first: Any, second: Any, X: npt.ArrayLike, y: npt.ArrayLike | None = None
+    model: Any,
+    first: Any,
+    second: Any,
+    X: npt.ArrayLike,
+    y: npt.ArrayLike | None = None,
+    *,
+    axes: Sequence[str] | None = None,
 ) -> Explanation:
     """Say which instants, axes and bins decide between two materials.
 
@@ -41,6 +49,8 @@ def explain(
         what decides; those it was trained on, what it has learned.
     y : array-like, shape (n,), optional
         Material of each recording. Without it they count for what the model names them.
+    axes : sequence of C str, optional
+        Names of the axes, as in `Dataset.axes`. Default: fx, fy, fz, tx, ty, tz for six, numbers for others.
 
     Returns
     -------
@@ -53,7 +63,8 @@ def explain(
     TypeError
         A model that is no such pipeline, or whose learners are not linear.
     ValueError
-        An unknown label, twice the same, no recording of one of the two, or `X` of another shape than in fit.
+        An unknown label, twice the same, no recording of one of the two, `X` of another shape than in fit, or
+        names of another number of axes.
     NotFittedError
         A model that is not fitted.
 
@@ -90,6 +101,8 @@ def explain(
     if pair[0] == pair[1]:
         raise ValueError(f"first and second must be two materials, got {first!r} twice")
     recordings = _recordings(X)
+    if axes is not None:
+        chain = named(chain, axes, recordings.shape[2] if recordings.ndim == 3 else 1)
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
     decoding = getattr(chain.classifier, "decoding", "loss_weighted")

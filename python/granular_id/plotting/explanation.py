@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._core import AXES
 from granular_id.evaluation.thinning import window_starts
 from granular_id.plotting.band_explanation import draw_band_explanation
 from granular_id.plotting.style import (
@@ -135,7 +134,7 @@ def _drawn(explanation: Explanation) -> Figure:
 def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
     """Draw the contributions of each axis, and return the line of each."""
     block = parts[0].block
-    lines = {}
+    lines: dict[str, Any] = {}
     reach = 0.0
     for part in parts:
         coordinates, contributions = part.block.coordinates, part.contributions
@@ -151,7 +150,7 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
         reach = max(reach, _used(coordinates, contributions))
         for axis, values in zip(part.block.axes, contributions, strict=True):
             style = {"linewidth": 1.1, "drawstyle": "steps-mid"}
-            (lines[axis],) = panel.plot(coordinates, values, **_line_of(axis), **style)
+            (lines[axis],) = panel.plot(coordinates, values, **axis_line(axis, len(lines)), **style)
     panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     panel.margins(x=0)
     if block.kind == "magnitude" and reach > 0:  # most bins of a wide range stay empty
@@ -163,7 +162,7 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
 
 
 def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
-    share_bars(panel, shares, [_line_of(axis)["color"] for axis in shares], digits)
+    share_bars(panel, shares, [axis_line(axis, place)["color"] for place, axis in enumerate(shares)], digits)
     panel.margins(x=0.2)
     panel.spines["left"].set_visible(False)
 
@@ -180,8 +179,3 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
         return "bin, share of the range of its axis"
     what = {"time": "time", "magnitude": "bin", "frequency": "frequency"}.get(kind, kind)
     return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
-
-
-def _line_of(axis: str) -> dict[str, Any]:
-    """Axes that are no wrench are called axis0, axis1 ... by the spaces."""
-    return axis_line(axis, 0 if axis in AXES else int(axis.removeprefix("axis")))
