@@ -72,7 +72,7 @@ def test_bad_data(data):
     with pytest.raises(ValueError, match=r"class 'rice' has 1 recording; the chronological protocol"):
         evaluate(cut(data, rice=1), "raw", "chronological", **SMALL)
     nameless = Dataset([*data, Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")])
-    with pytest.raises(ValueError, match="have no label, the first is 'lost'"):
+    with pytest.raises(ValueError, match="has no label, the first is 'lost'"):
         evaluate(nameless, "raw", **SMALL)
     longer = Dataset([*data, Recording(np.zeros((81, 6)), rate_hz=500.0, label="oat", name="long")])
     with pytest.raises(ValueError, match=r"differ in length \(80 to 81 samples\)"):

@@ -199,7 +199,7 @@ def test_the_strictest_protocol_and_why_no_stricter_one():
     assert protocol is None
     assert why.startswith("session protocol left out: no recording says")
     assert "chronological protocol left out: recording 'rice_1' has no start time" in why
-    with pytest.raises(ValueError, match="have no label, the first is 'lost'"):
+    with pytest.raises(ValueError, match="has no label, the first is 'lost'"):
         strictest(Dataset([*make_data(n=4), Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")]))
 
 

@@ -84,7 +84,7 @@ def test_longer_ones_begin_at_the_first_sample_where_the_training_did():
             model(),
             r"'r12' has 12 samples \(0.12 s\), the model takes 20 \(0.2 s\); 1 of 2",
         ),
-        ([recording(30)], model(), r"have no trigger_index: 'r30'; call .find_onsets\(\)"),
+        ([recording(30)], model(), r"has no trigger_index: 'r30'; call .find_onsets\(\)"),
         (
             [recording(30, 9)],
             model(lead_s=None),
