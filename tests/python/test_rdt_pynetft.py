@@ -33,7 +33,9 @@ def theirs(faults=None, **options):
             sent = len(box.send_stamps)
             until(lambda: (h := client.health()).received_count + h.malformed_count >= sent)
             until(lambda: len(samples) >= client.health().delivered_count)
-            health = client.health()
+        health = (
+            client.health()
+        )  # a record is received before it is delivered: counts agree when its thread has ended
         until(lambda: box.requests[-1][2:4] == b"\0\0")
     return samples, health, box
 

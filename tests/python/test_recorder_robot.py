@@ -147,7 +147,7 @@ def test_a_robot_that_cannot_be_stopped_is_the_first_thing_to_know(tmp_path):
     with opened(source) as stream:
         recorder = Recorder(stream, Deaf(source), tmp_path / "data", **SHORT)
         with pytest.raises(
-            CaptureError, match=r"could not be stopped: OSError: no connection \(it was to stop: 1 samples"
+            CaptureError, match=r"could not be stopped: OSError: no connection \(it was to stop: 1 sample "
         ) as raised:
             recorder.record("rice")
     assert raised.value.reason is FailureReason.ROBOT

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular_id._words import counted
 from granular_id.cli.reading import loaded
 
 if TYPE_CHECKING:
@@ -56,9 +55,7 @@ def _load(path: Path, settings: Mapping[str, Any], *, quiet: bool) -> Dataset:
     read = [_read(file, settings, rows) for file in unlabelled]
     parts = [part for part in read if part is not None]
     if not parts:
-        raise ValueError(
-            f"{path}: none of {counted(len(rows), 'file')} could be read; the first: {rows[0]['skipped']}"
-        )
+        raise ValueError(f"{path}: none of {len(rows)} files could be read; the first: {rows[0]['skipped']}")
     report = StepReport("load", {"format": "files without labels"}, {"recordings": len(parts)}, rows)
     return Dataset([recording for part in parts for recording in part], [report])
 
