@@ -52,7 +52,9 @@ KINDS = {
 
 @pytest.mark.parametrize("axis", [0, 1, -1, -2])
 @pytest.mark.parametrize("kind", KINDS)
-def test_any_memory_layout_and_type(kind, axis):
+def test_any_memory_layout_and_type(kind, axis, monkeypatch):
+    # scipy solves for the steady state with LAPACK, which fuses products and sums on some processors and not on others.
+    monkeypatch.setattr("scipy.signal._signaltools.sosfilt_zi", sosfilt_zi)
     x = KINDS[kind](X)
     before = np.array(x).tobytes()
     plain = np.array(x, np.float64, order="C")

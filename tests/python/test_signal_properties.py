@@ -113,7 +113,9 @@ def test_sosfiltfilt_equals_scipy(design, signal, padtype, padlen):
 @settings(max_examples=100, deadline=None)
 def test_sosfilt_zi_equals_scipy(order, edge):
     sos = scipy_signal.butter(order, edge, output="sos")
-    np.testing.assert_allclose(sosfilt_zi(sos), scipy_signal.sosfilt_zi(sos), rtol=1e-9, atol=0)
+    wanted = scipy_signal.sosfilt_zi(sos)
+    # A state may be zero but for rounding, which differs between processors.
+    np.testing.assert_allclose(sosfilt_zi(sos), wanted, rtol=1e-9, atol=1e-15 * np.abs(wanted).max())
 
 
 @given(designs(), st.integers(1, 200), st.lists(st.integers(0, 200), max_size=6), st.integers(1, 9))
