@@ -22,6 +22,7 @@ __all__ = [
     "Model",
     "ModelFileError",
     "MultiBandExtractor",
+    "NearestMean",
     "NumberTableError",
     "RdtReceiver",
     "StreamingExtractor",
@@ -257,6 +258,13 @@ class Model:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
+
+@final
+class NearestMean:
+    def __new__(cls, means: ArrayLike, whitener: ArrayLike, *, of_pairs: bool = False) -> Self: ...
+    def distances(self, scores: ArrayLike, name: str = "scores") -> _Floats: ...
+    @property
+    def width(self) -> int: ...
 
 @final
 class MultiBandExtractor:

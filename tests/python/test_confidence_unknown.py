@@ -1,8 +1,10 @@
 """Refusal of unknown materials: against twins, and the share of known ones that is asked for."""
 
+import copy
 import json
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +13,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
+from granular_id._core import NearestMean
 from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
 from granular_id.confidence.open_set import area_under_roc, false_positives
 from granular_id.confidence.rows import rows_of
-from granular_id.confidence.unknown import STRANGENESS, hinge_values
+from granular_id.confidence.unknown import STRANGENESS
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import onevsone
 from granular_id.ecoc.decoding import decode
@@ -178,13 +181,44 @@ def test_the_loss_that_decides_has_no_say_in_the_distance_under_the_hinge():
 
 
 @pytest.mark.parametrize("n_classes", [2, 3, 11])
-def test_class_values_of_pairs_are_those_that_the_hinge_decodes(n_classes):
+def test_distances_of_pairs_are_those_of_what_the_hinge_decodes(n_classes):
     coding = onevsone(n_classes)
-    scores = np.random.default_rng(n_classes).normal(scale=2.0, size=(50, coding.shape[1]))
-    wanted = decode(scores, coding, "hinge")
-    slack = 4e-15 * np.abs(wanted).max()
-    assert np.abs(hinge_values(scores, n_classes) - wanted).max() <= slack
-    assert np.abs(hinge_values(scores[0], n_classes) - wanted[0]).max() <= slack
+    rng = np.random.default_rng(n_classes)
+    scores = rng.normal(scale=2.0, size=(50, coding.shape[1]))
+    means, whitener = rng.normal(size=(n_classes, n_classes)), rng.normal(size=(n_classes, n_classes))
+    differences = (decode(scores, coding, "hinge")[:, None] - means) @ whitener
+    wanted = np.sqrt((differences**2).sum(axis=2).min(axis=1))
+    nearest = NearestMean(means, whitener, of_pairs=True)
+    np.testing.assert_allclose(nearest.distances(scores), wanted, rtol=1e-12)
+    assert [float(nearest.distances(row)[0]) for row in scores] == nearest.distances(scores).tolist()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: NearestMean(np.ones((2, 3)), np.eye(2)), r"must fit.*shapes \(2, 3\) and \(2, 2\)"),
+        (lambda: NearestMean(np.ones((0, 2)), np.eye(2)), "K and S at least 1"),
+        (lambda: NearestMean(np.full((2, 2), np.nan), np.eye(2)), "means must be finite"),
+        (lambda: NearestMean(np.eye(2), np.full((2, 2), np.inf)), "whitener must be finite"),
+        (lambda: NearestMean(np.eye(2), np.eye(2)).distances(np.ones(3)), r"scores must have shape \(2,\)"),
+        (lambda: NearestMean(np.eye(2), np.eye(2)).distances([1, np.nan], "binary"), "binary must be finite"),
+    ],
+)
+def test_nearest_mean_refuses(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+@pytest.mark.parametrize("kind", STRANGENESS)
+def test_rules_are_pickled_and_copied(kind):
+    crossed = held_out_scores(ECOCClassifier(), rows_of(*clouds()))
+    rule = unknown_rule(crossed, kind=kind)
+    scores = crossed.scores
+    for other in (pickle.loads(pickle.dumps(rule)), copy.deepcopy(rule)):
+        assert other == rule
+        assert (
+            other.strangeness(scores.values, scores.binary) == rule.strangeness(scores.values, scores.binary)
+        ).all()
 
 
 def test_models_without_a_limit_are_counted_and_not_drawn():
@@ -253,9 +287,8 @@ GOOD = UnknownRule(
     ],
 )
 def test_a_rule_that_cannot_be(change, message):
-    fields = {name: getattr(GOOD, name) for name in GOOD.__dataclass_fields__ if name != "_arrays"}
     with pytest.raises(ValueError, match=message):
-        UnknownRule(**{**fields, **change})
+        replace(GOOD, **change)
 
 
 @pytest.mark.parametrize(

@@ -11,17 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from granular_id import _core
 from granular_id.confidence._stored import Reader
 from granular_id.ecoc.codings import onevsone
 
-__all__ = ["STRANGENESS", "UnknownRule", "hinge_values", "is_of_pairs", "uses_learners"]
+__all__ = ["STRANGENESS", "UnknownRule", "is_of_pairs", "uses_learners"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -89,6 +89,7 @@ class UnknownRule:
     whitener: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
     coding: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
     _arrays: dict[str, FloatArray] = field(init=False, repr=False, compare=False)
+    _nearest: _core.NearestMean | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
@@ -113,17 +114,20 @@ class UnknownRule:
                 raise ValueError(f"{name} must {'be given' if wanted else 'be empty'} for kind {self.kind!r}")
             if wanted:
                 arrays[name] = _matrix(name, rows, None if name == "whitener" else n_classes)
+        nearest = None
         if self.kind in _OF_DISTANCE:
             size = arrays["means"].shape[1]
             if arrays["whitener"].shape != (size, size):
                 raise ValueError(f"whitener must have shape ({size}, {size}), got {arrays['whitener'].shape}")
             if self.kind in _OF_CLASSES and size != n_classes:
                 raise ValueError(f"means must have {n_classes} values a class, got {size}")
-            # A distance to a mean is then one product, and differences from K rows.
-            arrays["white_means"] = arrays["means"] @ arrays["whitener"]
+            nearest = _core.NearestMean(
+                arrays["means"], arrays["whitener"], of_pairs=self.kind == "hinge_distance"
+            )
         if self.kind == "learners" and not ((arrays["coding"] != 0).any(axis=1).all()):
             raise ValueError("coding must show each class to at least one learner")
         object.__setattr__(self, "_arrays", arrays)
+        object.__setattr__(self, "_nearest", nearest)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -156,34 +160,28 @@ class UnknownRule:
             Another shape than the rule knows, or scores of learners that are missing.
         """
         given = _scores("values", values, len(self.classes))
-        arrays = self._arrays
         if self.kind == "value":
             return np.asarray(-given.max(axis=-1))
         if self.kind == "margin":
             two = np.partition(given, -2, axis=-1)
             return np.asarray(two[..., -2] - two[..., -1])
-        if self.kind == "value_distance":
-            return _distance(given @ arrays["whitener"], arrays["white_means"])
+        if self.kind not in _OF_LEARNERS:
+            return self._distance("values", given)
         if binary is None:
             raise ValueError(f"binary must hold the scores of the learners for kind {self.kind!r}, got None")
-        n_classes = len(self.classes)
-        width = (
-            n_classes * (n_classes - 1) // 2
-            if self.kind == "hinge_distance"
-            else (arrays["coding"] if self.kind == "learners" else arrays["means"]).shape[1]
-        )
-        of_learners = _scores("binary", binary, width)
-        if of_learners.shape[:-1] != given.shape[:-1]:
-            raise ValueError(
-                f"values and binary must hold the same rows, got shapes {given.shape} and {of_learners.shape}"
-            )
-        if self.kind == "hinge_distance":
-            values_of_pairs = hinge_values(of_learners, n_classes)
-            return _distance(values_of_pairs @ arrays["whitener"], arrays["white_means"])
-        if self.kind == "learner_distance":
-            return _distance(of_learners @ arrays["whitener"], arrays["white_means"])
-        sides = arrays["coding"][given.argmax(axis=-1)]
-        return np.asarray(-np.where(sides == 0, np.inf, sides * of_learners).min(axis=-1))
+        if self.kind == "learners":
+            of_learners = _scores("binary", binary, self._arrays["coding"].shape[1])
+            _check_rows(given, of_learners)
+            sides = self._arrays["coding"][given.argmax(axis=-1)]
+            return np.asarray(-np.where(sides == 0, np.inf, sides * of_learners).min(axis=-1))
+        _check_rows(given, binary)
+        return self._distance("binary", binary)
+
+    def _distance(self, name: str, scores: npt.ArrayLike) -> FloatArray:
+        """Distance () or (n,) of scores (S,) or (n, S) to the nearest class."""
+        assert self._nearest is not None
+        distances = self._nearest.distances(scores, name)
+        return distances if np.ndim(scores) > 1 else distances.reshape(())
 
     def knows(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> Any:
         """Whether rows are of a known material: a bool, or an array (n,) of them; see `strangeness`."""
@@ -197,6 +195,9 @@ class UnknownRule:
         if self.kind == "learners":
             return np.array_equal(coding, self._arrays["coding"])
         return self.kind != "learner_distance" or coding.shape[1] == self._arrays["means"].shape[1]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self).from_dict, (self.to_dict(),)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rule in types that JSON knows; an infinite threshold becomes None."""
@@ -236,31 +237,6 @@ class UnknownRule:
         return rule
 
 
-def hinge_values(binary: FloatArray, n_classes: int) -> FloatArray:
-    """Class values (..., K) under the hinge, from the scores (..., L) of one learner for each pair.
-
-    They are those of `granular_id.ecoc.decoding.decode`, without its checks, which take most of the time of a single
-    row.
-
-    Examples
-    --------
-    >>> hinge_values(np.array([2.0, 0.5, -1.0]), 3).tolist()
-    [-0.125, -1.25, -0.375]
-    """
-    losses = np.maximum(0.0, np.concatenate((1.0 - binary, 1.0 + binary), axis=-1))
-    values: FloatArray = losses @ _sides_of_pairs(n_classes) / (2.0 - 2.0 * n_classes)
-    return values
-
-
-@lru_cache(maxsize=4)
-def _sides_of_pairs(n_classes: int) -> FloatArray:
-    """Which losses count for which of K classes (2 L, K), 0 or 1: of the L pairs with code +1, then with -1."""
-    coding = onevsone(n_classes).T
-    sides = np.concatenate((coding > 0, coding < 0)).astype(np.float64)
-    sides.flags.writeable = False  # all who ask share it
-    return sides
-
-
 def is_of_pairs(coding: npt.NDArray[np.int8]) -> bool:
     """Whether a coding matrix (K, L) has one learner for each pair of classes, in their order."""
     return np.array_equal(coding, onevsone(len(coding)))
@@ -271,11 +247,11 @@ def uses_learners(kind: str) -> bool:
     return kind in _OF_LEARNERS
 
 
-def _distance(white: FloatArray, white_means: FloatArray) -> FloatArray:
-    """Distance (...) of whitened scores (..., S) to the nearest of K whitened means."""
-    differences = white[..., None, :] - white_means
-    squares = np.einsum("...s,...s->...", differences, differences)
-    return np.asarray(np.sqrt(squares.min(axis=-1)))
+def _check_rows(values: FloatArray, binary: npt.ArrayLike) -> None:
+    if np.shape(binary)[:-1] != values.shape[:-1]:
+        raise ValueError(
+            f"values and binary must hold the same rows, got shapes {values.shape} and {np.shape(binary)}"
+        )
 
 
 def _scores(name: str, values: npt.ArrayLike, width: int) -> FloatArray:

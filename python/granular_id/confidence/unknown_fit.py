@@ -11,7 +11,9 @@ from sklearn.covariance import ledoit_wolf
 
 from granular_id.confidence.conformal_fit import conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
-from granular_id.confidence.unknown import STRANGENESS, UnknownRule, hinge_values, is_of_pairs, uses_learners
+from granular_id.confidence.unknown import STRANGENESS, UnknownRule, is_of_pairs, uses_learners
+from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc.decoding import decode
 
 __all__ = ["available_kinds", "unknown_rule"]
 
@@ -81,7 +83,7 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
         )
     own = values if kind == "value_distance" else None
     if binary is not None and kind in ("hinge_distance", "learner_distance"):
-        own = binary if kind == "learner_distance" else hinge_values(binary, len(scored.classes))
+        own = binary if kind == "learner_distance" else decode(binary, onevsone(len(scored.classes)))
     parts: dict[str, Any] = {}
     if own is not None:
         parts = _distances(own, scored.truth)

@@ -2,6 +2,7 @@
 
 mod answers;
 mod errors;
+mod nearest;
 mod parts;
 
 use std::path::PathBuf;
@@ -18,6 +19,7 @@ use crate::model::{Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX
 use crate::Model;
 pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
+pub(super) use nearest::PyNearestMean;
 use parts::{labels, notes, Borrowed, Spec};
 
 /// Samples of the paper's recordings.

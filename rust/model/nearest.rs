@@ -1,0 +1,173 @@
+//! How far the scores of a recording lie from those of the nearest class.
+//!
+//! The Mahalanobis distance of Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples and
+//! adversarial attacks" (2018): the covariance within classes makes all directions alike first.
+
+use super::loss::Loss;
+use crate::error::{Error, Result};
+
+/// Means of some classes, and the matrix that makes the covariance within them the unit matrix.
+///
+/// ```
+/// use granular_id::model::NearestMean;
+///
+/// let nearest = NearestMean::new(&[0.0, 0.0, 3.0, 4.0], &[1.0, 0.0, 0.0, 2.0])?;
+/// assert_eq!(nearest.distances(&[3.0, 3.0, 1.0, 0.0])?, [2.0, 1.0]);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct NearestMean {
+    /// Row by row.
+    whitener: Vec<f64>,
+    /// Products of the means with the whitener, one after the other.
+    means: Vec<f64>,
+    n_values: usize,
+    /// Whether the values of a recording are made of scores, one for each pair of them.
+    of_pairs: bool,
+}
+
+impl NearestMean {
+    /// For recordings of S values each.
+    ///
+    /// # Arguments
+    /// - `means`: S numbers of one class after the other.
+    /// - `whitener`: S x S; the product of a mean with it is a mean of whitened values.
+    ///
+    /// # Errors
+    /// [`Error::Length`]: a whitener that is not square, means that are not whole.
+    pub fn new(means: &[f64], whitener: &[f64]) -> Result<Self> {
+        let n_values = whitener.len().isqrt();
+        if n_values == 0 || n_values * n_values != whitener.len() {
+            return Err(Error::Length {
+                what: "whitener",
+                expected: n_values.max(1).pow(2),
+                got: whitener.len(),
+            });
+        }
+        let n_classes = (means.len() / n_values).max(1);
+        if n_classes * n_values != means.len() {
+            return Err(Error::Length { what: "means", expected: n_classes * n_values, got: means.len() });
+        }
+        let mut white = vec![0.0; means.len()];
+        for (mean, white) in means.chunks_exact(n_values).zip(white.chunks_exact_mut(n_values)) {
+            whiten(whitener, mean, white);
+        }
+        Ok(Self { whitener: whitener.to_vec(), means: white, n_values, of_pairs: false })
+    }
+
+    /// For class values that are made of the scores of one learner for each pair of S classes: minus their mean losses
+    /// under the hinge.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_pairs(means: &[f64], whitener: &[f64]) -> Result<Self> {
+        Ok(Self { of_pairs: true, ..Self::new(means, whitener)? })
+    }
+
+    /// Numbers of one recording.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        if self.of_pairs {
+            self.n_values * (self.n_values - 1) / 2
+        } else {
+            self.n_values
+        }
+    }
+
+    /// Distance of each recording to the nearest mean. Every recording has the same bits alone and among others.
+    ///
+    /// # Errors
+    /// [`Error::Length`]: not [`width`](Self::width) numbers for each; [`Error::Score`]: one that is not finite.
+    pub fn distances(&self, scores: &[f64]) -> Result<Vec<f64>> {
+        // Of two classes that no pair tells apart there is nothing to measure.
+        let width = self.width().max(1);
+        if !scores.len().is_multiple_of(width) {
+            let expected = scores.len().next_multiple_of(width);
+            return Err(Error::Length { what: "scores", expected, got: scores.len() });
+        }
+        if let Some(index) = scores.iter().position(|score| !score.is_finite()) {
+            let (recording, learner) = (index / width, index % width);
+            return Err(Error::Score { recording, learner, value: scores[index] });
+        }
+        let mut values = vec![0.0; self.n_values];
+        let mut white = values.clone();
+        let one = |scores: &[f64]| {
+            if self.of_pairs {
+                hinge_values(scores, &mut values);
+                whiten(&self.whitener, &values, &mut white);
+            } else {
+                whiten(&self.whitener, scores, &mut white);
+            }
+            let squares = self
+                .means
+                .chunks_exact(self.n_values)
+                .map(|mean| white.iter().zip(mean).fold(0.0, |sum, (x, mean)| sum + (x - mean) * (x - mean)));
+            squares.fold(f64::INFINITY, f64::min).sqrt()
+        };
+        Ok(scores.chunks_exact(width).map(one).collect())
+    }
+}
+
+/// Values times a matrix.
+fn whiten(matrix: &[f64], values: &[f64], out: &mut [f64]) {
+    out.fill(0.0);
+    for (value, row) in values.iter().zip(matrix.chunks_exact(out.len())) {
+        for (sum, factor) in out.iter_mut().zip(row) {
+            *sum += value * factor;
+        }
+    }
+}
+
+/// Minus the mean losses of classes under the hinge: of the pair `i < j` a positive score speaks for `i`.
+fn hinge_values(scores: &[f64], values: &mut [f64]) {
+    values.fill(0.0);
+    let n_classes = values.len();
+    let pairs = (0..n_classes).flat_map(|i| (i + 1..n_classes).map(move |j| (i, j)));
+    for ((i, j), score) in pairs.zip(scores) {
+        values[i] -= Loss::Hinge.of_agreement(*score);
+        values[j] -= Loss::Hinge.of_agreement(-score);
+    }
+    let n_others = (n_classes as f64 - 1.0).max(1.0);
+    for value in values {
+        *value /= n_others;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const UNIT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+    #[test]
+    fn pairs_become_class_values() {
+        // Those of the decoding of [2, 1/2, -1] under the hinge.
+        let nearest = NearestMean::of_pairs(&[-0.125, -1.25, -0.375, 9.0, 9.0, 9.0], &UNIT).unwrap();
+        assert_eq!(nearest.width(), 3);
+        assert_eq!(nearest.distances(&[2.0, 0.5, -1.0]).unwrap(), [0.0]);
+    }
+
+    #[test]
+    fn a_recording_among_others_is_the_same() {
+        let nearest = NearestMean::new(&[0.3, -0.7, 1.1, 0.9, 0.2, -0.4], &UNIT).unwrap();
+        let scores: Vec<f64> = (0..30).map(|i| (0.7 * f64::from(i)).sin()).collect();
+        let together = nearest.distances(&scores).unwrap();
+        let alone = scores.chunks_exact(3).flat_map(|one| nearest.distances(one).unwrap());
+        assert_eq!(together, alone.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let got = |means: &[f64], whitener: &[f64]| NearestMean::new(means, whitener).unwrap_err();
+        assert_eq!(got(&[1.0], &[]), Error::Length { what: "whitener", expected: 1, got: 0 });
+        assert_eq!(got(&[1.0], &[1.0; 3]), Error::Length { what: "whitener", expected: 1, got: 3 });
+        assert_eq!(got(&[], &[1.0; 4]), Error::Length { what: "means", expected: 2, got: 0 });
+        assert_eq!(got(&[1.0; 5], &[1.0; 4]), Error::Length { what: "means", expected: 4, got: 5 });
+        let nearest = NearestMean::new(&[0.0; 3], &UNIT).unwrap();
+        let error = Error::Length { what: "scores", expected: 6, got: 4 };
+        assert_eq!(nearest.distances(&[0.0; 4]), Err(error));
+        let error = nearest.distances(&[0.0, 0.0, 0.0, 1.0, f64::INFINITY, 0.0]).unwrap_err();
+        assert_eq!(error, Error::Score { recording: 1, learner: 1, value: f64::INFINITY });
+        assert_eq!(NearestMean::of_pairs(&[1.0], &[1.0]).unwrap().distances(&[]), Ok(Vec::new()));
+    }
+}
