@@ -25,6 +25,7 @@ macro_rules! each_vector {
 
 mod cascade;
 mod count;
+mod pack;
 mod path;
 mod quad;
 mod transpose;
@@ -35,9 +36,10 @@ mod x86_quad;
 
 pub(crate) use cascade::Cascade;
 pub(crate) use count::{LaneBins, Tally};
+pub(crate) use pack::{Mask, Pack};
 pub use path::Path;
 pub(crate) use path::{Isa, Job};
-pub(crate) use quad::{Plain, Quad};
+pub(crate) use quad::Quad;
 pub(crate) use transpose::{pack, unpack, Raw};
 
 /// Channels per vector.

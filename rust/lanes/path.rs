@@ -3,7 +3,8 @@
 use std::sync::OnceLock;
 
 use super::count::{Cells, LaneBins};
-use super::quad::{Plain, Quad};
+use super::pack::Pack;
+use super::quad::Quad;
 use super::{transpose, Row, BLOCK};
 
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
@@ -131,5 +132,5 @@ pub(crate) trait Isa {
 pub(crate) struct Portable;
 
 impl Isa for Portable {
-    type Quad = Plain;
+    type Quad = Pack<4>;
 }

@@ -2,6 +2,8 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use super::pack::Pack;
+
 /// Four numbers as the machine holds them. A compiler makes vectors of plain arrays as long as little else goes on; of a
 /// whole Fourier transform it makes halves and single numbers. Every operation rounds each lane by itself, so that all
 /// instruction sets give the same bits.
@@ -25,29 +27,15 @@ pub(crate) trait Quad:
     fn transposed(rows: [Self; 4]) -> [Self; 4];
 }
 
-/// Plain loops.
-#[derive(Clone, Copy)]
-pub(crate) struct Plain([f64; 4]);
-
-impl Plain {
-    #[inline(always)]
-    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        let (Self([a, b, c, d]), Self([e, g, h, i])) = (self, other);
-        Self([f(a, e), f(b, g), f(c, h), f(d, i)])
-    }
-}
-
-impl Quad for Plain {
+impl Quad for Pack<4> {
     #[inline(always)]
     fn splat(x: f64) -> Self {
-        Self([x; 4])
+        Self::splat(x)
     }
 
     #[inline(always)]
     fn load(from: &[f64]) -> Self {
-        let mut out = [0.0; 4];
-        out.copy_from_slice(&from[..4]);
-        Self(out)
+        Self::load(from)
     }
 
     #[inline(always)]
@@ -57,7 +45,7 @@ impl Quad for Plain {
 
     #[inline(always)]
     fn sqrt(self) -> Self {
-        Self(self.0.map(f64::sqrt))
+        self.sqrt()
     }
 
     #[inline(always)]
@@ -85,45 +73,5 @@ impl Quad for Plain {
     #[inline(always)]
     fn transposed(rows: [Self; 4]) -> [Self; 4] {
         std::array::from_fn(|column| Self(rows.map(|row| row.0[column])))
-    }
-}
-
-impl Add for Plain {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.with(other, |a, b| a + b)
-    }
-}
-
-impl Sub for Plain {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.with(other, |a, b| a - b)
-    }
-}
-
-impl Mul for Plain {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.with(other, |a, b| a * b)
-    }
-}
-
-impl Div for Plain {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        self.with(other, |a, b| a / b)
-    }
-}
-
-impl Neg for Plain {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(self.0.map(|a| -a))
     }
 }

@@ -3,8 +3,7 @@
 use std::ops::Range;
 
 use super::band_signals::BandSignals;
-use super::pack::Pack;
-use crate::lanes::Quad;
+use crate::lanes::{Pack, Quad};
 
 /// Stretches of time, as equal as whole samples allow.
 pub(super) const STRETCHES: usize = 4;
@@ -83,14 +82,14 @@ fn sums_of_squares<V: Quad>([a, b, c]: [&[f64]; SIGNALS]) -> [f64; SIGNALS] {
 mod tests {
     use super::super::signals::Signals;
     use super::*;
-    use crate::lanes::Plain;
+    use crate::lanes::Pack;
 
     #[test]
     fn stretches_are_as_equal_as_samples_allow() {
         // 1, 1, 1 and 2 samples; 0, 0, 0 and 1.
         let signals = Signals::from(vec![vec![vec![1.0, 2.0, 3.0, 4.0, 1.0]], vec![vec![3.0]]]);
         let mut energies = [[f64::NAN; STRETCHES]; 2];
-        measure::<Plain>(signals.view(), &mut energies);
+        measure::<Pack<4>>(signals.view(), &mut energies);
         assert_eq!(energies, [[1.0, 4.0, 9.0, 17.0], [0.0, 0.0, 0.0, 9.0]]);
         assert_eq!(mean_square(&energies[0], 5), 6.2);
     }
@@ -99,7 +98,7 @@ mod tests {
     fn every_sample_counts_once() {
         let signals = Signals::new(&[1000, 61, 9], 2);
         let mut energies = [[f64::NAN; STRETCHES]; 6];
-        measure::<Plain>(signals.view(), &mut energies);
+        measure::<Pack<4>>(signals.view(), &mut energies);
         for (index, energies) in energies.iter().enumerate() {
             let all: f64 = signals.view().numbered(index).iter().map(|z| z * z).sum();
             assert!((energies.iter().sum::<f64>() - all).abs() < 1e-13 * all);

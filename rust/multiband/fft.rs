@@ -8,7 +8,7 @@
 
 use super::grid::{Grid, GridWork, Parts, LANES};
 use super::passes::{radices, root};
-use crate::lanes::{Plain, Quad};
+use crate::lanes::{Pack, Quad};
 
 /// A transform of some length, `exp(-2 pi i j k / n)`.
 #[derive(Clone, Debug)]
@@ -81,7 +81,7 @@ impl Detour {
                 (x.re[at], x.im[at]) = (re, -im);
             }
         }
-        grid.process::<Plain>(&mut work);
+        grid.process::<Pack<4>>(&mut work);
         let mut response = work.signal;
         let share = 1.0 / grid.n as f64;
         response.re.iter_mut().chain(&mut response.im).for_each(|x| *x *= share);
@@ -113,7 +113,7 @@ mod tests {
         for (j, [re, im]) in x.iter().enumerate() {
             (work.signal.re[j], work.signal.im[j]) = (*re, *im);
         }
-        fft.process::<Plain>(&mut work);
+        fft.process::<Pack<4>>(&mut work);
         work.signal.re.into_iter().zip(work.signal.im).map(|(re, im)| [re, im]).take(x.len()).collect()
     }
 

@@ -36,7 +36,6 @@ mod logarithm;
 mod moments;
 mod names;
 mod octave;
-mod pack;
 mod passes;
 mod pyramid;
 mod quad;

@@ -1,8 +1,7 @@
 //! Second moments of the axes of a band, and of the axes with themselves two samples earlier.
 
 use super::band_signals::BandSignals;
-use super::pack::Pack;
-use crate::lanes::Quad;
+use crate::lanes::{Pack, Quad};
 
 /// Samples of the earlier of two instants before the later.
 pub(super) const LAG: usize = 2;
@@ -204,7 +203,7 @@ mod tests {
 
     use super::super::band_signals::Place;
     use super::*;
-    use crate::lanes::Plain;
+    use crate::lanes::Pack;
 
     /// By definition.
     fn slowly(axes: &[Vec<f64>], i: usize, j: usize) -> f64 {
@@ -226,7 +225,7 @@ mod tests {
             let mut seen = 0;
             let mut moments = Moments::new(n_axes);
             let mut far = 0;
-            moments.finish::<Plain>(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
+            moments.finish::<Pack<4>>(BandSignals::new(&values, &places, n_axes), 0, |i, j, got| {
                 seen += 1;
                 let size = (slowly(&axes, i, i) * slowly(&axes, j, j)).sqrt();
                 far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);
@@ -243,7 +242,7 @@ mod tests {
                 let (mut whole, mut out, places) = (Moments::new(n_axes), Vec::new(), seen(n));
                 whole.copy(moments);
                 let signals = BandSignals::new(&values, &places, n_axes);
-                whole.finish::<Plain>(signals, 0, |_, _, moment| out.push(moment.to_bits()));
+                whole.finish::<Pack<4>>(signals, 0, |_, _, moment| out.push(moment.to_bits()));
                 out
             };
             let expected = finished(&Moments::new(n_axes));
@@ -252,7 +251,7 @@ mod tests {
             for cut in cuts {
                 len = (len + cut).min(n);
                 let (before, places) = (moments.n_added, seen(len));
-                moments.advance::<Plain>(BandSignals::new(&values, &places, n_axes), 0);
+                moments.advance::<Pack<4>>(BandSignals::new(&values, &places, n_axes), 0);
                 let end = shared_end(len);
                 let added = if end < before + LEAST { 0 } else { (end - before).min(2 * LEAST) };
                 prop_assert_eq!(moments.n_added, before + added);

@@ -4,9 +4,8 @@ use super::band_signals::BandSignals;
 use super::energies::{mean_square, Energies};
 use super::log_bins::edges;
 use super::logarithm::{self, Asinh};
-use super::pack::Pack;
 use super::tally::{Histogram, Tally, TURNS};
-use crate::lanes::{Isa, Job, Path};
+use crate::lanes::{Isa, Job, Pack, Path};
 
 /// Which quantiles.
 pub(super) const PROBABILITIES: [f64; 7] = [0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98];

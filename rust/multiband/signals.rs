@@ -2,7 +2,7 @@
 
 use super::band_signals::{BandSignals, Place};
 use super::energies::{measure, Energies, STRETCHES};
-use crate::lanes::{Path, Plain};
+use crate::lanes::{Pack, Path};
 
 /// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
 /// same bits on every path.
@@ -38,7 +38,7 @@ impl Signals {
 
     pub(super) fn energies(&self) -> Vec<Energies> {
         let mut energies = vec![[0.0; STRETCHES]; self.places.len() * self.n_axes];
-        measure::<Plain>(self.view(), &mut energies);
+        measure::<Pack<4>>(self.view(), &mut energies);
         energies
     }
 

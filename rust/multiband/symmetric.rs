@@ -6,10 +6,9 @@
 //! of another.
 
 use super::logarithm;
-use super::pack::Pack;
 use super::reflections::{product, tridiagonal};
 use super::rotations::diagonalise;
-use crate::lanes::Quad;
+use crate::lanes::{Pack, Quad};
 
 /// Matrices at a time: eight bands of a recording of 1600 samples have one.
 pub(super) const MATRICES: usize = 8;
@@ -97,7 +96,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::lanes::Plain;
+    use crate::lanes::Pack;
 
     type Matrix = Vec<Vec<f64>>;
 
@@ -129,7 +128,7 @@ mod tests {
                 }
             }
         }
-        work.take::<Plain>(floor);
+        work.take::<Pack<4>>(floor);
         std::array::from_fn(|l| {
             let entry = |i: usize, j: usize| work.matrices[i.max(j) * n + i.min(j)].0[l];
             (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()

@@ -6,25 +6,25 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// so that all instruction sets give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
-pub(super) struct Pack<const L: usize>(pub(super) [f64; L]);
+pub(crate) struct Pack<const L: usize>(pub(crate) [f64; L]);
 
 /// One answer per lane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Mask<const L: usize>(pub(super) [bool; L]);
+pub(crate) struct Mask<const L: usize>(pub(crate) [bool; L]);
 
 impl<const L: usize> Pack<L> {
-    pub(super) const ZERO: Self = Self([0.0; L]);
-    pub(super) const ONE: Self = Self([1.0; L]);
+    pub(crate) const ZERO: Self = Self([0.0; L]);
+    pub(crate) const ONE: Self = Self([1.0; L]);
 
     /// The same number in all lanes.
     #[inline(always)]
-    pub(super) fn splat(x: f64) -> Self {
+    pub(crate) fn splat(x: f64) -> Self {
         Self([x; L])
     }
 
     /// The first `L` of some numbers.
     #[inline(always)]
-    pub(super) fn load(x: &[f64]) -> Self {
+    pub(crate) fn load(x: &[f64]) -> Self {
         let mut out = Self::ZERO;
         out.0.copy_from_slice(&x[..L]);
         out
@@ -40,7 +40,7 @@ impl<const L: usize> Pack<L> {
     }
 
     #[inline(always)]
-    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+    pub(super) fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut out = self;
         for l in 0..L {
             out.0[l] = f(self.0[l], other.0[l]);
@@ -49,23 +49,23 @@ impl<const L: usize> Pack<L> {
     }
 
     #[inline(always)]
-    pub(super) fn sqrt(self) -> Self {
+    pub(crate) fn sqrt(self) -> Self {
         self.each(f64::sqrt)
     }
 
     #[inline(always)]
-    pub(super) fn abs(self) -> Self {
+    pub(crate) fn abs(self) -> Self {
         self.each(f64::abs)
     }
 
     /// The size of these numbers with the signs of others.
     #[inline(always)]
-    pub(super) fn with_sign_of(self, other: Self) -> Self {
+    pub(crate) fn with_sign_of(self, other: Self) -> Self {
         self.with(other, f64::copysign)
     }
 
     #[inline(always)]
-    pub(super) fn above(self, other: Self) -> Mask<L> {
+    pub(crate) fn above(self, other: Self) -> Mask<L> {
         let mut out = Mask([false; L]);
         for l in 0..L {
             out.0[l] = self.0[l] > other.0[l];
@@ -75,7 +75,7 @@ impl<const L: usize> Pack<L> {
 
     /// The sum of all lanes, halves first, as vectors do it. For four or eight lanes.
     #[inline(always)]
-    pub(super) fn sum(self) -> f64 {
+    pub(crate) fn sum(self) -> f64 {
         const { assert!(L == 4 || L == 8) };
         let mut x = self.0;
         if L == 8 {
@@ -89,13 +89,13 @@ impl<const L: usize> Pack<L> {
 
 impl<const L: usize> Mask<L> {
     #[inline(always)]
-    pub(super) fn any(self) -> bool {
+    pub(crate) fn any(self) -> bool {
         self.0.iter().fold(false, |any, lane| any | lane)
     }
 
     /// `yes` where the answer is yes, `no` elsewhere.
     #[inline(always)]
-    pub(super) fn select(self, yes: Pack<L>, no: Pack<L>) -> Pack<L> {
+    pub(crate) fn select(self, yes: Pack<L>, no: Pack<L>) -> Pack<L> {
         let mut out = no;
         for l in 0..L {
             out.0[l] = if self.0[l] { yes.0[l] } else { no.0[l] };
