@@ -15,7 +15,7 @@ pub enum Path {
     Baseline,
     /// AVX2: two vectors of four float64 for eight lanes.
     Avx2,
-    /// AVX-512F: one vector of eight float64.
+    /// AVX-512 with F, VL, BW and DQ: one vector of eight float64, and more registers.
     Avx512,
 }
 
@@ -61,7 +61,13 @@ impl Path {
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => std::is_x86_feature_detected!("avx2"),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("avx512f"),
+            Self::Avx512 => {
+                std::is_x86_feature_detected!("avx2")
+                    && std::is_x86_feature_detected!("avx512f")
+                    && std::is_x86_feature_detected!("avx512vl")
+                    && std::is_x86_feature_detected!("avx512bw")
+                    && std::is_x86_feature_detected!("avx512dq")
+            }
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }

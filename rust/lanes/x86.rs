@@ -1,4 +1,4 @@
-//! The wrappers for AVX2 and AVX-512F, and the primitives that plain loops do not reach.
+//! The wrappers for AVX2 and AVX-512, and the primitives that plain loops do not reach.
 #![allow(unsafe_code)]
 
 use std::arch::x86_64::{
@@ -22,8 +22,8 @@ pub(super) fn avx2<J: Job>(job: J) -> J::Output {
     job.run::<X86>()
 }
 
-/// Compiles a job for AVX-512F; the primitives below stay at 256 bits.
-#[target_feature(enable = "avx2,avx512f")]
+/// Compiles a job for AVX-512: F, and VL, BW and DQ, which give the primitives below, of 256 bits, twice the registers.
+#[target_feature(enable = "avx2,avx512f,avx512vl,avx512bw,avx512dq")]
 pub(super) fn avx512<J: Job>(job: J) -> J::Output {
     job.run::<X86>()
 }
