@@ -20,6 +20,7 @@ from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.read import read_parquet
 from granular_id.io.parquet.save import save_parquet
 from granular_id.io.ros.bag2 import is_bag_folder
+from granular_id.io.ros.echo import is_echo, read_echo
 from granular_id.io.ros.mcap_save import save_mcap
 from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource
@@ -61,7 +62,10 @@ class FileFormat:
     is_folder: Callable[[Path], bool] | None = None
 
 
-def _read_csv_or_gm10(source: FileSource, options: LoadOptions) -> FileContent:
+def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
+    """Read a CSV file as what its first line shows it to be."""
+    if is_echo(source.path):
+        return read_echo(source, options)
     return (read_gm10 if is_gm10(source.path) else read_csv)(source, options)
 
 
@@ -70,7 +74,7 @@ FORMATS = (
         "csv",
         "CSV (*.csv)",
         (".csv",),
-        _read_csv_or_gm10,
+        _read_csv,
         save_csv,
         saves_folder=True,
         knows_labels=False,

@@ -57,9 +57,9 @@ def split_header(data: bytes, path: str | PathLike[str]) -> tuple[list[str], int
 
 
 def parse_numbers(
-    data: bytes, start: int, columns: Sequence[str], path: str | PathLike[str]
+    data: bytes, start: int, columns: Sequence[str], path: str | PathLike[str], *, first_line: int = 2
 ) -> NDArray[np.float64]:
-    """Return the numbers from byte `start` on (the beginning of line 2), shape (T, len(columns)).
+    """Return the numbers from byte `start` on (the beginning of line `first_line`), shape (T, len(columns)).
 
     Numbers are plain decimals (``-1.5e-3``), with or without blanks around them. Empty lines may stand at the
     end.
@@ -74,7 +74,7 @@ def parse_numbers(
     except NumberTableError as error:
         row, column, problem = error.args
         name = None if column is None else columns[column]
-        raise RecordingFileError(path, problem, line=row + 2, column=name) from error
+        raise RecordingFileError(path, problem, line=row + first_line, column=name) from error
 
 
 def plain_number(text: str) -> float | None:

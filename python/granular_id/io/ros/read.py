@@ -21,6 +21,7 @@ from granular_id.io.files import check_file, open_bounded
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.bag1 import walk_bag1
 from granular_id.io.ros.bag2 import read_bag_folder
+from granular_id.io.ros.clock import recording_of
 from granular_id.io.ros.db3 import walk_db3
 from granular_id.io.ros.mcap_file import OwnRecords, walk_mcap
 from granular_id.io.ros.mcap_own import CHANGED_NOTE, restored
@@ -35,7 +36,6 @@ from granular_id.io.ros.wrench import (
     foreign_definition,
 )
 from granular_id.io.source import FileContent, FileSource
-from granular_id.io.stamped import SINCE_1970, stamped_recording
 
 __all__ = ["read_ros"]
 
@@ -88,26 +88,15 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         "ros_distro": bag.distro,
     }
     log_ns = _log_times(topic, refuse)
-    order = np.argsort(log_ns, kind="stable")  # as every player does; files may hold them otherwise
-    stamps_ns, clock = _stamps(wrenches, log_ns, notes)
-    # ns since 1970 do not fit float64: seconds from the first stamp do, rounded once
-    first_ns = int(stamps_ns.min())
-    first_s = first_ns / 10**9  # of integers, rounded once; 1e9 would round twice
-    recording, remarks = stamped_recording(
-        wrenches.wrench[order],
+    return recording_of(
+        wrenches,
+        log_ns,
         source,
         options,
-        stamps=(stamps_ns[order] - first_ns) / 1e9,
-        start_time=first_s if first_s > SINCE_1970 else None,
-        meta={key: value for key, value in about.items() if value},
-        locate=lambda i: (
-            {} if i is None else {"place": f"message {int(order[i]) + 1} of {shown(topic.name)}"}
-        ),
-        clock=clock,
+        about,
+        lambda i: {"place": f"message {i + 1} of {shown(topic.name)}"},
+        notes,
     )
-    if 0 != first_s <= SINCE_1970:
-        remarks["first_stamp_s"] = first_s
-    return FileContent([recording], [{"name": recording.name, **remarks}] if remarks else [], notes)
 
 
 class _Bag:
@@ -204,19 +193,3 @@ def _log_times(topic: Topic, refuse: Refuse) -> NDArray[np.int64]:
         first = int(late.argmax())
         refuse(first, f"has the log time {log_ns[first]} ns; wanted less than 2^63 (the year 2262)")
     return log_ns.astype(np.int64)
-
-
-def _stamps(wrenches: Wrenches, log_ns: NDArray[np.int64], notes: list[str]) -> tuple[NDArray[np.int64], str]:
-    """Choose the clock: the sensor's own stamps where they were ever set, else when messages were logged."""
-    stamps_ns = wrenches.stamps_ns
-    if stamps_ns is None:
-        notes.append(
-            "messages without a header: log times are taken, which jitter more than the sensor's clock"
-        )
-        return log_ns, "log time"
-    if (len(stamps_ns) > 1 and (stamps_ns == stamps_ns[0]).all()) or not stamps_ns.any():
-        notes.append(
-            "header.stamp never changes: log times are taken, which jitter more than the sensor's clock"
-        )
-        return log_ns, "log time"
-    return stamps_ns, "header.stamp"
