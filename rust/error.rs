@@ -272,6 +272,16 @@ pub enum Error {
         /// The value found.
         value: f64,
     },
+    /// A row of a stream that is too large for multi-band features.
+    #[error("wrench is too large for multi-band features: {value:e} in row {row}, axis {axis}, is more than 1e145 times the scale of one of its bands; no row was taken")]
+    LoudRow {
+        /// Row of the first such value, counted from the first one pushed.
+        row: usize,
+        /// Its axis.
+        axis: usize,
+        /// The value found.
+        value: f64,
+    },
     /// Finite rows so large that the filter left the range of float64.
     #[error("wrench is too large to filter: rows that reach {largest:e} overflow float64; no row was taken")]
     FilterOverflow {

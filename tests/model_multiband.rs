@@ -202,6 +202,20 @@ fn values_too_large_and_wrong_sizes_are_errors() {
 }
 
 #[test]
+fn rows_too_large_are_not_taken() {
+    let model = Arc::new(random_banded(3, 16, 2, MultiBandSpec::default()));
+    let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
+    let rows = noise(5, 32);
+    let mut loud = rows[..10].to_vec();
+    loud[7] = -1e200;
+    assert_eq!(stream.push(&loud), Err(Error::LoudRow { row: 3, axis: 1, value: -1e200 }));
+    assert_eq!((stream.n_seen(), stream.push(&rows)), (0, Ok(16)));
+    // What lies behind the window is not looked at.
+    assert_eq!(stream.push(&loud[6..8]), Ok(0));
+    assert_eq!(stream.scores().unwrap(), model.scores(&rows, 1, 1).unwrap());
+}
+
+#[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
     let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
     let good = random_banded(3, 5, 1, spec).to_bytes();

@@ -17,6 +17,11 @@ impl MultiBand {
         &self.spec
     }
 
+    /// The largest magnitude of each axis that can be worked with.
+    pub(crate) fn limits(&self) -> &[f64] {
+        &self.limits
+    }
+
     /// Samples of a whole recording.
     #[must_use]
     pub fn n_samples(&self) -> usize {

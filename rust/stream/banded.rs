@@ -35,7 +35,7 @@ impl Banded {
     }
 
     pub(super) fn push(&mut self, rows: &[f64]) -> Result<usize> {
-        let n_taken = self.window.push(rows)?;
+        let n_taken = self.window.push(rows, self.multiband.limits())?;
         // A bounded time per push: rows that windows share are caught up with by and by.
         if n_taken > 0 && self.window.n_seen() > 0 {
             self.multiband.advance(self.window.rows(), &mut self.work, n_taken)?;

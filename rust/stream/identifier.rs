@@ -151,8 +151,7 @@ impl StreamingIdentifier {
     /// Scores of the learners: those of [`Model::scores`] once the window is complete, provisional before.
     ///
     /// # Errors
-    /// [`Error::Score`](crate::Error::Score) when a score leaves float64; [`Error::TooLoud`](crate::Error::TooLoud) when a
-    /// row of the window is too large for multi-band features.
+    /// [`Error::Score`](crate::Error::Score) when a score leaves float64.
     pub fn scores(&mut self) -> Result<&[f64]> {
         self.refresh()?;
         Ok(&self.scores)

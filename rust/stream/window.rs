@@ -43,10 +43,15 @@ impl Window {
         &self.values[..self.n_seen * self.windows.n_axes]
     }
 
-    /// Takes rows until the window is complete; on an error none.
-    pub(super) fn push(&mut self, rows: &[f64]) -> Result<usize> {
+    /// Takes rows until the window is complete, of magnitudes up to the limit of each axis; on an error none.
+    pub(super) fn push(&mut self, rows: &[f64], limits: &[f64]) -> Result<usize> {
         let Windows { n_samples, n_axes, .. } = self.windows;
         let rows = self.windows.taken(rows, self.ahead.saturating_add(n_samples - self.n_seen))?;
+        for (row, values) in rows.chunks_exact(n_axes).enumerate() {
+            if let Some(axis) = values.iter().zip(limits).position(|(value, limit)| value.abs() > *limit) {
+                return Err(Error::LoudRow { row, axis, value: values[axis] });
+            }
+        }
         let n_taken = rows.len() / n_axes;
         let passed = self.ahead.min(n_taken);
         let kept = &rows[passed * n_axes..];

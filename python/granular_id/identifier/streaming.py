@@ -101,7 +101,7 @@ class StreamingIdentifier:
         Raises
         ------
         TypeError, ValueError
-            Another shape; NaN or infinity, or values too large to filter, with row and axis. No row was taken then.
+            Another shape; NaN, infinity or values too large to work with. No row was taken then.
         """
         return self.core.push(wrench)
 

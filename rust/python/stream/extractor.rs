@@ -91,7 +91,7 @@ impl PyStreamingExtractor {
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
     ///
     /// Rows beyond the end of the window are not taken: pass them again after `next` or `reset`. NaN, infinity and
-    /// values too large to filter raise a `ValueError` that names row and axis; no row was taken then.
+    /// values too large to filter raise a `ValueError`; no row was taken then.
     fn push(&self, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
         push_rows(wrench, self.windows.n_axes, &self.stream, StreamingExtractor::push)
     }
