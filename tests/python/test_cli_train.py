@@ -86,15 +86,16 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
     ("words", "message"),
     [
         (["--target-error", "1.5"], "--target-error must lie between 0 and 1, got 1.5"),
-        (["--tare-s", "0.1"], "--tare-s is not for models"),
+        (["--tare-s", "0.1"], "--tare-s is not for models, .*: leave it out$"),
+        (["--space", "hfmh", "--tare-s", "0.1"], "--tare-s .*: leave it out; --initial steady keeps"),
         (["--space", "dft"], "--space must be one of 'best', 'multiband', 'raw', .*, got 'dft'"),
         (["--folds", "1"], "--folds must be at least 2, got 1"),
         (["--C", "0"], "--C must be positive"),
         (["--space", "raw", "--coding", "twice"], "coding must be one of"),
-        (["--coding", "onevsall"], "--coding must be left out with --space best, which chooses it itself"),
+        (["--coding", "onevsall"], "--coding must be left out with --space best, which is always one-vs-one"),
         (
             ["--space", "raw", "--block-weights", "unit"],
-            "block_weights weigh two blocks|--block-weights weigh",
+            "--block-weights must be left out with --space raw, which has a single block",
         ),
         (
             ["--space", "raw", "--posterior", "wu_lin_weng", "--coding", "onevsall"],

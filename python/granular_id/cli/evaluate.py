@@ -6,6 +6,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Weights
@@ -113,11 +115,15 @@ def evaluate(
     chosen = chosen_spaces(spaces, confusion)
     outputs = Outputs(report=report, json=json, csv=csv, figures=figures, source=reading.path)
     with outputs.ready():
+        reading.refuse_absent()
+        notes = method.unused_in(chosen, block_weights, c)
         data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
         from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
 
+        for note in [] if quiet else notes:
+            typer.echo(f"note: {note}")
         known = method.spaces(data.rate_hz, block_weights)
         run = Run(
             spaces={name: known[name] for name in chosen or in_paper_order(known)},

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any
 
+from granular_id.cli.errors import in_options
 from granular_id.cli.groups import option
 from granular_id.cli.settings import at_least, bin_range_of, known_spaces, method_fits, positive
 
 if TYPE_CHECKING:
     from granular_id.spaces import FeatureSpace
 
-__all__ = ["BlockWeights", "Method", "Space", "Weights"]
+__all__ = ["ONE_VS_ONE", "BlockWeights", "Method", "Space", "Weights"]
+
+ONE_VS_ONE = "onevsone"
+"""Default of ``--coding``, the paper's."""
 
 PANEL = "Method"
 
@@ -106,28 +111,77 @@ class Method:
             **self._options,
         )
 
-    def refuse_unused(self, space: str, weights: Weights, cost: float | None = None) -> None:
+    def refuse_unused(
+        self, space: str, weights: Weights, cost: float | None = None, coding: str = ONE_VS_ONE
+    ) -> None:
         """Refuse what was asked for and would change nothing: options that a feature space does not have.
 
         `cost`: ``--C``, where only spaces without a classifier of their own have a use for it.
         """
         known_spaces(space)
-        made = self.spaces(500.0, weights)[space]
-        takes = {name.rpartition("__")[2]: value for name, value in made.transformer.get_params().items()}
+        for name, reason in self._unused((space,), weights, cost, coding)[space].items():
+            raise ValueError(f"{name} must be left out with space={space!r}, which {reason}")
+
+    def unused_in(
+        self, spaces: Sequence[str] | None, weights: Weights, cost: float | None = None
+    ) -> list[str]:
+        """Refuse what would change nothing in any of several feature spaces; say where else it changes nothing.
+
+        Parameters
+        ----------
+        spaces : sequence of str or None
+            None: all.
+        weights : Weights
+        cost : float, optional
+            As in `refuse_unused`.
+
+        Returns
+        -------
+        list of str
+            One note for each option that only some of the spaces have a use for.
+        """
+        unused = self._unused(spaces, weights, cost)
+        notes = []
+        for name in dict.fromkeys(name for reasons in unused.values() for name in reasons):
+            without = [space for space, reasons in unused.items() if name in reasons]
+            if len(without) == len(unused):
+                reason = unused[without[0]][name] if len(without) == 1 else "have no use for it"
+                raise ValueError(f"{name} must be left out with spaces={','.join(without)!r}, which {reason}")
+            notes.append(in_options(f"{name}= changes nothing in {', '.join(without)}"))
+        return notes
+
+    def _unused(
+        self, spaces: Sequence[str] | None, weights: Weights, cost: float | None, coding: str = ONE_VS_ONE
+    ) -> dict[str, dict[str, str]]:
+        """Find options that were given and would change nothing: for each feature space names, and why."""
         usual = {**Method()._options, "block_weights": Weights.plain.value}
         given = {**self._options, "block_weights": weights.value}
-        unused = [name for name, value in given.items() if value not in (usual[name], takes.get(name))]
-        if unused:
-            raise ValueError(f"{unused[0]} must be left out with space={space!r}, which has no use for it")
-        if cost is not None and cost != 1 and made.classifier is not None:
-            raise ValueError(f"C must be left out with space={space!r}, which brings its own classifier")
+        given = {name: value for name, value in given.items() if value != usual[name]}
+        if not given and cost in (None, 1) and coding == ONE_VS_ONE:
+            return {space: {} for space in spaces or ()}
+        known = self.spaces(500.0, weights)
+        found = {}
+        for space in spaces or known:
+            transformer, classifier = known[space].transformer, known[space].classifier
+            takes = {name.rpartition("__")[2]: value for name, value in transformer.get_params().items()}
+            reasons = {name: "has no use for it" for name, value in given.items() if takes.get(name) != value}
+            if "block_weights" in reasons:
+                alike = "blocks" in takes  # those of multi-band features, which `BlockScaler` makes alike
+                reasons["block_weights"] = "always weighs its blocks alike" if alike else "has a single block"
+            if cost not in (None, 1) and classifier is not None:
+                reasons["C"] = "brings its own classifier"
+            if coding != ONE_VS_ONE and space == "best":
+                reasons["coding"] = "is always one-vs-one"
+            found[space] = reasons
+        return found
 
-    def of_model(self) -> dict[str, Any]:
+    def of_model(self, space: str) -> dict[str, Any]:
         """Return the settings as `granular_id.identifier.Identifier.fit` takes them."""
         if self._options["tare_s"] is not None:
+            steady = "; --initial steady keeps an offset of the sensor out of the histogram"
             raise ValueError(
-                "--tare-s is not for models, which take samples as they come: leave it out; --initial steady keeps an "
-                "offset of the sensor out of the histogram"
+                "--tare-s is not for models, which take samples as they come: leave it out"
+                f"{steady if 'hfmh' in space else ''}"
             )
         return {name: value for name, value in self._options.items() if name != "tare_s"}
 

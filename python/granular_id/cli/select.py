@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import typer
 from rich.console import Console
 from rich.text import Text
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
-from granular_id.cli.method import Method
+from granular_id.cli.method import Method, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Outputs, repeated_command, say_written
@@ -74,12 +75,15 @@ def select(
         refuse_own_classifiers([known[name] for name in chosen])
     outputs = Outputs(json=json, source=reading.path)
     with outputs.ready():
+        notes = method.unused_in(chosen, Weights.plain) if chosen else []
         data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import)
         from granular_id.selection import DEFAULT_SPACES  # noqa: PLC0415
         from granular_id.selection import select as select_space  # noqa: PLC0415
 
+        for note in [] if quiet else notes:
+            typer.echo(f"note: {note}")
         made = method.spaces(data.rate_hz)
         selection = select_space(
             data,

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Space, Weights
+from granular_id.cli.method import ONE_VS_ONE, BlockWeights, Method, Space, Weights
 from granular_id.cli.model import print_model
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
@@ -70,7 +70,7 @@ def train(
     c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
     coding: Annotated[
         str, option("--coding", METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...")
-    ] = "onevsone",
+    ] = ONE_VS_ONE,
     posterior: Annotated[
         Probabilities, option("--posterior", METHOD, "Also fit probabilities of the materials.")
     ] = Probabilities.none,
@@ -105,7 +105,7 @@ def train(
     at_least("--seed", seed, 0)
     method.fits(steps.preparation.rate_hz)
     settings: dict[str, Any] = {
-        **method.of_model(),
+        **method.of_model(space),
         "space": space,
         "block_weights": None if block_weights is Weights.plain else block_weights.value,
         "C": c,
@@ -119,10 +119,11 @@ def train(
 
         file_format(figure, "--figure")
     reading.refuse_absent()
-    from granular_id.identifier.recipe import Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.identifier.recipe import SPACES, Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
 
+    if space in SPACES:  # else the recipe says which there are
+        method.refuse_unused(space, block_weights, coding=coding)
     recipe = Recipe(**settings)
-    method.refuse_unused(space, block_weights)
     data = equal_recordings(reading, steps, quiet=quiet)
 
     from granular_id.identifier import Identifier  # noqa: PLC0415
