@@ -175,6 +175,27 @@ def test_a_leak_is_called_one():
     )
 
 
+def test_recordings_of_a_class_that_are_answered_alike_are_lucky_together():
+    """Twenty classes of ten: two classes that are right by luck are 10 % where 5 % are chance."""
+    truth = np.repeat(np.arange(20), 20)
+    partitions = paper_partitions(truth, n_partitions=2, train_per_class=10, test_per_class=10)
+    rng = np.random.default_rng(0)
+    for n_lucky, clumps, leaks in ((2, True, False), (2, False, True), (8, True, True)):
+        said = []
+        for p in partitions:
+            answer = np.where(np.arange(20) < n_lucky, np.arange(20), (np.arange(20) + 1) % 20)
+            alike = answer[truth[p.test]]
+            alone = np.where(
+                rng.random(p.test.size) < n_lucky / 20,
+                truth[p.test],
+                (truth[p.test] + 1 + rng.integers(0, 19, p.test.size)) % 20,
+            )
+            said.append(alike if clumps else alone)
+        planned = PlannedControl("shuffled", "w", task=object())
+        control = judge(planned, {"paper": said}, {"paper": partitions}, truth)
+        assert ("cannot be trusted" in control.verdict) == leaks, (n_lucky, clumps, control)
+
+
 class Picky(ECOCClassifier):
     """Suits the spaces, and nothing smaller."""
 

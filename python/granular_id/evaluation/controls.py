@@ -182,7 +182,10 @@ def judge(
         means[protocol] = float(np.mean([np.mean(hit) for hit in hits]))
         n_tested = np.unique(np.concatenate([p.test for p in drawn])).size
         guess = chances[protocol]
-        if means[protocol] > guess + STANDARD_ERRORS * math.sqrt(guess * (1 - guess) / n_tested):
+        error = math.sqrt(guess * (1 - guess) / n_tested)
+        if planned.name == "shuffled":
+            error = max(error, _error_of_clumps(drawn, predicted[protocol], truth))
+        if means[protocol] > guess + STANDARD_ERRORS * error:
             above.append(protocol_name(protocol, drawn))
     return Control(planned.name, planned.what, means, chance, _verdict(planned, above))
 
@@ -241,6 +244,23 @@ def _guessing(partition: Partition, truth: Codes) -> float:
     counts = np.bincount(truth[partition.train])
     frequent = np.flatnonzero(counts == counts.max())
     return float(np.mean(np.isin(truth[partition.test], frequent))) / frequent.size
+
+
+def _error_of_clumps(drawn: Sequence[Partition], predicted: Sequence[Codes], truth: Codes) -> float:
+    """Return the standard error of the accuracy of answers that mean nothing.
+
+    Recordings of one class may be answered alike, and are then right or wrong together. Were the names of the answers
+    drawn anew for each class and partition, as shuffling does it, the hits of n recordings of which shares q of K
+    classes were answered would have the variance n^2 (mean of q^2 - 1 / K^2).
+    """
+    n_classes = int(truth.max()) + 1
+    variance, n_answers = 0.0, 0
+    for partition, said in zip(drawn, predicted, strict=True):
+        counts = np.zeros((n_classes, n_classes))
+        np.add.at(counts, (truth[partition.test], said), 1)
+        variance += float(((counts**2).mean(axis=1) - counts.mean(axis=1) ** 2).sum())
+        n_answers += said.size
+    return math.sqrt(variance) / n_answers
 
 
 def _verdict(planned: PlannedControl, above: Sequence[str]) -> str:
