@@ -9,6 +9,7 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from granular_id.best import BestClassifier
 from granular_id.spaces import BlockScaler, learns
 
 
@@ -82,3 +83,13 @@ def test_beyond_float64():
     scaler = BlockScaler().fit([[0.0], [1e-20]])
     with pytest.raises(ValueError, match="in reach of the training rows"):
         scaler.transform([[1e300]])
+
+
+@pytest.mark.parametrize("kind", [BlockScaler, BestClassifier])
+def test_the_text_keeps_the_order_of_blocks(kind):
+    sizes = {"spectrum": 192, "coupling": 624, "b" * 40: 1, "a" * 40: 2}
+    for estimator in (kind(blocks=sizes), kind().set_params(blocks=sizes)):
+        again = eval(repr(estimator))
+        assert list(again.blocks.items()) == list(clone(estimator).blocks.items()) == list(sizes.items())
+        within = repr(make_pipeline(estimator))
+        assert within.index("spectrum") < within.index("coupling") < within.index("bbb") < within.index("aaa")

@@ -24,7 +24,8 @@ from granular_id.ecoc.learners import line_scores
 from granular_id.ecoc.losses import fitting_loss
 from granular_id.ecoc.training import checked_n_jobs, class_indices
 from granular_id.spaces.multiband import BAND_LOSS
-from granular_id.spaces.scaling import BlockSizes, block_slices
+from granular_id.spaces.ordered import BlockSizes, SizesParameter
+from granular_id.spaces.scaling import block_slices
 
 __all__ = ["DECODING", "BestClassifier"]
 
@@ -41,8 +42,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
     later: whole sessions, else halves in time, else random rows. The mean of the scores of those that come within
-    one standard error of the best is the model. All of it is linear, so the model is one matrix of weights for plain
-    features.
+    one standard error of the best, or one recording, is the model. All of it is linear, so the model is one matrix of
+    weights for plain features.
 
     Parameters
     ----------
@@ -113,6 +114,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     'random recordings'
     """
 
+    blocks = SizesParameter()
     classes_: npt.NDArray[Any]
     coding_matrix_: npt.NDArray[np.int8]
     coef_: FloatArray

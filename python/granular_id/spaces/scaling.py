@@ -10,11 +10,11 @@ from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._numbers import whole_number
+from granular_id.spaces.ordered import BlockSizes, SizesParameter
 
-__all__ = ["BlockScaler", "BlockSizes", "block_slices", "column_moments"]
+__all__ = ["BlockScaler", "block_slices", "column_moments"]
 
 FloatArray = npt.NDArray[np.float64]
-BlockSizes = Mapping[str, int] | Sequence[int] | None
 
 # A column whose spread is this small a share of its magnitude holds rounding, no signal.
 _CONSTANT = 1e-9
@@ -67,6 +67,7 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
     [0.5, 0.0, 0.5]
     """
 
+    blocks = SizesParameter()
     mean_: FloatArray
     factor_: FloatArray
     block_slices_: dict[str, slice]
