@@ -11,6 +11,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.best import BestClassifier
 from granular_id.best.candidates import plan_machines
+from granular_id.best.choice import choose
 from granular_id.best.folds import choice_folds
 from granular_id.best.machines import fitted_line, held_out_scores
 from granular_id.ecoc import ECOCClassifier
@@ -84,6 +85,13 @@ def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best(
     np.testing.assert_array_equal(clf.predict(X), twin.predict(X))
     np.testing.assert_allclose(clf.decision_function(X), twin.decision_function(X))
     np.testing.assert_array_equal(clf.coding_matrix_, twin.coding_matrix_)
+
+
+def test_beside_a_best_without_a_mistake_stands_what_is_within_one_recording():
+    """The standard error of a share of 1 is 0; the table and docs/multiband.md say "or one recording"."""
+    shares = np.array([[1.0, 0.99, 0.98], [1.0, 0.99, 0.98]])
+    assert choose(shares, 100) == (0, 1)
+    assert choose(shares, 1000) == (0,)
 
 
 def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():

@@ -18,7 +18,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
-    """Machines within one standard error of the best.
+    """Machines within one standard error of the best, or within one recording where that is more.
 
     Parameters
     ----------
@@ -31,8 +31,9 @@ def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
     -------
     tuple of int
         Those whose mean accuracy is at most one standard error below the highest, that of a share of `n_rows` (the
-        rule of Breiman, Friedman, Olshen & Stone, "Classification and Regression Trees", 1984), and in any case those
-        within one recording; ascending. Where they take the simplest, the mean of their scores is taken here: where
+        rule of Breiman, Friedman, Olshen & Stone, "Classification and Regression Trees", 1984), or at most
+        ``1 / n_rows`` where that is more: the error of a share of 1 is 0, and one recording is chance all the same.
+        Ascending. Where they take the simplest, the mean of their scores is taken here: where
         few recordings choose, chance does, and a mean of equals is steadier than any one of them.
 
     Examples
@@ -112,8 +113,8 @@ class Choice:
         notes = [f"chosen on {self.note}"]
         if len(self.accuracies):
             notes.append(
-                f"> chosen: what is within one standard error of the best; the mean of their scores reaches "
-                f"{percent(self.accuracy)} on the same folds"
+                "> chosen: what is within one standard error of the best, or one recording; the mean of their "
+                f"scores reaches {percent(self.accuracy)} on the same folds"
             )
         return Table("Machines tried", ("machine", "accuracy", "SD of folds"), rows, tuple(notes))
 
