@@ -6,11 +6,18 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
+from time import monotonic
 
 __all__ = ["ProgressCallback", "Ticker", "showing"]
 
 ProgressCallback = Callable[[int, int, str], None]
 """Called as ``progress(done, total, what)``: steps finished, steps in all, what the last one was."""
+
+_LINE_EVERY_S = 30.0
+"""Seconds at least between two lines where no bar can be drawn."""
+
+_SPEED_OVER_S = 3600.0
+"""What the time left is judged by: rich looks back 30 s unless told, in which no step may have ended."""
 
 
 class Ticker:
@@ -45,8 +52,8 @@ def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | No
     Parameters
     ----------
     progress : bool or callable
-        True draws a bar on standard error when that is a terminal and rich is installed, and is silent
-        otherwise; False is silent; a callable is called, see `ProgressCallback`.
+        True draws a bar on standard error when that is a terminal and rich is installed, and otherwise writes a line
+        there now and then, at most every 30 s; False is silent; a callable is called, see `ProgressCallback`.
 
     Yields
     ------
@@ -61,7 +68,31 @@ def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | No
         with _bar() as callback:
             yield callback
     else:
-        yield None
+        yield _lines() if progress else None
+
+
+def _lines() -> ProgressCallback:
+    """Tell in lines how far the work is, and about how long it still takes."""
+    start = told = monotonic()
+
+    def callback(done: int, total: int, what: str) -> None:
+        nonlocal told
+        now = monotonic()
+        if now - told < _LINE_EVERY_S or done >= total:
+            return
+        told = now
+        left = (now - start) / done * (total - done)
+        sys.stderr.write(f"{done} of {total}, about {_in_words(left)} left: {what}\n")
+        sys.stderr.flush()
+
+    return callback
+
+
+def _in_words(seconds: float) -> str:
+    for unit, size in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 @contextmanager
@@ -70,10 +101,11 @@ def _bar() -> Iterator[ProgressCallback | None]:
         from rich.console import Console  # noqa: PLC0415 (an extra; the library works without it)
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
     except ImportError:
-        yield None
+        yield _lines()
         return
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    told = Console(stderr=True)
+    with Progress(*columns, console=told, transient=True, speed_estimate_period=_SPEED_OVER_S) as bar:
         task = bar.add_task("", total=None)
 
         def callback(done: int, total: int, what: str) -> None:

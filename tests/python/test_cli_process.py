@@ -116,7 +116,7 @@ def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
 
 @pytest.mark.parametrize("started", ["module", "script"])
 def test_the_line_to_repeat_names_how_the_program_was_started(folder, tmp_path, started):
-    words = [str(word) for word in ("evaluate", folder, *SMALL, "--spaces", "raw", "--protocol", "paper")]
+    words = [str(word) for word in ("evaluate", folder, *SMALL, "--spaces", "hfmh", "--protocol", "paper")]
     script = tmp_path / "granular-id"
     script.write_text("from granular_id.cli import main\nmain()\n", encoding="utf-8")
     way = [str(script)] if started == "script" else ["-m", "granular_id"]
@@ -173,12 +173,12 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 @needs_terminal
 def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
-    words = [str(word) for word in ("evaluate", folder, *SMALL, "--partitions", 40, "--spaces", "raw")]
+    words = [str(word) for word in ("evaluate", folder, *SMALL, "--partitions", 40, "--spaces", "hfmh")]
     with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
         assert terminal.running.returncode == 0
-    assert "raw: paper, partition" in terminal.shown
+    assert "hfmh: paper, partition" in terminal.shown
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
     assert f"repeat with: python -m granular_id.cli {shlex.join(words)}\n" in out

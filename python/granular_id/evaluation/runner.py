@@ -97,8 +97,8 @@ def evaluate(
         Seed of the partitions and of every ``random_state`` left None in transformers and classifier. None
         draws a fresh seed; either way the result records it.
     progress : bool or callable
-        True draws a bar on a terminal (with rich installed) and is silent elsewhere; a callable is called as
-        ``progress(done, total, what)``.
+        True draws a bar on a terminal (with rich installed), elsewhere a line at most every 30 s; a callable is called
+        as ``progress(done, total, what)``.
 
     Returns
     -------
