@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -75,11 +76,24 @@ def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
     data = saved(make(n=1), tmp_path / "few")
     out = ended_well("train", data, "-o", tmp_path / "m.safetensors", "--space", "hfmh")
     assert "accuracy: not known: class 'oat' has 1 recording" in out
+    info = ended_well("model", "info", tmp_path / "m.safetensors")
+    for what in ("early answers", "candidates", "unknown materials"):
+        assert f"\n{what}: none: no recordings were held out\n" in info
     line = refused("train", data, "-o", tmp_path / "n.safetensors", "--figure", tmp_path / "f.png")
     assert line.startswith(
         "error: --figure shows held-out recordings, and there are none: class 'oat' has 1 recording"
     )
     assert not (tmp_path / "n.safetensors").exists()
+
+
+def test_what_the_data_check_says_is_no_failure_of_the_command(tmp_path):
+    one = make(n=4)
+    twice = saved(Dataset([*one, replace(one[0], name="again")]), tmp_path / "twice")
+    out = ended_well("train", twice, "-o", tmp_path / "m.safetensors", *SMALL_MODEL)
+    out += ended_well("evaluate", twice, "--spaces", "hfmh", "--train", 2, "--test", 1, "--partitions", 1)
+    said = [line for line in out.splitlines() if "error: " in line]
+    assert len(said) >= 2
+    assert all(line.startswith("data check: error: ") for line in said)
 
 
 @pytest.mark.parametrize(

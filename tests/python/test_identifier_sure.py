@@ -1,6 +1,8 @@
 """Candidates and refusals of a model: kept in its file, checked when read, the same from streams and batches."""
 
 import json
+from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from granular_id.confidence import ConformalRule, UnknownRule
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.batch import identify_all
 from granular_id.identifier.sure import KEY, Rules
-from granular_id.identifier.words import promises
+from granular_id.identifier.words import description, promises
+from granular_id.recording import Dataset
 
 CHOICE = {
     "note": "halves",
@@ -94,6 +97,7 @@ def test_a_model_without_rules_says_nothing(data):
     decision = plain.identify(data[0])
     assert (decision.candidates, decision.unknown) == ((), None)
     assert KEY not in Identifier.fit(data, "hfmh", estimate=False).trained
+    assert {"candidates: none", "unknown materials: none"} <= set(promises(plain))
     only = Identifier.fit(data, "hfmh", coverage=None, target_error=0.2)
     assert list(only.trained[KEY]) == ["unknown"]
 
@@ -181,11 +185,33 @@ def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):
     assert any(line.startswith("  > plain, C 1") and "75.0 %" in line for line in said)
 
 
-def test_notes_that_say_how_grave_they_are_are_told_as_they_are(identifier, tmp_path):
+def test_notes_that_say_how_grave_they_are_are_said_to_be_those_of_the_data_check(identifier, tmp_path):
     file = tmp_path / "m.safetensors"
     notes = ["error: 2 recordings are one", "warning: no sessions", "too short"]
     file.write_bytes(changed(identifier.core, {**identifier.trained, "notes": notes}).to_bytes())
-    assert promises(Identifier.load(file))[-3:] == [*notes[:2], "note: too short"]
+    said = promises(Identifier.load(file))[-3:]
+    assert said == [*(f"data check: {note}" for note in notes[:2]), "note: too short"]
+
+
+@pytest.mark.parametrize(
+    ("triggers", "said"),
+    [
+        ([None] * 8, "not known, recordings have no trigger"),
+        ([None, *[5] * 7], "not known of all, 28 of 32 recordings have a trigger"),
+        ([4, *[5] * 7], "not the same in all recordings"),
+        ([5] * 8, "0.01 s"),
+    ],
+)
+def test_rest_that_is_not_known_is_not_called_unequal(data, triggers, said):
+    some = Dataset([replace(r, trigger_index=t) for r, t in zip(data, cycle(triggers))])
+    lead = next(line for line in description(Identifier.fit(some, "hfmh", estimate=False)) if "rest" in line)
+    assert lead.endswith(f"rest ahead of the motion: {said}")
+
+
+def test_of_an_older_model_it_is_not_known_which(identifier):
+    trained = {name: value for name, value in identifier.trained.items() if name != "n_triggers"}
+    lead = next(line for line in description(Identifier(changed(identifier.core, trained))) if "rest" in line)
+    assert lead.endswith("not known, or not the same in all recordings")
 
 
 def test_shares_out_of_range_are_refused_before_anything_is_trained(data):

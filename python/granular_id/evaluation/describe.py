@@ -16,7 +16,18 @@ from granular_id import _core
 from granular_id._core import AXES
 from granular_id.recording import Dataset
 
-__all__ = ["describe_data", "describe_estimator", "not_drawn", "versions", "warnings_in"]
+__all__ = [
+    "SEVERE",
+    "describe_data",
+    "describe_estimator",
+    "not_drawn",
+    "of_check",
+    "versions",
+    "warnings_in",
+]
+
+SEVERE = ("error: ", "warning: ")
+"""How the lines of `warnings_in` begin."""
 
 
 def describe_estimator(estimator: BaseEstimator) -> dict[str, Any]:
@@ -55,6 +66,17 @@ def warnings_in(data: Dataset) -> list[str]:
     These are the errors and warnings of `Dataset.check`.
     """
     return [str(finding) for finding in data.check() if finding.severity != "info"]
+
+
+def of_check(note: str) -> str:
+    """Say in front of a line of `warnings_in` whose it is: "error: " alone is what a command prints that has failed.
+
+    Examples
+    --------
+    >>> of_check("error: 1 pair of recordings shares samples"), of_check("nothing is drawn")
+    ('data check: error: 1 pair of recordings shares samples', 'nothing is drawn')
+    """
+    return f"data check: {note}" if note.startswith(SEVERE) else note
 
 
 def not_drawn(data: Dataset) -> list[str]:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular_id._percent import whole_percent
+from granular_id.evaluation.describe import of_check
 from granular_id.evaluation.protocol_names import are_blocks, protocol_name
 from granular_id.evaluation.task import STAGES
 from granular_id.synthetic.materials import PAPER_MATERIALS
@@ -97,7 +98,9 @@ def accuracy_table(result: EvaluationResult) -> Table:
         rows.append(tuple(row))
     notes = [PAPER_NOTE] if papers else []
     title = f"Accuracy {kind} ({counts})"
-    return Table(title, tuple(header), tuple(rows), (*notes, *gap_lines(result), *result.notes))
+    return Table(
+        title, tuple(header), tuple(rows), (*notes, *gap_lines(result), *map(of_check, result.notes))
+    )
 
 
 def gap_lines(result: EvaluationResult) -> tuple[str, ...]:

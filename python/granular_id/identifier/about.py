@@ -52,6 +52,7 @@ def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:
         "synthetic": data.is_synthetic,
         "recordings": dict(zip(labels.tolist(), counts.tolist(), strict=True)),
         "n_sessions": len(sessions),
+        "n_triggers": sum(recording.trigger_index is not None for recording in data),
         # Rows name files: a model is handed on, and says what was done, not to which file.
         "history": [
             {key: step[key] for key in ("step", "parameters", "totals")} for step in about["history"]

@@ -34,6 +34,7 @@ _FORMS: dict[str, Any] = {
     "synthetic": bool,
     "recordings": {_EACH: int},
     "n_sessions": int,
+    "n_triggers": int,
     "history": [{"step": str, "parameters": {}}, ...],
     "estimate": (_ESTIMATE, None),
     "why_no_estimate": str,

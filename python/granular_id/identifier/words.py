@@ -8,6 +8,7 @@ from typing import Any
 
 from granular_id import _core
 from granular_id._words import counted
+from granular_id.evaluation.describe import SEVERE, of_check
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import begins_at_first
 from granular_id.identifier.answers import Answers
@@ -33,14 +34,11 @@ def description(model: Answers) -> list[str]:
     """
     core, spec, trained = model.core, model.spec, model.trained
     seconds = f"{model.n_samples / model.rate_hz:g} s"
-    lead = "not the same in all recordings" if model.lead_s is None else f"{model.lead_s:g} s"
-    if begins_at_first(core):
-        lead = "not known, recordings begin at their first sample"
     size = len(core.to_bytes())
     learners = f"{core.n_learners} learners ({core.metadata['coding'] or 'own coding'})"
     lines = [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
-        f"of the motion: {lead}",
+        f"of the motion: {_lead(model)}",
         f"features: {model.space}, {core.n_features} numbers{_content(spec)}",
         *_bands(spec),
         f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
@@ -80,29 +78,49 @@ def promises(model: Answers) -> list[str]:
         lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
     lines += _choice(trained)
     lines.append(f"early answers: {_early(model, trained.get('early'))}")
-    lines += _confidence(Rules.of(model.core))
+    lines += _confidence(Rules.of(model.core), _why_none(trained))
     if trained.get("left_out"):
         lines.append(f"note: {trained['left_out']}")
     notes = trained.get("notes", [])
-    weighed = ("error: ", "warning: ")
-    lines += [note if note.startswith(weighed) else f"note: {note}" for note in notes[:_MOST_NOTES]]
+    lines += [of_check(note) if note.startswith(SEVERE) else f"note: {note}" for note in notes[:_MOST_NOTES]]
     if len(notes) > _MOST_NOTES:
         lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
     return lines
 
 
-def _confidence(rules: Rules) -> list[str]:
+def _confidence(rules: Rules, why_none: str) -> list[str]:
     """Say what candidates and refusals are worth."""
-    lines = []
+    candidates = refusals = f"none{why_none}"
     if rules.conformal is not None:
         (level,) = rules.conformal.levels[-1:]
         promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
-        lines.append(f"candidates: {'; '.join(rules.conformal.notes) or promise}")
+        candidates = "; ".join(rules.conformal.notes) or promise
     if rules.unknown is not None:
         share = 100 * rules.unknown.share_known
         promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
-        lines.append(f"unknown materials: {'; '.join(rules.unknown.notes) or promise}")
-    return lines
+        refusals = "; ".join(rules.unknown.notes) or promise
+    return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
+
+
+def _why_none(trained: Mapping[str, Any]) -> str:
+    """Say why a model has no rules of what is held out, where that is why."""
+    return "" if trained.get("estimate") else ": no recordings were held out"
+
+
+def _lead(model: Answers) -> str:
+    """Say how much rest the recordings of the training have ahead of their trigger."""
+    if model.lead_s is not None:
+        return f"{model.lead_s:g} s"
+    if begins_at_first(model.core):
+        return "not known, recordings begin at their first sample"
+    known, every = model.trained.get("n_triggers"), sum(model.trained.get("recordings", {}).values())
+    if known is None:
+        return "not known, or not the same in all recordings"
+    if known == 0:
+        return "not known, recordings have no trigger"
+    if known < every:
+        return f"not known of all, {known} of {every} recordings have a trigger"
+    return "not the same in all recordings"
 
 
 def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:
@@ -169,7 +187,7 @@ def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
     table = model.core.early
     if table is None:
         why = "" if known is None else known.get("why_not", "")
-        return f"none{': ' + why if why else ''}"
+        return f"none{': ' + why if why else _why_none(model.trained)}"
     n_seen, margin = table[0].tolist()
     first = f"from {n_seen / model.rate_hz:.2f} s on, with a margin of {margin:.3g} or more"
     if not known:

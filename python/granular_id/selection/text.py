@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from granular_id.evaluation.comparison import MIN_PARTITIONS
 from granular_id.evaluation.comparison_table import probability
+from granular_id.evaluation.describe import of_check
 from granular_id.evaluation.folds import BLOCKS, RANDOM, SESSIONS
 from granular_id.evaluation.metrics import sample_sd
 from granular_id.evaluation.statistics import ROPE
@@ -87,7 +88,7 @@ def candidates_table(selection: Selection) -> Table:
         f"Candidates{synthetic}",
         ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension"),
         tuple(row for _, row in rows),
-        (*notes, *selection.notes),
+        (*notes, *map(of_check, selection.notes)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from granular_id._words import counted
+from granular_id.evaluation.describe import SEVERE
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.tables import SMALL_GAP, gap_lines, percent
 
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
     from granular_id.evaluation.result import EvaluationResult
 
 __all__ = ["Gap", "Side", "gap_of", "split_notes"]
-
-_MARKS = ("warning: ", "error: ")
 
 _APART = {
     "held-out sessions": "different sessions",
@@ -98,8 +97,8 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
 
 def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the warnings and the other notes, without the word that marks them."""
-    marked = [note for note in result.notes if note.startswith(_MARKS)]
-    others = [note for note in result.notes if not note.startswith(_MARKS)]
+    marked = [note for note in result.notes if note.startswith(SEVERE)]
+    others = [note for note in result.notes if not note.startswith(SEVERE)]
     return tuple(note.partition(": ")[2] for note in marked), tuple(others)
 
 
