@@ -64,6 +64,24 @@ def test_which_way_probabilities_are_off(power, verdict):
     assert seen.ece_if_calibrated[1] < low <= seen.ece <= high
 
 
+def test_few_rows_cannot_tell():
+    given, truth = outcomes(8, 1)
+    seen = reliability(given, truth)
+    assert 0.2 < seen.ece_if_calibrated[1] >= seen.ece
+    assert seen.verdict == "too few rows to tell"
+    assert reliability(*outcomes(1000, 1)).verdict == "no sign of being off"
+    sure_and_wrong = reliability(np.tile([0.99, 0.01], (8, 1)), np.ones(8, dtype=int))
+    assert sure_and_wrong.verdict == "too sure"  # so far off that eight rows do
+
+
+def test_without_a_mistake_there_is_nothing_to_judge_by():
+    for sure, verdict in ((0.9999, "no mistakes, so nothing to judge by"), (0.8, "not sure enough")):
+        given = np.tile([sure, 1 - sure], (50, 1))
+        assert reliability(given, np.zeros(50, dtype=int)).verdict == verdict
+    given = np.tile([0.9999, 0.0001], (5000, 1))
+    assert reliability(given, np.arange(5000) // 4999).verdict == "no sign of being off"
+
+
 def test_whole_sessions_are_drawn():
     """Rows of a session that are all the same are one piece of evidence, not fifty."""
     given = np.tile([0.75, 0.25], (400, 1))

@@ -28,6 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 N_BINS = 15
+_MOST_BY_CHANCE = 0.2  # where calibrated models reach further, probabilities that are 20 points off go unseen
 _LEAST = 1e-15  # a probability of 0 for what happened would make the log loss infinite
 _SUM_TOLERANCE = 1e-6
 
@@ -67,8 +68,9 @@ class Reliability:
         Expected calibration error of the likeliest class, with its 95 % bootstrap interval; whole sessions are drawn
         where there are several.
     ece_if_calibrated : (float, float)
-        Where 95 % of the errors lie that a perfectly calibrated model would show with so many rows: the error
-        is never 0. Above it the probabilities are off.
+        Where 95 % of the errors lie that a perfectly calibrated model would show with so many rows: by chance they
+        are above 0. Above the interval the probabilities are off; where it reaches beyond 0.2 an error within it
+        tells nothing.
     brier : float
         Mean squared distance of the probabilities from 1 for the true class and 0 for others: 0 to 2.
     log_loss : float
@@ -97,9 +99,12 @@ class Reliability:
 
     @property
     def verdict(self) -> str:
-        """Say in a few words whether the probabilities can be taken as they are."""
+        """Say in a few words whether the probabilities can be taken as they are, or that these rows cannot tell."""
+        if self.accuracy == 1.0 and percent(self.confidence) == percent(1.0):
+            return "no mistakes, so nothing to judge by"
         if self.ece <= self.ece_if_calibrated[1]:
-            return "no sign of being off"
+            few = self.ece_if_calibrated[1] > _MOST_BY_CHANCE
+            return "too few rows to tell" if few else "no sign of being off"
         return "too sure" if self.confidence > self.accuracy else "not sure enough"
 
     def table(self) -> Table:
@@ -203,7 +208,7 @@ def reliability(
     Examples
     --------
     >>> from granular_id.confidence import reliability
-    >>> seen = reliability([[0.9, 0.1]] * 9 + [[0.1, 0.9]], [0] * 8 + [1, 1])
+    >>> seen = reliability([[0.9, 0.1]] * 90 + [[0.1, 0.9]] * 10, [0] * 80 + [1] * 20)
     >>> round(seen.ece, 3), round(seen.brier, 3), seen.verdict
     (0.0, 0.18, 'no sign of being off')
     """
