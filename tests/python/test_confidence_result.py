@@ -1,6 +1,7 @@
 """Coverage over partitions, everything in one call, the figure, the command."""
 
 import json
+import re
 from dataclasses import replace
 from typing import ClassVar
 
@@ -10,13 +11,14 @@ from sklearn.datasets import load_iris
 from sklearn.pipeline import make_pipeline
 
 from cli_cases import ended_well, make, refused, saved
-from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study
+from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study, leave_one_material_out
 from granular_id.confidence.assessing import count_trainings
 from granular_id.confidence.calibration import reliability
 from granular_id.confidence.coverage import CoverageResult, Covered, random_partition
 from granular_id.confidence.rows import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.plotting.confidence import plot_confidence
+from granular_id.recording import Dataset
 from granular_id.spaces import RawHFMH
 from granular_id.synthetic import synthesize
 
@@ -144,6 +146,61 @@ def test_what_lies_beyond_the_bars_has_a_bar_that_says_so(found):
         assert named == labels
         across, up = panel.patches[1].get_xy().T
         assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)
+
+
+def few(*counts):
+    """So many rows of each of the classes a, b, ..., and their labels."""
+    labels = [name for name, n in zip("abcd", counts, strict=False) for _ in range(n)]
+    return np.random.default_rng(0).normal(size=(len(labels), 3)), labels
+
+
+class Untrained(ECOCClassifier):
+    def fit(self, X, y):
+        raise AssertionError("nothing must be trained")
+
+
+@pytest.mark.parametrize("ask", [assess, coverage_study, leave_one_material_out])
+@pytest.mark.parametrize(
+    ("counts", "known", "message"),
+    [
+        ((8, 2, 8), {}, "of 'b' (2): at least 3 of each are needed, so that 2 train while others are held out"),
+        ((8, 3, 2), {"in_time_order": True}, "of 'b' (3), 'c' (2): at least 4 of each are needed, so that either"),
+        ((8, 1, 8), {"in_time_order": True}, "of 'b' (1): at least 4 of each are needed, so that either half in"),
+        (
+            (4, 4, 3),
+            {"sessions": list("xxyy" "xxyy" "xxy")},
+            "of 'c' (3): at least 2 of each must train while whole sessions are held out",
+        ),
+    ],
+)  # fmt: skip
+def test_too_few_recordings_are_refused_before_anything_is_trained(ask, counts, known, message):
+    X, y = few(*counts)
+    with pytest.raises(ValueError, match=re.escape(f"too few recordings {message}")):
+        ask(X, Untrained(), y, **known)
+
+
+@pytest.mark.parametrize(
+    ("counts", "known"),
+    [
+        ((8, 3, 8), {}),
+        ((8, 4, 8), {"in_time_order": True}),
+        ((4, 4, 3), {"sessions": list("xxyyxxyyxyz")}),
+    ],
+)
+def test_as_few_as_are_asked_for_do(counts, known):
+    X, y = few(*counts)
+    assert assess(X, ECOCClassifier(), y, n_seeds=3, levels=[0.5], **known).open_set is not None
+
+
+def test_the_command_says_which_material_to_leave_out(tmp_path):
+    data = Dataset([r for r in make(8) if r.label != "rice" or int(r.name[-6:-4]) < 3])
+    folder = saved(data, tmp_path / "set")
+    line = refused("confidence", folder, "--space", "hfmh", "--quiet")
+    assert line == (
+        "error: too few recordings of 'rice' (3): at least 4 of each are needed, so that either half in time order "
+        "holds 2; leave out with --exclude rice, or record more"
+    )
+    ended_well("confidence", folder, "--space", "hfmh", "--quiet", "--exclude", "rice", "--seeds", "1")
 
 
 class Told(ECOCClassifier):

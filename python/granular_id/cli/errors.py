@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import re
+import shlex
 from collections.abc import Callable
 from typing import ParamSpec
 
@@ -70,6 +71,7 @@ OPTIONS = {
     "threshold_n": "--threshold-n",
 }
 
+FEW = re.compile(r"leave out ((?:'[^']*', )*'[^']*'), or record more")
 TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")
 
 P = ParamSpec("P")
@@ -126,6 +128,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         return " ".join(message.split())
     one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
     one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
+    one_line = FEW.sub(_excluded, one_line)
     one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
     one_line = one_line.replace("call .find_onsets()", "add --begin-at onset")
     one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz")
@@ -142,6 +145,11 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         else:  # also an everyday word: an argument only where a message begins with it
             one_line = re.sub(rf"^{name}(?= must |: )", option, one_line)
     return one_line
+
+
+def _excluded(few: re.Match[str]) -> str:
+    names = ",".join(re.findall(r"'([^']*)'", few[1]))
+    return f"leave out with --exclude {shlex.quote(names)}, or record more"
 
 
 def words_of(error: Exception) -> str:

@@ -76,6 +76,12 @@ def assess(
     -------
     Confidence
 
+    Raises
+    ------
+    TypeError, ValueError
+        As `granular_id.confidence.rows.rows_of`; fewer than 3 rows of a class, or 4 where halves in time order are
+        tested. Before anything is trained.
+
     Examples
     --------
     >>> from sklearn.datasets import load_iris
@@ -87,6 +93,7 @@ def assess(
     '0'
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
+    rows.refuse_few(n_folds)
     folds, held_out = rows.folds(n_folds, seed=seed)
     with showing(progress) as callback:
         tick = Ticker(len(folds), callback).tick
@@ -147,6 +154,7 @@ def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | N
     122
     """
     rows = rows_of(data)
+    rows.refuse_few(n_folds)
     once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
     honest = rows.honest(n_folds)[0]
     strictly = 0 if honest[0].protocol == "kfold" else len(honest) * (1 + once)

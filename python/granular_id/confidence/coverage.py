@@ -182,6 +182,7 @@ def coverage_study(
     [('random 30 %', 0.906)]
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
+    rows.refuse_few(n_folds)
     wanted = checked_levels(levels)
     n_seeds = whole_number("n_seeds", n_seeds)
     drawn = [random_partition(rows.codes, seed + k) for k in range(n_seeds)]

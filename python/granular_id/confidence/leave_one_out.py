@@ -70,7 +70,8 @@ def leave_one_material_out(
     Raises
     ------
     TypeError, ValueError
-        As `rows_of` and `unknown_rule`; fewer than three materials; a class with fewer than 3 rows.
+        As `rows_of` and `unknown_rule`; fewer than three materials; a class with fewer than 3 rows, or 4 where
+        halves in time order are tested.
 
     Examples
     --------
@@ -88,6 +89,7 @@ def leave_one_material_out(
     for kind in kinds or ():
         if kind not in STRANGENESS:
             raise ValueError(f"kinds must be among {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
+    rows.refuse_few(n_folds)
     partitions, held_out = rows.honest(n_folds, seed=seed)
     model, rows = without_fixed_steps(model, rows)
     tasks = [(unknown, partition) for unknown in range(len(rows.classes)) for partition in partitions]

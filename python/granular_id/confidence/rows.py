@@ -104,7 +104,7 @@ class Rows:
         ValueError
             A class with a single row, or one class only.
         """
-        largest = max(own.size for own in splittable_rows(self.codes, "cross-fitting").values())
+        largest = max(own.size for own in splittable_rows(self.labels, "cross-fitting").values())
         n_random = min(N_RANDOM_FOLDS if n_folds is None else n_folds, largest)
         n_folds = min(N_FOLDS if n_folds is None else n_folds, largest)
         if strict and self._has_sessions:
@@ -121,11 +121,45 @@ class Rows:
     def honest(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
         """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
         if not self._has_sessions and self.order is not None:
-            splittable_rows(self.codes, "chronological")
+            splittable_rows(self.labels, "chronological")
             halves = chronological_partitions(self.codes, self.order)
             return halves, protocol_name(halves[0].protocol, halves)
         folds, _ = self.folds(n_folds, seed=seed)
         return folds, protocol_name(folds[0].protocol, folds)
+
+    def refuse_few(self, n_folds: int | None = None) -> None:
+        """Refuse materials of which `honest` or random partitions would train on a single row.
+
+        Nothing could be held out within such a part, and a fit long after others would say so.
+
+        Raises
+        ------
+        ValueError
+            Naming the materials, their counts and what is needed.
+        """
+        counts = np.bincount(self.codes)
+        in_halves = not self._has_sessions and self.order is not None
+        needed = 4 if in_halves or n_folds == 2 else 3
+        few, why = (
+            counts < needed,
+            f"at least {needed} of each are needed, so that 2 train while others are held out",
+        )
+        if in_halves:
+            why = "at least 4 of each are needed, so that either half in time order holds 2"
+        if self._has_sessions and not few.any():
+            trains = [
+                np.bincount(self.codes[part.train], minlength=len(counts)) for part in self.honest(n_folds)[0]
+            ]
+            few, why = (
+                np.min(trains, axis=0) < 2,
+                "at least 2 of each must train while whole sessions are held out",
+            )
+        if few.any():
+            names = [repr(name) for name, is_few in zip(self.classes, few.tolist(), strict=True) if is_few]
+            said = ", ".join(f"{name} ({n})" for name, n in zip(names, counts[few].tolist(), strict=True))
+            raise ValueError(
+                f"too few recordings of {said}: {why}; leave out {', '.join(names)}, or record more"
+            )
 
     @property
     def _has_sessions(self) -> bool:
