@@ -8,8 +8,7 @@ alternate, so that a change in the machine's speed meets all alike. The answers 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
 weights have left the caches. `bands`: the same for a model of multi-band features, of which octaves, products and
 counts are worked out as rows come, the rest when it is asked; its answers are compared with those of its own whole
-recordings. `with rules`: the warm model, which also
-names candidates and says whether the recording is like none of the materials.
+recordings. `with rules`: the model also names candidates and says whether the recording is like none of the materials.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from granular_id.synthetic import PAPER_MATERIALS
 N_BINS, LOW, HIGH = 100, -1.5, 1.5
 BLOCK, EVERY = 10, 16  # rows of a block; rows between provisional decisions
 OURS, BANDS = "ours, warm", "ours, bands, warm"
-RULED = "ours, warm, with rules"
+RULED, RULED_BANDS = "ours, warm, with rules", "ours, bands, cold, with rules"
 WHOLE_BANDS = "multi-band Model.scores, whole"
 
 
@@ -95,12 +94,14 @@ def main() -> None:
     ruled = StreamingIdentifier(Identifier.fit(train, "raw+hfmh"))
     banded = Identifier.fit(train, "multiband", estimate=False)
     bands = StreamingIdentifier(banded)
+    ruled_bands = StreamingIdentifier(Identifier.fit(train, "multiband"))
     streams = {
         OURS: (stream, True),
         "ours, cold": (stream, False),
         RULED: (ruled, True),
         BANDS: (bands, True),
         "ours, bands, cold": (bands, False),
+        RULED_BANDS: (ruled_bands, False),
     }
 
     peers: dict[str, Callable[[np.ndarray], str]] = {

@@ -70,7 +70,7 @@ class ConformalRule:
     n_calibration: tuple[int, ...]
     temperature: float = 1.0
     held_out: str = ""
-    _limits: dict[float, FloatArray] = field(init=False, repr=False, compare=False)
+    _limits: dict[float, list[float]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
@@ -93,7 +93,8 @@ class ConformalRule:
             raise ValueError(f"n_calibration must hold {widths.pop()} counts, got {self.n_calibration}")
         if not 0 < self.temperature < math.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
-        limits = dict(zip(self.levels, map(np.array, self.thresholds), strict=True))
+        alone = len(self.classes) if widths == {1} else 1
+        limits = {level: list(row) * alone for level, row in zip(self.levels, self.thresholds, strict=True)}
         object.__setattr__(self, "_limits", limits)
 
     @property
@@ -163,20 +164,20 @@ class ConformalRule:
             Name the best class where the set is empty. Coverage then exceeds the level where the model is right more
             often than that.
         """
-        given = np.asarray(values, dtype=np.float64)
-        if given.ndim != 1:
-            raise ValueError(f"values must have shape (K,), got {given.shape}")
-        listed = given.tolist()
+        listed = values if isinstance(values, list) else np.asarray(values, dtype=np.float64).tolist()
+        if not isinstance(listed, list) or (listed and isinstance(listed[0], list)):
+            raise ValueError(f"values must have shape (K,), got {np.shape(values)}")
         if self.kind == "margin" and len(listed) == len(self.classes):
             found = self._beside_the_best(listed, level)
         else:
-            found = np.flatnonzero(self.sets(given, level)).tolist()
+            found = np.flatnonzero(self.sets(listed, level)).tolist()
         found.sort(key=listed.__getitem__, reverse=True)
         if not found and at_least_one:
             found = [listed.index(max(listed))]
         return tuple(self.classes[k] for k in found)
 
-    def _limits_of(self, level: float | None) -> FloatArray:
+    def _limits_of(self, level: float | None) -> list[float]:
+        """Return the threshold of each class."""
         limits = self._limits.get(self.levels[-1] if level is None else level)
         if limits is None:
             raise ValueError(f"level must be one of {', '.join(map(str, self.levels))}, got {level!r}")
@@ -186,9 +187,7 @@ class ConformalRule:
         """Classes of the set of one row by the margin: the same comparisons as `sets`, ten times as fast."""
         if not all(map(math.isfinite, values)):
             raise ValueError(_NOT_FINITE)
-        limits = self._limits_of(level).tolist()
-        if len(limits) == 1:
-            limits *= len(values)
+        limits = self._limits_of(level)
         second, first = sorted(values)[-2:]
         best = values.index(first)
         return [

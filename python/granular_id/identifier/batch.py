@@ -197,7 +197,8 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
         ranking = tuple((model.classes[k], float(losses[i, k])) for k in order.tolist())
         chance = None if chances is None else float(chances[i, order[0]])
         warned = _warnings(recording)
-        candidates, unknown = rules.candidates(-losses[i]), rules.is_unknown(-losses[i], scores[i])
+        values = (-losses[i]).tolist()
+        candidates, unknown = rules.candidates(values), rules.is_unknown(values, scores[i])
         each.append(
             Named(
                 recording.name,

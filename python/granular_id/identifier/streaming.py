@@ -66,6 +66,7 @@ class StreamingIdentifier:
         self.core = _core.StreamingIdentifier(core, hop=hop)
         self._rate_hz = core.rate_hz
         self._has_probabilities = core.sigmoid is not None
+        self._classes = core.classes
         self._rules = Rules.of(core)
         # warning -> row of the stream at which it was last given
         self._warnings: dict[str, int] = {}
@@ -139,17 +140,17 @@ class StreamingIdentifier:
             n_seen,
             n_seen / self._rate_hz,
             warnings,
-            *self._confidence(scores, final=final),
+            *self._confidence(dict(ranking), scores, final=final),
         )
 
     def _confidence(
-        self, scores: npt.NDArray[np.float64], *, final: bool
+        self, losses: dict[str, float], scores: npt.NDArray[np.float64], *, final: bool
     ) -> tuple[tuple[str, ...], bool | None]:
         """Candidates of a whole recording, and whether it is like none; the rules say nothing of less."""
         rules = self._rules
         if not final or (rules.conformal is None and rules.unknown is None):
             return (), None
-        values = -self.core.model.losses(scores)[0]
+        values = [-losses[label] for label in self._classes]
         return rules.candidates(values), rules.is_unknown(values, scores)
 
     def next(self) -> None:

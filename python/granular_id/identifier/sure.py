@@ -69,27 +69,27 @@ class Rules:
             )
         return rules
 
-    def candidates(self, values: FloatArray) -> tuple[str, ...]:
+    def candidates(self, values: list[float]) -> tuple[str, ...]:
         """Materials in the set of a recording, the likeliest first and at least one; empty without a rule.
 
         Parameters
         ----------
-        values : ndarray, shape (K,)
-            Minus the mean losses.
+        values : list of K float
+            Minus the mean losses, in the order of the classes. A list: a live answer has no time to make arrays.
         """
         return () if self.conformal is None else self.conformal.names(values, at_least_one=True)
 
-    def is_unknown(self, values: FloatArray, scores: FloatArray) -> bool | None:
+    def is_unknown(self, values: list[float], scores: FloatArray) -> bool | None:
         """Whether a recording is like none of the known materials; None without a rule.
 
         Parameters
         ----------
-        values : ndarray, shape (K,)
-            Minus the mean losses.
+        values : list of K float
+            As of `candidates`.
         scores : ndarray, shape (L,)
             Of the learners.
         """
-        return None if self.unknown is None else not self.unknown.knows(values, scores)
+        return None if self.unknown is None else not self.unknown.knows_row(values, scores)
 
 
 def rules_of(

@@ -74,7 +74,29 @@ impl PyNearestMean {
     /// Distances (n,) of values or scores (n, `width`), or (1,) of one row (`width`,); `name` is what messages call them.
     #[pyo3(signature = (scores, name="scores"))]
     fn distances<'py>(&self, scores: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let py = scores.py();
+        Ok(PyArray1::from_vec(scores.py(), self.measured(scores, name)?))
+    }
+
+    /// Distance of one row (`width`,), as a number: no array has to be made for a live answer.
+    #[pyo3(signature = (scores, name="scores"))]
+    fn distance(&self, scores: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
+        match self.measured(scores, name)?[..] {
+            [distance] => Ok(distance),
+            ref several => {
+                let message = format!("{name} must be one row, got {}", several.len());
+                Err(PyValueError::new_err(message))
+            }
+        }
+    }
+
+    #[getter]
+    fn width(&self) -> usize {
+        self.nearest.width()
+    }
+}
+
+impl PyNearestMean {
+    fn measured(&self, scores: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<f64>> {
         let scores = contiguous_real(scores, name)?;
         let width = self.nearest.width();
         if !matches!(*scores.shape(), [n] | [_, n] if n == width) {
@@ -83,15 +105,7 @@ impl PyNearestMean {
             return Err(PyValueError::new_err(message));
         }
         let scores = readable(&scores, name)?;
-        let distances = self
-            .nearest
-            .distances(scores.as_slice()?)
-            .map_err(|_| PyValueError::new_err(format!("{name} must be finite, got NaN or infinity")))?;
-        Ok(PyArray1::from_vec(py, distances))
-    }
-
-    #[getter]
-    fn width(&self) -> usize {
-        self.nearest.width()
+        let not_finite = |_| PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"));
+        self.nearest.distances(scores.as_slice()?).map_err(not_finite)
     }
 }
