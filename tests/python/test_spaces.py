@@ -12,7 +12,7 @@ from sklearn.pipeline import make_pipeline
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.features import extract_features, feature_names
-from granular_id.spaces import HFMH, RawHFMH, RawSignal
+from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH, RawSignal, TimePermutation
 from spaces_cases import recordings
 
 
@@ -123,7 +123,7 @@ def test_as_many_names_as_values(n_axes):
 
 
 def test_input_names():
-    frame = pd.DataFrame(recordings(n_samples=4, n_axes=1)[:, :, 0], columns=list("abcd"))
+    frame = pd.DataFrame(recordings(n=3, n_samples=4, n_axes=1)[:, :, 0], columns=list("abcd"))
     transformer = RawSignal().fit(frame)
     np.testing.assert_array_equal(transformer.feature_names_in_, list("abcd"))
     assert len(transformer.get_feature_names_out(list("abcd"))) == 4
@@ -131,6 +131,13 @@ def test_input_names():
         transformer.get_feature_names_out(list("abce"))
     with pytest.raises(ValueError, match=r"should have length equal to number of features \(4\)"):
         transformer.get_feature_names_out(list("abc"))
+
+
+def test_names_of_axes_are_no_input_names_and_the_message_says_so():
+    with pytest.raises(
+        ValueError, match=r"\(40\): .* instants, not the axes; got shape \(6,\)\. They can be left"
+    ):
+        RawSignal().fit(recordings(n=2, n_samples=40)).get_feature_names_out(list("abcdef"))
 
 
 @pytest.mark.parametrize("kind", [RawSignal, HFMH, RawHFMH])
@@ -232,3 +239,23 @@ def test_one_recording_or_another_shape_is_refused_in_words() -> None:
         ValueError, match=r"X must have shape \(n, 40, 6\) as in fit, with any n, got \(2, 30, 6\)"
     ):
         fitted.transform(np.zeros((2, 30, 6)))
+
+
+@pytest.mark.parametrize("kind", [RawSignal, HFMH, RawHFMH, MultiBand, DFT, RangeNormalizer, TimePermutation])
+def test_one_recording_that_would_pass_for_many_is_told(kind):
+    X = recordings(n=2, n_samples=40)
+    told = (
+        r"X of shape \(40, 6\) is taken as 40 recordings of 6 samples on one axis\. If it is one recording of 40 "
+        r"samples on 6 axes, pass X\[np\.newaxis\]; if not, X\[:, :, np\.newaxis\] says so"
+    )
+    with pytest.warns(UserWarning, match=told) as heard:
+        kind().fit(X[0])
+    assert [warning.filename for warning in heard] == [__file__]
+    assert kind().fit(X[:1]).n_axes_in_ == 6
+    assert kind().fit(X[0][:, :, np.newaxis]).n_axes_in_ == 1  # no warning: pytest makes errors of them
+    assert kind().fit(X[0].T).n_features_in_ == 40
+
+
+@pytest.mark.parametrize(("n", "n_samples"), [(6, 6), (40, 1), (40, 13)])
+def test_signals_that_are_no_recording_are_taken_in_silence(n, n_samples):
+    assert RawSignal().fit(np.zeros((n, n_samples))).n_features_in_ == n_samples

@@ -18,6 +18,9 @@ from spaces_cases import FILTERS, ROWS, SCALERS, SPACES, STATISTICS, recordings
 
 EVERY = SPACES | STATISTICS | FILTERS | ROWS
 
+# The checks give signals of a few samples on one axis, which might be one recording.
+pytestmark = pytest.mark.filterwarnings("ignore:X of shape .* is taken as:UserWarning")
+
 
 @parametrize_with_checks([clone(estimator) for estimator in (EVERY | SCALERS).values()])
 def test_sklearn_contract(estimator, check):

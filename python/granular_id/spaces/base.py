@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +28,9 @@ __all__ = [
 ]
 
 FloatArray = npt.NDArray[np.float64]
+
+_MOST_AXES = 12
+"""Most axes that a sensor, or two, would have: two dimensions that end in as few may be samples and axes."""
 
 
 class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -59,6 +63,11 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         Returns
         -------
         self
+
+        Warns
+        -----
+        UserWarning
+            Two dimensions that look like one recording: as few samples as a sensor has axes, and more signals.
         """
         recordings = self._recordings(X, reset=True)
         self.n_axes_in_ = recordings.shape[2]
@@ -121,6 +130,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             self._same_shape(np.shape(X))
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
         if values.ndim == 2:
+            if reset:
+                _warn_of_axes(values.shape)
             values = values[:, :, np.newaxis]
         if 0 in values.shape:
             raise ValueError(
@@ -197,8 +208,9 @@ def check_input_names(estimator: Any, input_features: npt.ArrayLike | None) -> N
     given = np.asarray(input_features, dtype=object)
     if given.shape != (estimator.n_features_in_,):
         raise ValueError(
-            "input_features should have length equal to number of features "
-            f"({estimator.n_features_in_}), got shape {given.shape}"
+            f"input_features should have length equal to number of features ({estimator.n_features_in_}): a name for "
+            "each column that fit saw, which of recordings are the instants, not the axes; got shape "
+            f"{given.shape}. They can be left out: the names given out do not depend on them"
         )
     seen = getattr(estimator, "feature_names_in_", None)
     if seen is not None and not np.array_equal(seen, given):
@@ -215,6 +227,17 @@ def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
 def _rank(X: Any) -> int:
     # A data frame of single axes has ndim; what only knows how to become an array counts as one of two dimensions.
     return np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
+
+
+def _warn_of_axes(shape: tuple[int, int]) -> None:
+    n, n_samples = shape
+    if 2 <= n_samples <= _MOST_AXES and n > n_samples:
+        warnings.warn(
+            f"X of shape {shape} is taken as {n} recordings of {n_samples} samples on one axis. If it is one recording "
+            f"of {n} samples on {n_samples} axes, pass X[np.newaxis]; if not, X[:, :, np.newaxis] says so",
+            UserWarning,
+            stacklevel=4,  # whoever called fit
+        )
 
 
 def _refuse_gaps(recordings: FloatArray) -> None:
