@@ -189,7 +189,9 @@ def _line(push: Push) -> str:
     if push.decision is None:
         return f"no answer: {push.text}"
     verdict = {True: "  right", False: f"  WRONG, it was {push.truth}", None: ""}[push.is_right]
-    if push.is_right is False and not push.decision.unknown and push.truth not in dict(push.decision.ranking):
+    if push.is_right and push.decision.unknown:
+        verdict += f", it was {push.truth}"
+    if push.is_right is not None and push.truth not in dict(push.decision.ranking):
         verdict += ", which the model does not know"
     return f"{push.decision}{verdict}"
 
