@@ -204,16 +204,17 @@ def right_share(result, share, protocol):
 
 
 @pytest.mark.parametrize(
-    ("strict", "kind", "words"),
+    ("strict", "kind", "points", "words"),
     [
-        (0.5, "lost", "50.0 points do not survive different halves in time"),
-        (1.0, "kept", "Less than a point is lost"),
+        (0.5, "lost", ("−50.0", "points"), "50.0 points do not survive different halves in time"),
+        (1.0, "kept", ("no", "difference"), "Less than a point is lost"),
     ],
 )
-def test_the_verdict_follows_the_gap(result, strict, kind, words):
+def test_the_verdict_follows_the_gap(result, strict, kind, points, words):
     both = right_share(right_share(result, 1.0, "paper"), strict, "chronological")
     gap = gap_of(both, "raw")
     assert gap.kind == kind
+    assert gap.points == points
     assert words in gap.verdict
     assert gap.sides[0].spread == "the same in each of 3 partitions"
 

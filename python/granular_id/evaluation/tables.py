@@ -94,7 +94,8 @@ def accuracy_table(result: EvaluationResult) -> Table:
         for protocol in result.protocols:
             row += _accuracy_cells(result, space.name, protocol)
         if with_gap:
-            row.append(f"{100 * (result.gap(space.name) or 0.0):.1f}")
+            gap = result.gap(space.name) or 0.0
+            row.append(f"{round(100 * gap, 1) + 0.0:.1f}")  # never -0.0
         rows.append(tuple(row))
     notes = [PAPER_NOTE] if papers else []
     title = f"Accuracy {kind} ({counts})"

@@ -58,12 +58,14 @@ class Gap:
     kind : {"lost", "unsure", "kept", "unknown"}
         Points are lost; so few that chance explains them; less than one; no strict protocol ran beside random
         draws.
+    points : (str, str)
+        How many more or fewer, and the unit; no difference where that rounds to none.
     """
 
     kind: str
     headline: str
     sides: tuple[Side, ...]
-    points: str
+    points: tuple[str, str]
     verdict: str
     remarks: tuple[str, ...]
 
@@ -75,7 +77,7 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     gap = result.gap(space)
     if gap is None:
         headline = f"{space} names {sides[0].accuracy} of recordings rightly ({sides[0].name})"
-        return Gap("unknown", headline, sides, "", _one_sided(result, sides[0]), _chosen(result))
+        return Gap("unknown", headline, sides, ("", ""), _one_sided(result, sides[0]), _chosen(result))
     random, strict = sides
     apart = _APART.get(strict.name, strict.name)
     kind = _kind(result, space, gap)
@@ -91,7 +93,8 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
         remarks.append(
             f"best with {strict.name}: {best}, {percent(result.mean_accuracy(best, strict.protocol))}"
         )
-    points = f"{-100 * gap:+.1f}".replace("-", "−")
+    change = f"{-100 * gap:+.1f}".replace("-", "−")
+    points = (change, "points") if change.strip("+−") != "0.0" else ("no", "difference")
     return Gap(kind, headline, sides, points, verdict, (*remarks, *_chosen(result)))
 
 
