@@ -71,6 +71,44 @@ def test_identify_names_recordings_and_compares_with_what_is_known(folder, model
     assert [float(row["margin"]) for row in rows] == [row["margin"] for row in written["recordings"]]
 
 
+def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, fresh, tmp_path):
+    answers, table = tmp_path / "a.json", tmp_path / "a.csv"
+    out = ended_well("identify", model, folder / "oat", "--json", answers)
+    assert "the model was trained on each of these recordings: this says nothing about new ones" in out
+    assert "trained on" not in out.replace("was trained on", "")
+    written = json.loads(answers.read_text(encoding="utf-8"))
+    assert (written["n_trained_on"], written["trained_on_these"]) == (10, False)
+    _, file = fresh
+    words = ("--begin-at", "first", "--json", answers, "--csv", table)
+    out = ended_well("identify", model, folder / "oat", file, *words)
+    assert re.search(r"; of the others \d of 6 named rightly", out)
+    assert (
+        "the model was trained on 10 of these 16 recordings, whose answers say nothing about new ones" in out
+    )
+    written = json.loads(answers.read_text(encoding="utf-8"))
+    assert written["n_trained_on"] == 10
+    assert [row["trained_on"] for row in written["recordings"]] == [True] * 10 + [False] * 6
+    with table.open(encoding="utf-8", newline="") as stream:
+        assert [row["trained_on"] for row in csv.DictReader(stream)] == ["true"] * 10 + ["false"] * 6
+
+
+def test_a_model_knows_its_recordings_one_by_one_where_they_are_not_too_many(folder, model, monkeypatch):
+    from granular_id.identifier import batch, building
+    from granular_id.io import load
+
+    data = load(folder)
+    monkeypatch.setattr(building, "_MOST_MARKS", 29)
+    older = Identifier.fit(data, "hfmh", estimate=False)
+    assert building.MARKS not in older.trained
+    assert len(Identifier.load(model).trained[building.MARKS]) == 30 * 8
+    answers = batch.identify_all(older, data)
+    assert answers.trained_on_these
+    assert answers.n_trained_on is None
+    some = batch.identify_all(older, data[:3])
+    assert {named.trained_on for named in some} == {None}
+    assert "trained" not in str(some.table())
+
+
 def test_answers_are_those_of_the_streaming_identification(model, folder):
     identifier = Identifier.load(model)
     from granular_id.identifier.batch import identify_all

@@ -85,6 +85,19 @@ def test_batches_say_the_same_as_decisions(identifier, data):
     assert batch.to_dict()["recordings"][0]["candidates"] == list(batch.each[0].candidates)
 
 
+def test_the_table_has_a_column_for_each_rule_of_the_model(identifier, data):
+    batch = identify_all(identifier, data)
+    rows = [dict(zip(batch.table().header, row, strict=True)) for row in batch.table().rows]
+    assert [row["unknown"] for row in rows] == ["yes" if named.unknown else "" for named in batch]
+    assert [row["may be"] for row in rows] == [", ".join(named.candidates) for named in batch]
+    calm = replace(batch, each=tuple(replace(named, unknown=False) for named in batch))
+    assert "yes" not in {row[calm.table().header.index("unknown")] for row in calm.table().rows}
+    assert calm.table().header == batch.table().header
+    plain = Identifier.fit(data, "hfmh", coverage=None, target_error=0.2)
+    assert "unknown" in (header := identify_all(plain, data).table().header)
+    assert "may be" not in header
+
+
 def test_a_signal_like_nothing_known_is_said_to_be(identifier):
     loud = np.random.default_rng(0).normal(0, 0.5, (80, 6)) * [1, 0, 0, 0, 0, 1]
     decision = identifier.identify(loud)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from granular_id._files import whole_file
 from granular_id._words import counted
 from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
-from granular_id.identifier.building import fingerprint
+from granular_id.identifier.building import fingerprint, marks_in, marks_of
 from granular_id.identifier.held_out import margins_of
 from granular_id.identifier.sure import Rules
 from granular_id.recording import Dataset, Recording, SampleFlag
@@ -45,6 +45,8 @@ class Named:
         What is wrong with samples of the recording.
     candidates, unknown
         As of `granular_id.identifier.Decision`.
+    trained_on : bool or None
+        Whether the model was trained on these very samples; None where it does not know its recordings one by one.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Named:
     warnings: tuple[str, ...] = ()
     candidates: tuple[str, ...] = ()
     unknown: bool | None = None
+    trained_on: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,13 @@ class Batch:
     def accuracy(self) -> float | None:
         """Share of right answers among `judged`; None where there are none."""
         judged = self.judged
-        return sum(named.label == named.truth for named in judged) / len(judged) if judged else None
+        return _rightly(judged) / len(judged) if judged else None
+
+    @property
+    def n_trained_on(self) -> int | None:
+        """Recordings that the model was trained on; None where it does not know."""
+        known = [named.trained_on for named in self.each if named.trained_on is not None]
+        return sum(known) if known else None
 
     def table(self) -> Table:
         """Return answers, margins and truth as a table with notes."""
@@ -102,12 +111,15 @@ class Batch:
         columns["margin"] = [f"{n.margin:.3f}" for n in self.each]
         if any(n.probability is not None for n in self.each):
             columns["probability"] = [percent(n.probability) for n in self.each]
-        if any(len(n.candidates) > 1 for n in self.each):
+        # There wherever the model has the rule: that it has nothing to say is an answer.
+        if any(n.candidates for n in self.each):
             columns["may be"] = [", ".join(n.candidates) for n in self.each]
-        if any(n.unknown for n in self.each):
-            columns["like"] = ["none" if n.unknown else "" for n in self.each]
+        if any(n.unknown is not None for n in self.each):
+            columns["unknown"] = ["yes" if n.unknown else "" for n in self.each]
         if any(n.truth is not None for n in self.each):
             columns["truth"] = [self._truth(n) for n in self.each]
+        if 0 < (self.n_trained_on or 0) < len(self):
+            columns["trained on"] = ["yes" if n.trained_on else "" for n in self.each]
         if any(n.warnings for n in self.each):
             columns["samples"] = [", ".join(n.warnings) for n in self.each]
         rows = tuple(zip(*columns.values(), strict=True))
@@ -118,6 +130,7 @@ class Batch:
         return {
             "synthetic": self.synthetic,
             "trained_on_these": self.trained_on_these,
+            "n_trained_on": self.n_trained_on,
             "accuracy": self.accuracy,
             "n_judged": len(self.judged),
             "recordings": [
@@ -130,6 +143,7 @@ class Batch:
                     "warnings": list(n.warnings),
                     "candidates": list(n.candidates),
                     "unknown": n.unknown,
+                    "trained_on": n.trained_on,
                     "ranking": [{"label": label, "mean_loss": loss} for label, loss in n.ranking],
                 }
                 for n in self.each
@@ -141,14 +155,14 @@ class Batch:
         with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream)
             columns = ("recording", "label", "margin", "probability", "truth", "warnings")
-            writer.writerow((*columns, "candidates", "unknown"))
+            writer.writerow((*columns, "candidates", "unknown", "trained_on"))
             for n in self.each:
                 chance = "" if n.probability is None else repr(n.probability)
                 warned = "; ".join(n.warnings)
-                unknown = "" if n.unknown is None else str(n.unknown).lower()
+                told = ("" if word is None else str(word).lower() for word in (n.unknown, n.trained_on))
                 maybe = "; ".join(n.candidates)
                 writer.writerow(
-                    (n.name, n.label, repr(n.margin), chance, n.truth or "", warned, maybe, unknown)
+                    (n.name, n.label, repr(n.margin), chance, n.truth or "", warned, maybe, *told)
                 )
 
     def _truth(self, named: Named) -> str:
@@ -159,7 +173,7 @@ class Batch:
     def _notes(self) -> Iterator[str]:
         judged, accuracy = self.judged, self.accuracy
         if accuracy is not None:
-            right = sum(named.label == named.truth for named in judged)
+            right = _rightly(judged)
             yield f"{right} of {counted(len(judged))} with a known material named rightly: {percent(accuracy)}"
             mistakes = Counter((n.truth, n.label) for n in judged if n.label != n.truth)
             if mistakes:
@@ -171,6 +185,15 @@ class Batch:
             yield f"labels that the model does not know, not counted: {named_others}"
         if self.trained_on_these:
             yield "the model was trained on exactly these recordings: this says nothing about new ones"
+        elif self.n_trained_on == len(self):
+            yield "the model was trained on each of these recordings: this says nothing about new ones"
+        elif self.n_trained_on:
+            fresh = [named for named in judged if not named.trained_on]
+            rest = f"; of the others {_rightly(fresh)} of {len(fresh)} named rightly" if fresh else ""
+            yield (
+                f"the model was trained on {self.n_trained_on} of these {counted(len(self))}, whose answers say "
+                f"nothing about new ones{rest}"
+            )
 
 
 def identify_all(model: Answers, data: Dataset) -> Batch:
@@ -191,6 +214,8 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
     chances = None if model.core.sigmoid is None else probabilities(model.core, scores)
     margins = margins_of(losses)
     rules = Rules.of(model.core)
+    marks = marks_in(model.trained)
+    seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
     each = []
     for i, recording in enumerate(data):
         order = np.argsort(losses[i], kind="stable")  # of equal losses the first label, as everywhere
@@ -210,6 +235,7 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
                 warned,
                 candidates,
                 unknown,
+                seen[i],
             )
         )
     simulated = [
@@ -217,6 +243,10 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
         *(["SYNTHETIC recordings"] if data.is_synthetic else []),
     ]
     return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data))
+
+
+def _rightly(judged: Sequence[Named]) -> int:
+    return sum(named.label == named.truth for named in judged)
 
 
 def _warnings(recording: Recording) -> tuple[str, ...]:

@@ -18,7 +18,16 @@ from granular_id.identifier.recipe import BANDED, Recipe
 from granular_id.recording import Dataset
 from granular_id.recording.axes import unit_of
 
-__all__ = ["MAX_FILE_BYTES", "common_lead", "core_of", "fingerprint", "refuse_large"]
+__all__ = [
+    "MAX_FILE_BYTES",
+    "common_lead",
+    "core_of",
+    "fingerprint",
+    "kept_marks",
+    "marks_in",
+    "marks_of",
+    "refuse_large",
+]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,6 +36,14 @@ MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
 
 _HEADER_BYTES = 2**16
 """Kept free for what is no weight: names, settings, estimates."""
+
+
+MARKS = "recording_marks"
+"""Where hashes of the recordings stand in what is known of a training: side by side in one text."""
+
+_MARK_DIGITS = 8
+_MOST_MARKS = 4096
+"""Half of what is kept free: a model of more recordings does not know them one by one."""
 
 
 def core_of(
@@ -113,6 +130,25 @@ def fingerprint(data: Dataset, settings: Mapping[str, Any]) -> str:
         mark.update(text.encode() + b"\0")
     mark.update(np.ascontiguousarray(data.X, dtype="<f8").data)
     return mark.hexdigest()
+
+
+def marks_of(data: Dataset) -> list[str]:
+    """Hash the samples of each recording, to know it again: 8 hexadecimal digits, alike once in four billion."""
+    return [
+        hashlib.sha256(np.ascontiguousarray(samples, dtype="<f8").data).hexdigest()[:_MARK_DIGITS]
+        for samples in data.X
+    ]
+
+
+def marks_in(trained: Mapping[str, Any]) -> frozenset[str] | None:
+    """Return the marks of the recordings that a model was trained on; None where it does not keep them."""
+    kept = trained.get(MARKS, "")
+    return frozenset(kept[k : k + _MARK_DIGITS] for k in range(0, len(kept), _MARK_DIGITS)) or None
+
+
+def kept_marks(data: Dataset) -> dict[str, str]:
+    """Return what a model keeps to know its recordings again: nothing of too many."""
+    return {MARKS: "".join(sorted(marks_of(data)))} if len(data) <= _MOST_MARKS else {}
 
 
 def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: int) -> None:

@@ -20,7 +20,14 @@ from granular_id.evaluation.describe import warnings_in
 from granular_id.evaluation.origins import Origins, origins_of
 from granular_id.evaluation.partition import Partition, rows_of_class
 from granular_id.identifier.about import choice_of, described, estimate_of
-from granular_id.identifier.building import MAX_FILE_BYTES, common_lead, core_of, fingerprint, refuse_large
+from granular_id.identifier.building import (
+    MAX_FILE_BYTES,
+    common_lead,
+    core_of,
+    fingerprint,
+    kept_marks,
+    refuse_large,
+)
 from granular_id.identifier.early import EarlyRule, calibrate, checked_target
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
 from granular_id.identifier.parts import parts_of
@@ -130,6 +137,7 @@ def train(
     rule = calibrate(held, target_error) if early and held is not None else None
     trained = {
         **described(data, recipe),
+        **kept_marks(data),
         "estimate": None if held is None else estimate_of(held, tuple(classes)),
         "why_no_estimate": why_none,
         "early": None if held is None or rule is None else rule.to_dict(held, rate_hz),
