@@ -136,6 +136,27 @@ def test_figure_shows_the_figures(found, tmp_path):
     assert f"AUROC {found.open_set.mean('auroc'):.3f}" in unknown.get_xlabel()
 
 
+def test_no_legend_covers_what_it_explains(found):
+    pytest.importorskip("matplotlib")
+    bins = tuple(replace(found.reliability.bins[0], confidence=at, accuracy=1.0) for at in (0.02, 0.2, 0.42))
+    seen = replace(found.reliability, bins=bins, n=bins[0].n)  # circles of the largest size
+    figure = plot_confidence(replace(found, reliability=seen))
+    figure.canvas.draw()
+    for panel in figure.axes[:2]:
+        box = panel.get_legend().get_window_extent()
+        radius = 0.5 * np.sqrt(320.0) * figure.dpi / 72
+        drawn = panel.collections[0].get_offsets() if panel is figure.axes[0] else panel.lines[0].get_xydata()
+        points = panel.transData.transform([*drawn, (panel.get_xlim()[0], 1.0)])
+        assert (points[:, 1] + (radius if panel is figure.axes[0] else 3) < box.y0).all()
+
+
+def test_one_partition_is_one(found):
+    pytest.importorskip("matplotlib")
+    rows = tuple(replace(row, coverage=row.coverage[:1]) for row in found.coverage.rows)
+    panel = plot_confidence(replace(found, coverage=replace(found.coverage, rows=rows))).axes[1]
+    assert panel.get_xlabel() == "coverage asked for\n1 random partition"
+
+
 def test_what_lies_beyond_the_bars_has_a_bar_that_says_so(found):
     pytest.importorskip("matplotlib")
     known, left_out = np.linspace(0.0, 0.9, 50), np.linspace(0.5, 1.5, 45)

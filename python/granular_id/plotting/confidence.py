@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular_id._words import counted
 from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, quiet, save, share_axis
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ __all__ = ["plot_confidence"]
 _FIRST, _SECOND = AXIS_COLOURS[0], AXIS_COLOURS[2]  # blue and vermilion, of different lightness too
 _N_BINS = 48
 _LEGEND = 0.34  # share of the height of the panel of sets that its legend takes, above 100 %
+_LINE = 0.2  # the same of one line, and of half a circle below it
 _SHARES = ([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
 
 
@@ -128,7 +130,7 @@ def _draw_coverage(panel: Any, confidence: Confidence) -> None:
     panel.set_axisbelow(True)
     panel.set_title("sets of materials")
     drawn = max(len(row.coverage) for row in rows if row.random)
-    panel.set_xlabel(f"coverage asked for\n{drawn} random partitions", color=INK)
+    panel.set_xlabel(f"coverage asked for\n{counted(drawn, 'random partition')}", color=INK)
     panel.set_ylabel("sets that hold the truth", color=INK)
 
 
@@ -174,7 +176,7 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
 
 def _square(panel: Any) -> None:
     share_axis(panel)
-    panel.set_ylim(0.0, 1.06)
+    panel.set_ylim(0.0, 1.0 / (1.0 - _LINE))
     panel.set_yticks(*_SHARES)
     panel.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--", label="calibrated", zorder=1)
     panel.grid(color=FAINT, linewidth=0.4)
