@@ -30,7 +30,7 @@ def test_bands_on_the_command_line(data, tmp_path):
     saved(data, tmp_path / "recordings")
     words = ("--space", "multiband", "--figure", tmp_path / "bands.png", "--json", tmp_path / "bands.json")
     printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", *words)
-    assert "more energy on Fz" in printed
+    assert "more energy on fz" in printed
     assert "Strongest couplings:" in printed
     assert (tmp_path / "bands.png").stat().st_size > 10_000
     read = json.loads((tmp_path / "bands.json").read_text(encoding="utf-8"))
@@ -44,7 +44,7 @@ def test_the_model_that_is_explained_is_that_of_train_and_is_named(data, tmp_pat
     assert line.startswith(
         "best: trained on 12 of 24 recordings; the mean of the machines that were chosen, "
     )
-    assert "All axes: Fz " in printed
+    assert "All axes: fz " in printed
     read = json.loads((tmp_path / "best.json").read_text(encoding="utf-8"))
     assert (read["space"], f"best: {read['model']}") == ("best", line)
 

@@ -12,7 +12,7 @@ from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import BandExplanation, explain
 from granular_id.explanation.band_words import moments, said
-from granular_id.spaces import BlockScaler, MultiBand, Tare, WithinClassWhitening
+from granular_id.spaces import BlockScaler, MultiBand, RawSignal, Tare, WithinClassWhitening
 from granular_id.spaces.band_columns import band_columns
 from multiband_cases import ALL, coupled, louder, two_materials
 
@@ -106,11 +106,11 @@ def test_planted_energy_is_found(seen):
     assert max(banded, key=banded.get) == "15-31 Hz"
     best = seen.findings(1)[0]
     assert (str(best.band), best.axes, best.lag_s) == ("15-31 Hz", ("fz",), 0.0)
-    assert best.words.startswith("more energy on Fz")
+    assert best.words.startswith("more energy on fz")
     assert "in rice than in oat" in best.words
     assert best.feature in seen.columns.names
     assert best.words in str(seen)
-    assert "of the difference between rice and oat: more energy on Fz" in seen.top(1)[0]
+    assert "of the difference between rice and oat: more energy on fz" in seen.top(1)[0]
 
 
 @pytest.mark.parametrize(("sign", "how"), [(1.0, "together"), (-1.0, "against each other")])
@@ -119,7 +119,7 @@ def test_planted_coupling_is_found(sign, how):
     found = explain(model_of(X[:16], y[:16]), "rice", "oat", X[16:], y[16:])
     best = found.findings(1, coupled=True)[0]
     assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), 0.0)
-    assert best.words.startswith(f"in 61-122 Hz, Fx and Tz move {how} more in rice than in oat (correlation")
+    assert best.words.startswith(f"in 61-122 Hz, fx and tz move {how} more in rice than in oat (correlation")
     pairs = found.by_pair(2)
     assert max(pairs, key=pairs.get) == ("fx", "tz", 0)
     assert "Strongest couplings:" in str(found)
@@ -131,7 +131,7 @@ def test_planted_lag_is_found():
     best = next(one for one in found.findings(50, coupled=True) if one.lag_s)
     assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), pytest.approx(0.004))
     assert best.words.startswith(
-        "in 61-122 Hz, Fx and Tz 4 ms earlier move together more in rice than in oat"
+        "in 61-122 Hz, fx and tz 4 ms earlier move together more in rice than in oat"
     )
     earlier = {key: value for key, value in found.by_pair(2).items() if key[2]}
     assert max(earlier, key=earlier.get) == ("fx", "tz", 2)
@@ -160,6 +160,40 @@ def test_moments_are_those_of_the_signal():
         np.testing.assert_allclose(moments(columns, row, band), wanted, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.parametrize(
+    ("n_samples", "level", "envelope"),
+    [
+        (80, "from 0.040 to 0.050 s", "from 0.04 to 0.08 s"),
+        (16, "from 0.008 to 0.010 s", "from 0.008 to 0.016 s"),
+    ],
+)
+def test_stretches_of_short_recordings_have_two_different_ends(n_samples, level, envelope):
+    X, _, _ = two_materials(n_each=2)
+    columns = band_columns(MultiBand(blocks=("level", "envelope")).fit(X[:, :n_samples]))
+    means = np.ones((2, len(columns.names)))
+    for name, stretch in (("level_fz_04", level), ("b0_envelope_fz_1", envelope)):
+        assert stretch in said(columns, means, ("oat", "rice"), columns.names.index(name))
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ((1, 1), "This rests on one recording of rice and one of oat: it may hold for no other recording."),
+        ((1, 3), "This rests on one recording of rice: it may hold for no other recording."),
+        ((2, 2), ""),
+    ],
+)
+@pytest.mark.parametrize("space", [MultiBand(blocks=ALL), RawSignal()], ids=["multi-band", "raw"])
+def test_one_recording_of_a_material_is_told(space, rows, said):
+    X, y = louder()
+    model = make_pipeline(space, ECOCClassifier()).fit(X, y)
+    few = np.concatenate([np.flatnonzero(y == k)[:n] for k, n in zip(("rice", "oat"), rows, strict=True)])
+    lines = str(explain(model, "rice", "oat", X[few], y[few])).splitlines()
+    each = "1 recording each" if rows == (1, 1) else f"{rows[0]} and {rows[1]} recordings"
+    assert lines[0].startswith(f"rice against oat, {each}: mean scores ")
+    assert [line for line in lines if "rests on" in line] == [said] * bool(said)
+
+
 def test_words_are_those_of_the_means():
     X, _, _ = two_materials(n_each=2)
     space = MultiBand(blocks=ALL).fit(X)
@@ -173,28 +207,28 @@ def test_words_are_those_of_the_means():
 
     assert (
         words("b3_logrms_fz", np.log(3.0), 0.0)
-        == "more energy on Fz in 31-61 Hz in oat than in rice (9 times)"
+        == "more energy on fz in 31-61 Hz in oat than in rice (9 times as much)"
     )
     assert words("b0_logrms_tx", 0.0, 0.05) == (
-        "more energy on Tx in the whole signal in rice than in oat (11 %)"
+        "more energy on tx in the whole signal in rice than in oat (11 % more)"
     )
-    assert words("b3_logrms_fz", 0.0, 0.0) == "as much energy on Fz in 31-61 Hz in oat as in rice"
-    assert words("b1_logrms_fz", 800.0, 0.0).endswith("(10,000 times and more)")
+    assert words("b3_logrms_fz", 0.0, 0.0) == "as much energy on fz in 31-61 Hz in oat as in rice"
+    assert words("b1_logrms_fz", 800.0, 0.0).endswith("(10,000 times as much, or more)")
     assert words("b4_envelope_fy_3", np.log(2.5), 0.0) == (
-        "more energy on Fy in 15-31 Hz from 0.77 to 1.02 s in oat than in rice (2.5 times)"
+        "more energy on fy in 15-31 Hz from 0.77 to 1.02 s in oat than in rice (2.5 times as much)"
     )
     value = np.sinh(1.0) * space.scales_[2, 3]
     assert words("b2_q98_tx", 1.0, 0.0) == (
-        f"98th percentile of Tx in 61-122 Hz: {value:+.3g} N m in oat, +0 N m in rice"
+        f"98th percentile of tx in 61-122 Hz: {value:+.3g} N m in oat, +0 N m in rice"
     )
-    assert words("b2_q02_fx", 0.0, 0.0).startswith("2nd percentile of Fx")
-    assert words("level_fz_00", 0.0, 0.0).startswith("mean of Fz from 0.00 to 0.06 s: +0 N")
-    assert words("spectrum_fz_10", np.log(2.0), 0.0).startswith("more energy on Fz near ")
+    assert words("b2_q02_fx", 0.0, 0.0).startswith("2nd percentile of fx")
+    assert words("level_fz_00", 0.0, 0.0).startswith("mean of fz from 0.00 to 0.06 s: +0 N")
+    assert words("spectrum_fz_10", np.log(2.0), 0.0).startswith("more energy on fz near ")
     assert words("b2_coupling_fx_fx", np.log(4.0), 0.0) == (
-        "more energy on Fx in 61-122 Hz in oat than in rice (4 times)"
+        "more energy on fx in 61-122 Hz in oat than in rice (4 times as much)"
     )
     assert words("b2_coupling_fx_tz_lag2", 0.5, 0.1).startswith(
-        "in 61-122 Hz, Fx and Tz 4 ms earlier move together more in oat than in rice (correlation +0.34, +0.07)"
+        "in 61-122 Hz, fx and tz 4 ms earlier move together more in oat than in rice (correlation +0.34, +0.07)"
     )
     assert "move together in oat, against each other in rice (correlation" in words(
         "b2_coupling_fx_tz", 0.9, -0.5

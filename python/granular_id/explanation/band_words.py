@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES, UNITS
 from granular_id.spaces.band_columns import BandColumn, BandColumns
 
-__all__ = ["axis_word", "moments", "said"]
+__all__ = ["moments", "said"]
 
 FloatArray = npt.NDArray[np.float64]
 _OPPOSITE = 0.05
@@ -31,24 +33,23 @@ def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], numbe
     Returns
     -------
     str
-        For instance ``in 61-122 Hz, Fx and Tz move together more in rice than in salt (correlation +0.62, +0.10)``.
+        For instance ``in 61-122 Hz, fx and tz move together more in rice than in salt (correlation +0.62, +0.10)``.
         Factors of energy are ratios of geometric means over recordings, and correlations those of the log-Euclidean
         mean of the second moments: what the features themselves say, not another statistic.
     """
     column = columns.columns[number]
     first, second = (float(value) for value in means[:, number])
-    axis = axis_word(columns.axes[column.first])
+    axis = columns.axes[column.first]
     if column.block == "coupling":
         return _coupling(columns, means, labels, column)
     if column.block == "quantiles" and column.detail != "logrms":
         scale = columns.scales[column.band or 0, column.first]
         what = f"{_ordinal(int(column.detail[1:]))} percentile of {axis} in {_band(columns, column)}"
-        return _values(what, np.sinh([first, second]) * scale, columns.axes[column.first], labels)
+        return _values(what, np.sinh([first, second]) * scale, axis, labels)
     if column.block == "level":
-        low, high = columns.stretch_s("level", column.detail)
-        what = f"mean of {axis} from {low:.2f} to {high:.2f} s"
+        what = f"mean of {axis} {_stretch(*columns.stretch_s('level', column.detail))}"
         values = np.sinh([first, second]) * columns.level_scales[column.first]
-        return _values(what, values, columns.axes[column.first], labels)
+        return _values(what, values, axis, labels)
     where = f"on {axis}"
     if column.block == "spectrum":
         return _energy(
@@ -56,14 +57,9 @@ def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], numbe
         )
     where += f" in {_band(columns, column)}"
     if column.block == "envelope":
-        low, high = columns.stretch_s("envelope", column.detail)
-        return _energy(f"{where} from {low:.2f} to {high:.2f} s", first - second, labels)
+        stretch = _stretch(*columns.stretch_s("envelope", column.detail))
+        return _energy(f"{where} {stretch}", first - second, labels)
     return _energy(where, 2 * (first - second), labels)
-
-
-def axis_word(axis: str) -> str:
-    """Return an axis as text writes it: Fx for fx, any that is no axis of a wrench as it is."""
-    return axis.capitalize() if axis in AXES else axis
 
 
 def moments(columns: BandColumns, means: FloatArray, band: int) -> FloatArray:
@@ -99,7 +95,7 @@ def _coupling(columns: BandColumns, means: FloatArray, labels: tuple[str, str], 
     seconds = column.lag / columns.bands[band].rate_hz
     here, there = column.first, column.second + (len(columns.axes) if column.lag else 0)
     pair = [moments(columns, mean, band) for mean in means]
-    one, other = (axis_word(columns.axes[k]) for k in (column.first, column.second))
+    one, other = columns.axes[column.first], columns.axes[column.second]
     if here == there:
         return _energy(
             f"on {one} in {where}", float(np.log(pair[0][here, here] / pair[1][here, here])), labels
@@ -146,10 +142,16 @@ def _band(columns: BandColumns, column: BandColumn) -> str:
 
 def _size(ratio: float) -> str:
     if ratio < 2:
-        return f"{100 * (ratio - 1):.0f} %"
+        return f"{100 * (ratio - 1):.0f} % more"
     if ratio >= 1e4:
-        return "10,000 times and more"
-    return f"{float(f'{ratio:.2g}'):,g} times"
+        return "10,000 times as much, or more"
+    return f"{float(f'{ratio:.2g}'):,g} times as much"
+
+
+def _stretch(low: float, high: float) -> str:
+    """Give both ends in seconds: to hundredths, or what the stretch holds two of."""
+    digits = max(2, math.ceil(math.log10(2 / (high - low)) - 1e-9))
+    return f"from {low:.{digits}f} to {high:.{digits}f} s"
 
 
 def _ordinal(number: int) -> str:

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from granular_id._core import AXES
 from granular_id._numbers import whole_number
-from granular_id.explanation.band_words import axis_word
 from granular_id.explanation.findings import Finding, findings_of
 from granular_id.explanation.result import Explanation
 from granular_id.spaces.band_columns import BandColumns
@@ -28,6 +27,7 @@ _WORDS = {
 }
 
 _MOST_LISTED = len(AXES)
+_MOST_COUPLINGS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +130,10 @@ class BandExplanation(Explanation):
         labels = (str(self.first), str(self.second))
         return findings_of(self.columns, self.contributions, self.means, labels, n, coupled=coupled)
 
+    def strongest_couplings(self) -> tuple[Finding, ...]:
+        """Return the few couplings that the text lists by themselves, and of whose bands a figure shows all."""
+        return self.findings(_MOST_COUPLINGS, coupled=True)
+
     def top(self, n: int = 5) -> tuple[str, ...]:
         """Return `findings` in words, each with its share of the difference."""
         pair = f"between {self.first} and {self.second}"
@@ -163,17 +167,15 @@ class BandExplanation(Explanation):
             if not any(of_axes[block].values()):
                 lines.append(f"  nothing from {_WORDS[block]} ({block})")
                 continue
-            axes = ", ".join(
-                f"{axis_word(axis)} {self._share(part)}" for axis, part in _largest(of_axes[block], 3)
-            )
+            axes = ", ".join(f"{axis} {self._share(part)}" for axis, part in _largest(of_axes[block], 3))
             lines.append(f"  {self._share(total)} from {_WORDS[block]} ({block}): {axes}")
-        for what, sums in (("bands", self.by_band()), ("axes", self._worded(self.by_axis()))):
+        for what, sums in (("bands", self.by_band()), ("axes", self.by_axis())):
             listed = _largest(sums, _MOST_LISTED)
             parts = ", ".join(f"{name} {self._share(part)}" for name, part in listed)
             lines.append(f"{'Strongest' if len(listed) < len(sums) else 'All'} {what}: {parts}")
         lines.append("Strongest of all:")
         lines += [f"  {self._share(one.contribution)}: {one}" for one in self.findings()]
-        coupled = self.findings(3, coupled=True)
+        coupled = self.strongest_couplings()
         if coupled:
             lines.append("Strongest couplings:")
             lines += [f"  {self._share(one.contribution)}: {one}" for one in coupled]
@@ -188,10 +190,6 @@ class BandExplanation(Explanation):
 
     def _of_axes(self, spread: FloatArray) -> dict[str, float]:
         return dict(zip(self.columns.axes, spread.sum(axis=0).tolist(), strict=True))
-
-    @staticmethod
-    def _worded(sums: dict[str, float]) -> dict[str, float]:
-        return {axis_word(axis): value for axis, value in sums.items()}
 
 
 def _largest(sums: dict[str, float], n: int | None = None) -> list[tuple[str, float]]:

@@ -43,7 +43,7 @@ class Finding:
     words: str
 
     def __str__(self) -> str:
-        """Give words and feature, for instance ``more energy on Fz in 15-31 Hz ... [b5_logrms_fz]``."""
+        """Give words and feature, for instance ``more energy on fz in 15-31 Hz ... [b5_logrms_fz]``."""
         return f"{self.words} [{self.feature}]"
 
 

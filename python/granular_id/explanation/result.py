@@ -161,10 +161,16 @@ class Explanation:
         return "\n".join([*lines, "Strongest:", *strongest])
 
     def _heading(self) -> list[str]:
+        each = "1 recording each" if self.counts == (1, 1) else "{} and {} recordings".format(*self.counts)
         lines = [
-            f"{self.first} against {self.second}, {self.counts[0]} and {self.counts[1]} recordings: mean scores "
+            f"{self.first} against {self.second}, {each}: mean scores "
             f"{self.scores[0]:+.3g} and {self.scores[1]:+.3g}."
         ]
+        single = [str(name) for name, n in zip((self.first, self.second), self.counts, strict=True) if n == 1]
+        if single:
+            lines.append(
+                f"This rests on one recording of {' and one of '.join(single)}: it may hold for no other recording."
+            )
         if self.difference <= 0:
             lines.append(f"The model does not score {self.first} above {self.second} here.")
         return lines

@@ -71,14 +71,16 @@ def draw_band_explanation(explanation: BandExplanation) -> Figure:
 
 
 def _strongest(explanation: BandExplanation) -> list[Band]:
-    """Bands whose couplings hold most, from the highest down."""
+    """Bands of the strongest couplings, then those whose couplings hold most; from the highest down."""
     columns = explanation.columns
     totals = {
         band: float(explanation.contributions[members].sum())
         for band in columns.bands
         if (members := columns.of(block="coupling", band=band.number)).size
     }
-    strongest = sorted(totals, key=lambda band: -totals[band])[:_MATRICES]
+    named = [one.band for one in explanation.strongest_couplings() if one.band is not None]
+    order = [*named, *sorted(totals, key=lambda band: -totals[band])]
+    strongest = list(dict.fromkeys(order))[:_MATRICES]
     return sorted(strongest, key=lambda band: band.number)
 
 
@@ -162,7 +164,7 @@ def _draw_couplings(
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
     bar.set_label(unit, fontsize=8, color=INK)
-    figure.suptitle("Couplings of the bands in which they say most", fontsize=9, color=INK)
+    figure.suptitle("Couplings, in the bands of the strongest", fontsize=9, color=INK)
 
 
 def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: str) -> None:
