@@ -25,6 +25,7 @@ __all__ = [
     "NearestMean",
     "NumberTableError",
     "RdtReceiver",
+    "Rules",
     "StreamingExtractor",
     "StreamingIdentifier",
     "Window",
@@ -154,7 +155,9 @@ class StreamingExtractor:
 
 @final
 class StreamingIdentifier:
-    def __new__(cls, model: Model, *, hop: SupportsIndex | None = None) -> Self: ...
+    def __new__(
+        cls, model: Model, *, hop: SupportsIndex | None = None, rules: Rules | None = None
+    ) -> Self: ...
     @property
     def model(self) -> Model: ...
     @property
@@ -172,7 +175,18 @@ class StreamingIdentifier:
     def losses(self, out: _Floats | None = None) -> _Floats: ...
     def standing(
         self,
-    ) -> tuple[tuple[tuple[str, float], ...], float, bool, bool, bool, int, int, _Floats]: ...
+    ) -> tuple[
+        tuple[tuple[str, float], ...],
+        float,
+        bool,
+        bool,
+        bool,
+        int,
+        int,
+        _Floats,
+        tuple[str, ...],
+        bool | None,
+    ]: ...
     def next(self) -> None: ...
     def reset(self) -> None: ...
 
@@ -260,10 +274,20 @@ class Model:
     __hash__: ClassVar[None]  # type: ignore[assignment]
 
 @final
+class Rules:
+    def __new__(
+        cls,
+        limits: ArrayLike | None = None,
+        nearest: NearestMean | None = None,
+        *,
+        of_losses: bool = False,
+        threshold: float = ...,
+    ) -> Self: ...
+
+@final
 class NearestMean:
     def __new__(cls, means: ArrayLike, whitener: ArrayLike, *, of_pairs: bool = False) -> Self: ...
     def distances(self, scores: ArrayLike, name: str = "scores") -> _Floats: ...
-    def distance(self, scores: ArrayLike, name: str = "scores") -> float: ...
     @property
     def width(self) -> int: ...
 

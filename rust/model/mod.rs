@@ -23,6 +23,7 @@ mod loss;
 mod nearest;
 mod notes;
 mod parts;
+mod rules;
 mod scores;
 mod trained;
 mod weights;
@@ -35,6 +36,7 @@ pub use loss::{Decoding, Loss};
 pub use nearest::NearestMean;
 pub use notes::{Notes, MAX_NAME_BYTES};
 pub use parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_WINDOW};
+pub use rules::{Rules, Strangeness};
 pub(crate) use scores::best_and_margin;
 #[cfg(feature = "python")]
 pub(crate) use scores::ranking;

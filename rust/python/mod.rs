@@ -29,7 +29,7 @@ mod _core {
     #[pymodule_export]
     use super::interleave::interleave;
     #[pymodule_export]
-    use super::model::{ModelFileError, PyModel, PyNearestMean};
+    use super::model::{ModelFileError, PyModel, PyNearestMean, PyRules};
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]

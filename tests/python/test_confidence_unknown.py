@@ -202,10 +202,6 @@ def test_distances_of_pairs_are_those_of_what_the_hinge_decodes(n_classes):
         (lambda: NearestMean(np.eye(2), np.full((2, 2), np.inf)), "whitener must be finite"),
         (lambda: NearestMean(np.eye(2), np.eye(2)).distances(np.ones(3)), r"scores must have shape \(2,\)"),
         (lambda: NearestMean(np.eye(2), np.eye(2)).distances([1, np.nan], "binary"), "binary must be finite"),
-        (
-            lambda: NearestMean(np.eye(2), np.eye(2)).distance(np.ones((3, 2))),
-            "scores must be one row, got 3",
-        ),
     ],
 )
 def test_nearest_mean_refuses(call, message):
@@ -220,8 +216,6 @@ def test_rules_are_pickled_and_copied(kind):
     scores = crossed.scores
     for other in (pickle.loads(pickle.dumps(rule)), copy.deepcopy(rule)):
         assert other == rule
-        alone = [other.knows_row(*row) for row in zip(scores.values.tolist(), scores.binary, strict=True)]
-        assert alone == rule.knows(scores.values, scores.binary).tolist()
         assert (
             other.strangeness(scores.values, scores.binary) == rule.strangeness(scores.values, scores.binary)
         ).all()

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from evaluation_cases import LABELS, make_data
-from granular_id import FeatureSpec
+from granular_id import FeatureSpec, _core
 from granular_id._core import Model, ModelFileError
-from granular_id.confidence import ConformalRule, UnknownRule
+from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, conformal_rule, unknown_rule
+from granular_id.confidence.held_out import Scores
+from granular_id.confidence.nonconformity import KINDS
+from granular_id.confidence.unknown import STRANGENESS
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.batch import identify_all
 from granular_id.identifier.sure import KEY, Rules
@@ -75,6 +78,47 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
         assert decision.candidates[0] == decision.label
         assert decision.to_dict()["candidates"] == list(decision.candidates)
         assert identifier.identify(x).candidates == decision.candidates
+
+
+@pytest.mark.parametrize("unknown", STRANGENESS)
+@pytest.mark.parametrize("conformal", KINDS)
+def test_streams_apply_rules_of_every_kind(identifier, data, conformal, unknown):
+    """Those that a training makes are applied by the core, others in Python: the answers are those of the rules."""
+    values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
+    truth = np.array([LABELS.index(label) for label in data.y])
+    held = HeldOutScores(
+        classes=LABELS,
+        truth=truth,
+        scores=Scores(values, scores, None, identifier.core.coding_matrix),
+        rows=np.arange(truth.size),
+        folds=np.arange(truth.size) % 4,
+        groups=np.arange(truth.size),
+        held_out="nothing",
+    )
+    rules = {
+        "conformal": conformal_rule(held, [0.8], kind=conformal, per_class=True),
+        "unknown": unknown_rule(held, share_known=0.6, kind=unknown),
+    }
+    stored = {name: rule.to_dict() for name, rule in rules.items()}
+    stream = StreamingIdentifier(changed(identifier.core, {KEY: stored}))
+    decisions = []
+    for x in data.X:
+        stream.reset()
+        stream.push(x)
+        decisions.append(stream.decision())
+    names = [rules["conformal"].names(row, at_least_one=True) for row in values]
+    assert [decision.candidates for decision in decisions] == names
+    known = rules["unknown"].knows(values, scores)
+    assert [decision.unknown for decision in decisions] == (~known).tolist()
+    assert {True, False} == set(known.tolist())
+
+
+def test_rules_for_another_model_are_refused(identifier):
+    with pytest.raises(ValueError, match="limits"):
+        _core.StreamingIdentifier(identifier.core, rules=_core.Rules([0.1, 0.2]))
+    nearest = _core.NearestMean(np.eye(2), np.eye(2))
+    with pytest.raises(ValueError, match="means"):
+        _core.StreamingIdentifier(identifier.core, rules=_core.Rules(None, nearest))
 
 
 def test_batches_say_the_same_as_decisions(identifier, data):

@@ -188,11 +188,10 @@ class UnknownRule:
         known = self.strangeness(values, binary) <= self.threshold
         return bool(known) if known.ndim == 0 else known
 
-    def knows_row(self, values: list[float], binary: FloatArray) -> bool:
-        """Whether one row is of a known material: as `knows`, without making arrays for a live answer."""
-        if self._nearest is not None and self.kind in _OF_LEARNERS:
-            return self._nearest.distance(binary, "binary") <= self.threshold
-        return bool(self.knows(values, binary))
+    @property
+    def nearest(self) -> _core.NearestMean | None:
+        """What measures a distance; None for kinds that are none."""
+        return self._nearest
 
     def fits(self, coding: npt.NDArray[np.int8]) -> bool:
         """Whether the learners of a coding matrix (K, L) are those that the rule was set on, as far as it knows."""

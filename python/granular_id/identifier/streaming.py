@@ -63,11 +63,14 @@ class StreamingIdentifier:
         core = getattr(identifier, "core", identifier)
         if not isinstance(core, _core.Model):
             raise TypeError(f"identifier must be an Identifier, got {type(identifier).__name__}")
-        self.core = _core.StreamingIdentifier(core, hop=hop)
+        # Rules that the core does not know are applied here; no training makes such.
+        rules = Rules.of(core)
+        in_core = rules.in_core()
+        self._rules = rules if in_core is None else None
+        self.core = _core.StreamingIdentifier(core, hop=hop, rules=in_core)
         self._rate_hz = core.rate_hz
         self._has_probabilities = core.sigmoid is not None
         self._classes = core.classes
-        self._rules = Rules.of(core)
         # warning -> row of the stream at which it was last given
         self._warnings: dict[str, int] = {}
 
@@ -123,7 +126,7 @@ class StreamingIdentifier:
         ValueError
             A score left float64, for forces of unearthly size.
         """
-        ranking, margin, final, settled, sure, n_seen, first_row, scores = self.core.standing()
+        ranking, margin, final, settled, sure, n_seen, first_row, scores, *said = self.core.standing()
         # A copy: another thread may be adding one.
         warnings = tuple(what for what, row in list(self._warnings.items()) if row >= first_row)
         probability: Callable[[], float] | None = None
@@ -140,16 +143,17 @@ class StreamingIdentifier:
             n_seen,
             n_seen / self._rate_hz,
             warnings,
-            *self._confidence(dict(ranking), scores, final=final),
+            *(
+                said
+                if self._rules is None or not final
+                else self._by_rules(self._rules, dict(ranking), scores)
+            ),
         )
 
-    def _confidence(
-        self, losses: dict[str, float], scores: npt.NDArray[np.float64], *, final: bool
+    def _by_rules(
+        self, rules: Rules, losses: dict[str, float], scores: npt.NDArray[np.float64]
     ) -> tuple[tuple[str, ...], bool | None]:
-        """Candidates of a whole recording, and whether it is like none; the rules say nothing of less."""
-        rules = self._rules
-        if not final or (rules.conformal is None and rules.unknown is None):
-            return (), None
+        """Candidates of a whole recording, and whether it is like none."""
         values = [-losses[label] for label in self._classes]
         return rules.candidates(values), rules.is_unknown(values, scores)
 

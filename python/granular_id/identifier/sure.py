@@ -69,13 +69,29 @@ class Rules:
             )
         return rules
 
+    def in_core(self) -> _core.Rules | None:
+        """Return the rules as the core applies them, in microseconds; None where it does not know the kind of one."""
+        conformal, unknown = self.conformal, self.unknown
+        if conformal is not None and conformal.kind != "margin":
+            return None
+        if unknown is None:
+            return _core.Rules(None if conformal is None else conformal.limits_of())
+        if unknown.nearest is None:
+            return None
+        return _core.Rules(
+            None if conformal is None else conformal.limits_of(),
+            unknown.nearest,
+            of_losses=unknown.kind == "value_distance",
+            threshold=unknown.threshold,
+        )
+
     def candidates(self, values: list[float]) -> tuple[str, ...]:
         """Materials in the set of a recording, the likeliest first and at least one; empty without a rule.
 
         Parameters
         ----------
         values : list of K float
-            Minus the mean losses, in the order of the classes. A list: a live answer has no time to make arrays.
+            Minus the mean losses, in the order of the classes.
         """
         return () if self.conformal is None else self.conformal.names(values, at_least_one=True)
 
@@ -89,7 +105,7 @@ class Rules:
         scores : ndarray, shape (L,)
             Of the learners.
         """
-        return None if self.unknown is None else not self.unknown.knows_row(values, scores)
+        return None if self.unknown is None else not self.unknown.knows(values, scores)
 
 
 def rules_of(

@@ -4,6 +4,7 @@ mod answers;
 mod errors;
 mod nearest;
 mod parts;
+mod rules;
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,6 +22,7 @@ pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
 pub(super) use nearest::PyNearestMean;
 use parts::{labels, notes, Borrowed, Spec};
+pub(super) use rules::PyRules;
 
 /// Samples of the paper's recordings.
 const PAPER_SAMPLES: usize = 1600;

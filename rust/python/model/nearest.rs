@@ -43,7 +43,7 @@ use crate::model::NearestMean;
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "NearestMean", module = "granular_id._core")]
 pub(in crate::python) struct PyNearestMean {
-    nearest: NearestMean,
+    pub(super) nearest: NearestMean,
 }
 
 #[pymethods]
@@ -74,29 +74,7 @@ impl PyNearestMean {
     /// Distances (n,) of values or scores (n, `width`), or (1,) of one row (`width`,); `name` is what messages call them.
     #[pyo3(signature = (scores, name="scores"))]
     fn distances<'py>(&self, scores: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        Ok(PyArray1::from_vec(scores.py(), self.measured(scores, name)?))
-    }
-
-    /// Distance of one row (`width`,), as a number: no array has to be made for a live answer.
-    #[pyo3(signature = (scores, name="scores"))]
-    fn distance(&self, scores: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
-        match self.measured(scores, name)?[..] {
-            [distance] => Ok(distance),
-            ref several => {
-                let message = format!("{name} must be one row, got {}", several.len());
-                Err(PyValueError::new_err(message))
-            }
-        }
-    }
-
-    #[getter]
-    fn width(&self) -> usize {
-        self.nearest.width()
-    }
-}
-
-impl PyNearestMean {
-    fn measured(&self, scores: &Bound<'_, PyAny>, name: &str) -> PyResult<Vec<f64>> {
+        let py = scores.py();
         let scores = contiguous_real(scores, name)?;
         let width = self.nearest.width();
         if !matches!(*scores.shape(), [n] | [_, n] if n == width) {
@@ -106,6 +84,11 @@ impl PyNearestMean {
         }
         let scores = readable(&scores, name)?;
         let not_finite = |_| PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"));
-        self.nearest.distances(scores.as_slice()?).map_err(not_finite)
+        Ok(PyArray1::from_vec(py, self.nearest.distances(scores.as_slice()?).map_err(not_finite)?))
+    }
+
+    #[getter]
+    fn width(&self) -> usize {
+        self.nearest.width()
     }
 }

@@ -6,10 +6,10 @@ use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyTuple};
 
-use super::super::model::PyModel;
+use super::super::model::{PyModel, PyRules};
 use super::super::scalars::count;
 use super::{locked, push_rows, written};
-use crate::model::ranking;
+use crate::model::{ranking, Rules};
 use crate::stream::StreamingIdentifier;
 
 /// The answer of a model while samples arrive; `granular_id.identifier.StreamingIdentifier` makes decisions of it.
@@ -20,6 +20,8 @@ use crate::stream::StreamingIdentifier;
 ///     What to identify with.
 /// hop : int, optional
 ///     None: one window, from the first row on. Else a window every `hop` samples; see `StreamingExtractor`.
+/// rules : Rules, optional
+///     What is said of a complete window beside its label.
 ///
 /// Attributes
 /// ----------
@@ -33,7 +35,8 @@ use crate::stream::StreamingIdentifier;
 /// Raises
 /// ------
 /// TypeError, ValueError
-///     From the constructor: a hop that is not a positive integer, windows of more than 2^24 values.
+///     From the constructor: a hop that is not a positive integer, windows of more than 2^24 values, rules for other
+///     classes or learners than the model has.
 ///
 /// Notes
 /// -----
@@ -61,21 +64,28 @@ pub(in crate::python) struct PyStreamingIdentifier {
     hop: Option<usize>,
     n_axes: usize,
     labels: Vec<Py<PyString>>,
+    rules: Rules,
     stream: Mutex<StreamingIdentifier>,
 }
 
 #[pymethods]
 impl PyStreamingIdentifier {
     #[new]
-    #[pyo3(signature = (model, *, hop = None))]
-    fn new(model: &Bound<'_, PyModel>, hop: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+    #[pyo3(signature = (model, *, hop = None, rules = None))]
+    fn new(
+        model: &Bound<'_, PyModel>,
+        hop: Option<&Bound<'_, PyAny>>,
+        rules: Option<PyRef<'_, PyRules>>,
+    ) -> PyResult<Self> {
         let hop = hop.map(|hop| count(hop, "hop", usize::MAX)).transpose()?;
         let py = model.py();
         let shared = &model.get().model;
+        let rules = rules.map_or_else(Rules::default, |rules| rules.rules.clone());
+        rules.check(shared)?;
         let stream = py.detach(|| StreamingIdentifier::new(shared.clone(), hop))?;
         let labels = shared.classes().iter().map(|label| PyString::new(py, label).unbind()).collect();
         let n_axes = shared.n_axes();
-        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, stream: Mutex::new(stream) })
+        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, rules, stream: Mutex::new(stream) })
     }
 
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
@@ -111,7 +121,8 @@ impl PyStreamingIdentifier {
     ///
     /// A tuple of: the ranking, pairs of label and mean loss, best first; the margin; whether the window is complete;
     /// whether the answer is settled; whether the margin meets the rule for early answers; rows of the window; rows
-    /// before it; scores `(L,)`.
+    /// before it; scores `(L,)`; labels of the candidates, the likeliest first, and whether the window is like none: of a
+    /// complete window, by the rules.
     fn standing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         // Copies first: nothing of Python's is made while the stream is locked.
         let (scores, losses, first_row, rest) = {
@@ -124,8 +135,15 @@ impl PyStreamingIdentifier {
         let pairs = ranking(&losses).into_iter().map(|class| (&self.labels[class], losses[class]));
         let pairs = PyTuple::new(py, pairs.collect::<Vec<_>>())?;
         let (margin, is_final, is_settled, is_sure, n_seen) = rest;
+        let (candidates, unknown) = if is_final {
+            (self.rules.candidates(&losses), self.rules.is_unknown(&losses, &scores)?)
+        } else {
+            (Vec::new(), None)
+        };
+        let candidates = PyTuple::new(py, candidates.into_iter().map(|class| &self.labels[class]))?;
         let scores = PyArray1::from_vec(py, scores);
-        (pairs, margin, is_final, is_settled, is_sure, n_seen, first_row, scores).into_pyobject(py)
+        (pairs, margin, is_final, is_settled, is_sure, n_seen, first_row, scores, candidates, unknown)
+            .into_pyobject(py)
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
