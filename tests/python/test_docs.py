@@ -56,6 +56,12 @@ def test_examples_run(page, files, tmp_path_factory):
     assert run.returncode == 0, run.stderr
 
 
+def test_rules_are_applied_to_models_of_any_number_of_materials(tmp_path):
+    save(synthesize(["rice", "fine sugar", "cat litter"], n_per_class=4), tmp_path / "recordings", "csv")
+    text = "\n".join(blocks(ROOT / "docs" / "confidence.md", "python"))
+    subprocess.run([sys.executable, "-W", "error", "-c", text], check=True, timeout=120, cwd=tmp_path)
+
+
 @pytest.mark.parametrize("page", EVERY, ids=of)
 def test_links_lead_somewhere(page):
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from granular_id.cli.errors import guarded, words_of
 from granular_id.cli.groups import option, taking
+from granular_id.cli.model import ENDING
 from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
 from granular_id.cli.reading import (
     PANEL,
@@ -55,7 +56,6 @@ Examples:
 """
 
 OUTPUT = "Output"
-ENDING = ".safetensors"
 
 
 class Beginning(str, Enum):

@@ -17,7 +17,10 @@ from granular_id.cli.session import check_targets, say_written
 if TYPE_CHECKING:
     from granular_id.identifier import Identifier
 
-__all__ = ["model", "print_model"]
+__all__ = ["ENDING", "model", "print_model"]
+
+ENDING = ".safetensors"
+"""What the name of a model file ends in."""
 
 model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import ONE_VS_ONE, BlockWeights, Method, Space, Weights
-from granular_id.cli.model import print_model
+from granular_id.cli.model import ENDING, print_model
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import check_targets, repeated_command, say_written
@@ -64,7 +64,7 @@ def train(
     steps: Steps,
     method: Method,
     *,
-    output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write (safetensors).")],
+    output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write: .safetensors.")],
     space: Space = "best",
     block_weights: BlockWeights = Weights.plain,
     c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
@@ -114,6 +114,10 @@ def train(
         "random_state": seed,
     }
     check_targets(output, figure, json, source=reading.path)
+    if output.suffix not in ("", ENDING):
+        raise ValueError(
+            f"--output must end in {ENDING}, the kind of file that a model is, got {output.name!r}"
+        )
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
 
