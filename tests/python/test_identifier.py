@@ -248,7 +248,7 @@ def test_samples_of_another_shape_are_refused(data):
     ("settings", "message"),
     [
         ({"space": "dft"}, "space must be one of 'best', .*'raw', 'hfmh', 'raw.hfmh', got 'dft'"),
-        ({"space": "raw", "block_weights": "unit"}, "block_weights weigh two blocks"),
+        ({"space": "raw", "block_weights": "unit"}, "space='raw' has one block"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
         ({"target_error": 0.0, "early": False}, "target_error must lie between 0 and 1, got 0"),
         ({"n_folds": 1}, "n_folds must be at least 2, got 1"),

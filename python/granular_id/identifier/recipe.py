@@ -103,16 +103,17 @@ class Recipe:
             unused = (*_OF_HISTOGRAMS, *unused)
         given = [name for name in unused if not _same(getattr(self, name), _default(name))]
         if given:
-            chooses = self.space == "best" and given[0] in _CHOSEN_BY_BEST
+            why = "has no use for it"
+            if self.space == "best" and given[0] in _CHOSEN_BY_BEST:
+                why = "always has a learner for each pair" if given[0] == "coding" else "chooses it itself"
             raise ValueError(
-                f"{given[0]} must be left out with space={self.space!r}, which "
-                f"{'chooses it itself' if chooses else 'has no use for it'}; other spaces are "
+                f"{given[0]} must be left out with space={self.space!r}, which {why}; other spaces are "
                 f"{', '.join(repr(space) for space in SPACES if space != self.space)}"
             )
         if self.block_weights is not None and self.space != "raw+hfmh":
+            blocks = "always weighs its blocks alike" if self.space in BANDED else "has one block"
             raise ValueError(
-                f"block_weights weigh two blocks side by side, and space={self.space!r} has one: leave them out, or "
-                "take 'raw+hfmh'"
+                f"block_weights weigh the two blocks of 'raw+hfmh', and space={self.space!r} {blocks}: leave them out"
             )
 
         # The classifier looks at these names when it is fitted; recordings need not be read for that.

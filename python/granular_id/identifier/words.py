@@ -35,7 +35,7 @@ def description(model: Answers) -> list[str]:
     core, spec, trained = model.core, model.spec, model.trained
     seconds = f"{model.n_samples / model.rate_hz:g} s"
     size = len(core.to_bytes())
-    learners = f"{core.n_learners} learners ({core.metadata['coding'] or 'own coding'})"
+    learners = f"{counted(core.n_learners, 'learner')} ({core.metadata['coding'] or 'own coding'})"
     lines = [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {_lead(model)}",
