@@ -213,6 +213,12 @@ fn rows_too_large_are_not_taken() {
     // What lies behind the window is not looked at.
     assert_eq!(stream.push(&loud[6..8]), Ok(0));
     assert_eq!(stream.scores().unwrap(), model.scores(&rows, 1, 1).unwrap());
+    // Nor are rows between windows.
+    let mut stream = StreamingIdentifier::new(model, Some(18)).unwrap();
+    stream.push(&rows).unwrap();
+    stream.advance().unwrap();
+    assert_eq!(stream.push(&[1e200, 0.0, 0.0, 1e200]), Ok(2));
+    assert_eq!(stream.push(&[0.0, 0.0, 0.0, 1e200]), Err(Error::LoudRow { row: 1, axis: 1, value: 1e200 }));
 }
 
 #[test]

@@ -78,7 +78,7 @@ def _lines() -> ProgressCallback:
     def callback(done: int, total: int, what: str) -> None:
         nonlocal told
         now = monotonic()
-        if now - told < _LINE_EVERY_S or done >= total:
+        if now - told < _LINE_EVERY_S or not 0 < done < total:
             return
         told = now
         left = (now - start) / done * (total - done)

@@ -64,6 +64,18 @@ impl NearestMean {
         Ok(Self { of_pairs: true, ..Self::new(means, whitener)? })
     }
 
+    /// Means: K.
+    #[must_use]
+    pub fn n_classes(&self) -> usize {
+        self.means.len() / self.n_values
+    }
+
+    /// Whether recordings come as scores of pairs of classes.
+    #[must_use]
+    pub fn is_of_pairs(&self) -> bool {
+        self.of_pairs
+    }
+
     /// Numbers of one recording.
     #[must_use]
     pub fn width(&self) -> usize {
@@ -79,7 +91,7 @@ impl NearestMean {
     /// # Errors
     /// [`Error::Length`]: not [`width`](Self::width) numbers for each; [`Error::Score`]: one that is not finite.
     pub fn distances(&self, scores: &[f64]) -> Result<Vec<f64>> {
-        // Of two classes that no pair tells apart there is nothing to measure.
+        // A single class has no pairs.
         let width = self.width().max(1);
         if !scores.len().is_multiple_of(width) {
             let expected = scores.len().next_multiple_of(width);

@@ -36,21 +36,31 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Refuses rules for another number of classes or learners than a model has.
+    /// Refuses rules that are none, or that are for other classes or learners than a model has.
     ///
     /// # Errors
-    /// [`Error::Length`].
+    /// [`Error::Rules`].
     pub fn check(&self, model: &Model) -> Result<()> {
         let n_classes = model.classes().len();
-        let limits = self.limits.as_ref().map(|limits| ("limits", n_classes, limits.len()));
-        let strangeness = self.strangeness.as_ref().map(|strangeness| {
-            let expected = if strangeness.of_losses { n_classes } else { model.n_learners() };
-            ("means", expected, strangeness.nearest.width())
-        });
-        match limits.into_iter().chain(strangeness).find(|(_, expected, got)| expected != got) {
-            Some((what, expected, got)) => Err(Error::Length { what, expected, got }),
-            None => Ok(()),
+        let refuse = |problem| Err(Error::Rules { problem });
+        if let Some(limits) = &self.limits {
+            if limits.len() != n_classes || limits.iter().any(|limit| limit.is_nan()) {
+                return refuse("limits must be one number for each class, none of them NaN");
+            }
         }
+        if let Some(Strangeness { nearest, of_losses, threshold }) = &self.strangeness {
+            if threshold.is_nan() {
+                return refuse("threshold must not be NaN");
+            }
+            if nearest.n_classes() != n_classes {
+                return refuse("means must be those of the classes");
+            }
+            let expected = if *of_losses { n_classes } else { model.n_learners() };
+            if nearest.width() != expected || nearest.is_of_pairs() && (*of_losses || !model.is_of_pairs()) {
+                return refuse("means must be of what the learners or the losses of the model are");
+            }
+        }
+        Ok(())
     }
 
     /// Classes that a recording may be, by its mean losses: the likeliest first, and the best one where no other is. None

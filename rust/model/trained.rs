@@ -138,6 +138,18 @@ impl Model {
         &self.classes
     }
 
+    /// Whether there is one learner for each pair of classes `i < j`, in their order, for which `i` is positive.
+    #[must_use]
+    pub fn is_of_pairs(&self) -> bool {
+        let n_classes = self.classes.len();
+        let pairs = (0..n_classes).flat_map(|i| (i + 1..n_classes).map(move |j| (i, j)));
+        self.n_learners() == n_classes * (n_classes - 1) / 2
+            && pairs.enumerate().all(|(learner, (i, j))| {
+                (0..n_classes)
+                    .all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
+            })
+    }
+
     /// The binary loss.
     #[must_use]
     pub fn loss(&self) -> Loss {

@@ -82,7 +82,6 @@ fn sums_of_squares<V: Quad>([a, b, c]: [&[f64]; SIGNALS]) -> [f64; SIGNALS] {
 mod tests {
     use super::super::signals::Signals;
     use super::*;
-    use crate::lanes::Pack;
 
     #[test]
     fn stretches_are_as_equal_as_samples_allow() {

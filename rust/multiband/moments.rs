@@ -203,7 +203,6 @@ mod tests {
 
     use super::super::band_signals::Place;
     use super::*;
-    use crate::lanes::Pack;
 
     /// By definition.
     fn slowly(axes: &[Vec<f64>], i: usize, j: usize) -> f64 {

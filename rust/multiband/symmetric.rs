@@ -96,7 +96,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::lanes::Pack;
 
     type Matrix = Vec<Vec<f64>>;
 

@@ -47,14 +47,14 @@ impl Window {
     pub(super) fn push(&mut self, rows: &[f64], limits: &[f64]) -> Result<usize> {
         let Windows { n_samples, n_axes, .. } = self.windows;
         let rows = self.windows.taken(rows, self.ahead.saturating_add(n_samples - self.n_seen))?;
-        for (row, values) in rows.chunks_exact(n_axes).enumerate() {
+        let n_taken = rows.len() / n_axes;
+        let passed = self.ahead.min(n_taken);
+        let kept = &rows[passed * n_axes..];
+        for (row, values) in (passed..).zip(kept.chunks_exact(n_axes)) {
             if let Some(axis) = values.iter().zip(limits).position(|(value, limit)| value.abs() > *limit) {
                 return Err(Error::LoudRow { row, axis, value: values[axis] });
             }
         }
-        let n_taken = rows.len() / n_axes;
-        let passed = self.ahead.min(n_taken);
-        let kept = &rows[passed * n_axes..];
         self.values[self.n_seen * n_axes..][..kept.len()].copy_from_slice(kept);
         self.ahead -= passed;
         self.n_seen += n_taken - passed;

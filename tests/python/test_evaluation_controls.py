@@ -196,6 +196,19 @@ def test_recordings_of_a_class_that_are_answered_alike_are_lucky_together():
         assert ("cannot be trusted" in control.verdict) == leaks, (n_lucky, clumps, control)
 
 
+def test_what_few_classes_cannot_tell_is_said():
+    """Two classes, each answered alike: both are right by luck once in four times."""
+    truth = np.repeat([0, 1], 20)
+    planned = PlannedControl("shuffled", "w", task=object())
+    for n_partitions, verdict in (
+        (2, "too few partitions of random partitions to tell"),
+        (20, "cannot be trusted"),
+    ):
+        partitions = paper_partitions(truth, n_partitions=n_partitions, train_per_class=10, test_per_class=10)
+        right = [truth[p.test] for p in partitions]
+        assert verdict in judge(planned, {"paper": right}, {"paper": partitions}, truth).verdict
+
+
 class Picky(ECOCClassifier):
     """Suits the spaces, and nothing smaller."""
 

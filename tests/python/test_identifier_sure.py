@@ -100,7 +100,9 @@ def test_streams_apply_rules_of_every_kind(identifier, data, conformal, unknown)
         "unknown": unknown_rule(held, share_known=0.6, kind=unknown),
     }
     stored = {name: rule.to_dict() for name, rule in rules.items()}
-    stream = StreamingIdentifier(changed(identifier.core, {KEY: stored}))
+    core = changed(identifier.core, {KEY: stored})
+    assert (Rules.of(core).in_core() is not None) == (conformal == "margin" and unknown.endswith("distance"))
+    stream = StreamingIdentifier(core)
     decisions = []
     for x in data.X:
         stream.reset()
@@ -113,12 +115,45 @@ def test_streams_apply_rules_of_every_kind(identifier, data, conformal, unknown)
     assert {True, False} == set(known.tolist())
 
 
-def test_rules_for_another_model_are_refused(identifier):
-    with pytest.raises(ValueError, match="limits"):
-        _core.StreamingIdentifier(identifier.core, rules=_core.Rules([0.1, 0.2]))
-    nearest = _core.NearestMean(np.eye(2), np.eye(2))
-    with pytest.raises(ValueError, match="means"):
-        _core.StreamingIdentifier(identifier.core, rules=_core.Rules(None, nearest))
+@pytest.mark.parametrize("settings", [{"coding": "onevsall"}, {"share_known": None}, {"coverage": None}])
+@pytest.mark.parametrize("n_classes", [2, 3])
+def test_streams_apply_the_rules_of_other_models(data, settings, n_classes):
+    chosen = [k for k, label in enumerate(data.y) if label in LABELS[:n_classes]]
+    model = Identifier.fit(
+        data[chosen], "hfmh", target_error=0.2, **{"coverage": 0.8, "share_known": 0.6} | settings
+    )
+    rules = Rules.of(model.core)
+    assert rules.in_core() is not None
+    for x, losses, scores in zip(
+        data.X, model.core.losses(model.scores(data.X)), model.scores(data.X), strict=True
+    ):
+        decision = model.identify(x)
+        assert decision.candidates == rules.candidates((-losses).tolist())
+        assert decision.unknown == rules.is_unknown((-losses).tolist(), scores)
+
+
+def test_rules_for_another_model_are_refused(identifier, data):
+    own, two = np.eye(len(LABELS)), np.eye(2)
+    of_all = Identifier.fit(data, "hfmh", coding="onevsall", estimate=False)
+    for core, rules, problem in (
+        (identifier.core, _core.Rules([0.1, 0.2]), "limits must be one number for each class"),
+        (identifier.core, _core.Rules([0.1] * (len(LABELS) - 1) + [np.nan]), "none of them NaN"),
+        (
+            identifier.core,
+            _core.Rules(None, _core.NearestMean(two, two)),
+            "means must be those of the classes",
+        ),
+        (identifier.core, _core.Rules(None, _core.NearestMean(own, own), threshold=np.nan), "not be NaN"),
+        (
+            of_all.core,
+            _core.Rules(None, _core.NearestMean(own, own, of_pairs=True)),
+            "means must be of what",
+        ),
+    ):
+        with pytest.raises(ValueError, match=f"rules must fit the model: .*{problem}"):
+            _core.StreamingIdentifier(core, rules=rules)
+    with pytest.raises(ValueError, match=r"limits must have shape \(K,\), got \(1, 3\)"):
+        _core.Rules([[0.1, 0.2, 0.3]])
 
 
 def test_batches_say_the_same_as_decisions(identifier, data):

@@ -83,6 +83,12 @@ def test_a_folder_of_materials(tmp_path):
     assert gid.load(tmp_path).labels == ("rice", "salt")
 
 
+def test_messages_without_a_frame(load):
+    (recording,) = load([line.replace("tool0", "") for line in ros2()])
+    assert recording.wrench.tobytes() == WRENCH.tobytes()
+    assert recording.meta == {"message_type": "geometry_msgs/WrenchStamped"}
+
+
 def test_wrenches_of_two_lines_are_a_plain_table(load):
     (recording,) = load(["time,fx,fy,fz,tx,ty,tz", "0,1,2,3,4,5,6", "0.002,1,2,3,4,5,6"])
     assert recording.n_samples == 2
@@ -110,6 +116,7 @@ def changed(lines, line, old, new):
         ),
         (changed(ros1(), 9, "tool0,", "tool0,nan"), "line 9, column fx"),
         (changed(ros2(), 9, "tool0,", "tool0,nan"), "line 9, column fx"),
+        (changed(ros2(), 1, "tool0,", "tool0,nan"), "line 1, column fx"),
         (changed(ros2(), 9, "1700000000", "9300000000"), "line 9, column header.stamp.sec"),
         (changed(ros2(), 9, "tool0,", ""), "line 9: 8 cells; wanted 9"),
     ],

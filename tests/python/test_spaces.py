@@ -248,9 +248,10 @@ def test_one_recording_that_would_pass_for_many_is_told(kind):
         r"X of shape \(40, 6\) is taken as 40 recordings of 6 samples on one axis\. If it is one recording of 40 "
         r"samples on 6 axes, pass X\[np\.newaxis\]; if not, X\[:, :, np\.newaxis\] says so"
     )
-    with pytest.warns(UserWarning, match=told) as heard:
-        kind().fit(X[0])
-    assert [warning.filename for warning in heard] == [__file__]
+    for call in (kind().fit, kind().fit_transform, make_pipeline(kind(), "passthrough").fit_transform):
+        with pytest.warns(UserWarning, match=told) as heard:
+            call(X[0])
+        assert [warning.filename for warning in heard] == [__file__]
     assert kind().fit(X[:1]).n_axes_in_ == 6
     assert kind().fit(X[0][:, :, np.newaxis]).n_axes_in_ == 1  # no warning: pytest makes errors of them
     assert kind().fit(X[0].T).n_features_in_ == 40

@@ -114,9 +114,9 @@ def train(
         "random_state": seed,
     }
     check_targets(output, figure, json, source=reading.path)
-    if output.suffix not in ("", ENDING):
+    if output.suffix[1:].isalpha() and output.suffix != ENDING:  # rice_0.5 is no kind of file
         raise ValueError(
-            f"--output must end in {ENDING}, the kind of file that a model is, got {output.name!r}"
+            f"--output must end in {ENDING}, the kind of file that a model is, or in no kind, got {output.name!r}"
         )
     if figure is not None:
         from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)

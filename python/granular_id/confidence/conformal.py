@@ -69,7 +69,7 @@ class ConformalRule:
     n_calibration: tuple[int, ...]
     temperature: float = 1.0
     held_out: str = ""
-    _limits: dict[float, list[float]] = field(init=False, repr=False, compare=False)
+    _limits: dict[float, tuple[float, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
@@ -93,7 +93,7 @@ class ConformalRule:
         if not 0 < self.temperature < math.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
         alone = len(self.classes) if widths == {1} else 1
-        limits = {level: list(row) * alone for level, row in zip(self.levels, self.thresholds, strict=True)}
+        limits = {level: row * alone for level, row in zip(self.levels, self.thresholds, strict=True)}
         object.__setattr__(self, "_limits", limits)
 
     @property
@@ -173,7 +173,7 @@ class ConformalRule:
             found = [listed.index(max(listed))]
         return tuple(self.classes[k] for k in found)
 
-    def limits_of(self, level: float | None = None) -> list[float]:
+    def limits_of(self, level: float | None = None) -> tuple[float, ...]:
         """Return the threshold of each class (K,) for one of `levels`; default: the largest."""
         limits = self._limits.get(self.levels[-1] if level is None else level)
         if limits is None:

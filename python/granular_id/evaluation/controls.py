@@ -176,7 +176,7 @@ def judge(
     chance = max(chances.values())
     if planned.task is None:
         return Control(planned.name, planned.what, {}, chance, f"left out: {planned.why_not}")
-    means, above = {}, []
+    means, above, untold = {}, [], []
     for protocol, drawn in partitions.items():
         hits = [truth[p.test] == said for p, said in zip(drawn, predicted[protocol], strict=True)]
         means[protocol] = float(np.mean([np.mean(hit) for hit in hits]))
@@ -187,7 +187,9 @@ def judge(
             error = max(error, _error_of_clumps(drawn, predicted[protocol], truth))
         if means[protocol] > guess + STANDARD_ERRORS * error:
             above.append(protocol_name(protocol, drawn))
-    return Control(planned.name, planned.what, means, chance, _verdict(planned, above))
+        elif means[protocol] > guess and guess + STANDARD_ERRORS * error >= 1:
+            untold.append(protocol_name(protocol, drawn))
+    return Control(planned.name, planned.what, means, chance, _verdict(planned, above, untold))
 
 
 class _AsGiven(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -263,9 +265,15 @@ def _error_of_clumps(drawn: Sequence[Partition], predicted: Sequence[Codes], tru
     return math.sqrt(variance) / n_answers
 
 
-def _verdict(planned: PlannedControl, above: Sequence[str]) -> str:
-    which = " and ".join(filter(None, (", ".join(above[:-1]), *above[-1:])))
+def _verdict(planned: PlannedControl, above: Sequence[str], untold: Sequence[str]) -> str:
+    which = _listed(above)
+    if untold and not above:
+        return f"too few partitions of {_listed(untold)} to tell: not even 100 % would be beyond luck"
     if planned.name == "shuffled":
         leak = f"above chance on {which} with labels that mean nothing, so the accuracies there cannot be trusted"
         return leak if above else "not above chance, as it must be"
     return f"{which} {planned.above}" if above else "not above chance"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

@@ -103,7 +103,7 @@ def _confidence(rules: Rules, why_none: str) -> list[str]:
 
 
 def _why_none(trained: Mapping[str, Any]) -> str:
-    """Say why a model has no rules of what is held out, where that is why."""
+    """Say that nothing was held out to set rules on, where that is why there are none."""
     return "" if trained.get("estimate") else ": no recordings were held out"
 
 

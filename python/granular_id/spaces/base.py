@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from typing import Any, ClassVar
 
@@ -29,6 +30,7 @@ __all__ = [
 
 FloatArray = npt.NDArray[np.float64]
 
+_INSIDE = ("granular_id", "joblib", "sklearn")
 _MOST_AXES = 12
 """Most axes that a sensor, or two, would have: two dimensions that end in as few may be samples and axes."""
 
@@ -236,8 +238,16 @@ def _warn_of_axes(shape: tuple[int, int]) -> None:
             f"X of shape {shape} is taken as {n} recordings of {n_samples} samples on one axis. If it is one recording "
             f"of {n} samples on {n_samples} axes, pass X[np.newaxis]; if not, X[:, :, np.newaxis] says so",
             UserWarning,
-            stacklevel=4,  # whoever called fit
+            stacklevel=_level_of_caller(),
         )
+
+
+def _level_of_caller() -> int:
+    """Level of the first frame outside of this package and what calls it, as the caller's own would count it."""
+    level, frame = 0, sys._getframe(1)  # from Python 3.12 on warnings could skip packages
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
+        level, frame = level + 1, frame.f_back
+    return level + 1
 
 
 def _refuse_gaps(recordings: FloatArray) -> None:

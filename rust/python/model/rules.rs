@@ -1,8 +1,10 @@
 //! Rules for whole recordings: unpack, call, map the error.
 
+use numpy::PyUntypedArrayMethods;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable};
+use super::super::arrays::{contiguous_real, readable, tuple};
 use super::nearest::PyNearestMean;
 use crate::model::{Rules, Strangeness};
 
@@ -23,7 +25,7 @@ use crate::model::{Rules, Strangeness};
 /// Raises
 /// ------
 /// TypeError, ValueError
-///     Arguments of other types.
+///     Arguments of other types or shapes. Whether they fit a model is looked at by `StreamingIdentifier`.
 ///
 /// Notes
 /// -----
@@ -49,6 +51,10 @@ impl PyRules {
     ) -> PyResult<Self> {
         let limits = limits.map(|limits| {
             let limits = contiguous_real(limits, "limits")?;
+            if limits.shape().len() != 1 {
+                let message = format!("limits must have shape (K,), got {}", tuple(limits.shape()));
+                return Err(PyValueError::new_err(message));
+            }
             Ok::<_, PyErr>(readable(&limits, "limits")?.as_slice()?.to_vec())
         });
         let strangeness =

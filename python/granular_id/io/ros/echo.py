@@ -1,7 +1,7 @@
 """What ``rostopic echo -p`` (ROS 1) and ``ros2 topic echo --csv`` (ROS 2) print: a line of text for each message.
 
 ROS 1 names its columns in line 1 (``%time,field.header.seq,...``), ROS 2 does not: there a first line of two whole
-numbers, a frame and six numbers is one of ``geometry_msgs/msg/WrenchStamped``.
+numbers, a frame and six more cells is one of ``geometry_msgs/msg/WrenchStamped``.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import open_bounded, read_text_bounded
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.clock import recording_of
-from granular_id.io.ros.wrench import LARGEST_MESSAGE, Wrenches
+from granular_id.io.ros.wrench import LARGEST_MESSAGE, WRENCH_TYPES, Wrenches
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 
@@ -34,10 +34,7 @@ _WHOLE = re.compile(rb"[0-9]{1,19}")
 _MOST_NS = 2**63 - 1
 _MOST_S = _MOST_NS // 10**9 - 1
 
-_NUMBER = rb"-?[0-9.]+(?:e[-+]?[0-9]+)?"
-_ROS2_LINE = re.compile(
-    rb"[0-9]{1,10},[0-9]{1,9},[^,]*[^-+.,0-9][^,]*," + rb",".join([_NUMBER] * len(AXES)) + rb"\r?\n?"
-)
+_ROS2_LINE = re.compile(rb"[0-9]{1,10},[0-9]{1,9},(?![-+.0-9eE]+,)[^,]*(?:,[^,]*){6}")
 
 
 def is_echo(path: Path) -> bool:
@@ -66,7 +63,7 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
     table = _Table(source.path, names, lines[1:] if named else lines, 2 if named else 1)
     stamps_ns = table.whole(_STAMP)
     if not named:
-        seconds, rest = table.whole(_SEC, _MOST_S), table.whole(_NANOSEC, 10**9)
+        seconds, rest = table.whole(_SEC, _MOST_S), table.whole(_NANOSEC, 10**9 - 1)
         stamps_ns = None if seconds is None or rest is None else seconds * 10**9 + rest
     frame = table.frame()
     wrenches = Wrenches(table.axes(), stamps_ns, frame)
@@ -77,7 +74,7 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
         options,
         {
             "frame": frame,
-            "message_type": "geometry_msgs/" + ("Wrench" if stamps_ns is None else "WrenchStamped"),
+            "message_type": WRENCH_TYPES[stamps_ns is None],
         },
         lambda message: {"line": message + table.first_line},
         [],
