@@ -4,6 +4,11 @@ use super::fault::Fault;
 use super::loss::{Decoding, Loss};
 use super::parts::Tensor;
 
+/// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
+pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n_classes).flat_map(move |i| (i + 1..n_classes).map(move |j| (i, j)))
+}
+
 /// A checked coding matrix, learner by learner, and by what the sums of losses are divided.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Codes {

@@ -3,6 +3,7 @@
 //! The Mahalanobis distance of Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples and
 //! adversarial attacks" (2018): the covariance within classes makes all directions alike first.
 
+use super::codes::pairs;
 use super::loss::Loss;
 use crate::error::{Error, Result};
 
@@ -134,8 +135,7 @@ fn whiten(matrix: &[f64], values: &[f64], out: &mut [f64]) {
 fn hinge_values(scores: &[f64], values: &mut [f64]) {
     values.fill(0.0);
     let n_classes = values.len();
-    let pairs = (0..n_classes).flat_map(|i| (i + 1..n_classes).map(move |j| (i, j)));
-    for ((i, j), score) in pairs.zip(scores) {
+    for ((i, j), score) in pairs(n_classes).zip(scores) {
         values[i] -= Loss::Hinge.of_agreement(*score);
         values[j] -= Loss::Hinge.of_agreement(-score);
     }

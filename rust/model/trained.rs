@@ -1,6 +1,6 @@
 //! A checked model and what it is made of.
 
-use super::codes::Codes;
+use super::codes::{pairs, Codes};
 use super::extraction::Extraction;
 use super::loss::{Decoding, Loss};
 use super::notes::Notes;
@@ -142,9 +142,8 @@ impl Model {
     #[must_use]
     pub fn is_of_pairs(&self) -> bool {
         let n_classes = self.classes.len();
-        let pairs = (0..n_classes).flat_map(|i| (i + 1..n_classes).map(move |j| (i, j)));
         self.n_learners() == n_classes * (n_classes - 1) / 2
-            && pairs.enumerate().all(|(learner, (i, j))| {
+            && pairs(n_classes).enumerate().all(|(learner, (i, j))| {
                 (0..n_classes)
                     .all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
             })

@@ -19,6 +19,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from granular_id._words import listed
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.partition import Partition
@@ -266,14 +267,10 @@ def _error_of_clumps(drawn: Sequence[Partition], predicted: Sequence[Codes], tru
 
 
 def _verdict(planned: PlannedControl, above: Sequence[str], untold: Sequence[str]) -> str:
-    which = _listed(above)
+    which = listed(above)
     if untold and not above:
-        return f"too few partitions of {_listed(untold)} to tell: not even 100 % would be beyond luck"
+        return f"too few partitions of {listed(untold)} to tell: not even 100 % would be beyond luck"
     if planned.name == "shuffled":
         leak = f"above chance on {which} with labels that mean nothing, so the accuracies there cannot be trusted"
         return leak if above else "not above chance, as it must be"
     return f"{which} {planned.above}" if above else "not above chance"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

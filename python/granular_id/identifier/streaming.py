@@ -70,7 +70,6 @@ class StreamingIdentifier:
         self.core = _core.StreamingIdentifier(core, hop=hop, rules=in_core)
         self._rate_hz = core.rate_hz
         self._has_probabilities = core.sigmoid is not None
-        self._classes = core.classes
         # warning -> row of the stream at which it was last given
         self._warnings: dict[str, int] = {}
 
@@ -126,7 +125,13 @@ class StreamingIdentifier:
         ValueError
             A score left float64, for forces of unearthly size.
         """
-        ranking, margin, final, settled, sure, n_seen, first_row, scores, *said = self.core.standing()
+        ranking, margin, final, settled, sure, n_seen, first_row, scores, candidates, unknown = (
+            self.core.standing()
+        )
+        if final and self._rules is not None:
+            losses = dict(ranking)
+            values = [-losses[label] for label in self.core.model.classes]
+            candidates, unknown = self._rules.candidates(values), self._rules.is_unknown(values, scores)
         # A copy: another thread may be adding one.
         warnings = tuple(what for what, row in list(self._warnings.items()) if row >= first_row)
         probability: Callable[[], float] | None = None
@@ -143,19 +148,9 @@ class StreamingIdentifier:
             n_seen,
             n_seen / self._rate_hz,
             warnings,
-            *(
-                said
-                if self._rules is None or not final
-                else self._by_rules(self._rules, dict(ranking), scores)
-            ),
+            candidates,
+            unknown,
         )
-
-    def _by_rules(
-        self, rules: Rules, losses: dict[str, float], scores: npt.NDArray[np.float64]
-    ) -> tuple[tuple[str, ...], bool | None]:
-        """Candidates of a whole recording, and whether it is like none."""
-        values = [-losses[label] for label in self._classes]
-        return rules.candidates(values), rules.is_unknown(values, scores)
 
     def next(self) -> None:
         """Go on to the next window; rows that it shares with this one stay. Needs `hop` and a complete window."""

@@ -74,12 +74,13 @@ class Rules:
         conformal, unknown = self.conformal, self.unknown
         if conformal is not None and conformal.kind != "margin":
             return None
+        limits = None if conformal is None else conformal.limits_of()
         if unknown is None:
-            return _core.Rules(None if conformal is None else conformal.limits_of())
+            return _core.Rules(limits)
         if unknown.nearest is None:
             return None
         return _core.Rules(
-            None if conformal is None else conformal.limits_of(),
+            limits,
             unknown.nearest,
             of_losses=unknown.kind == "value_distance",
             threshold=unknown.threshold,

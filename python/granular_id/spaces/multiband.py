@@ -17,7 +17,7 @@ import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted
 
 from granular_id._core import MultiBandExtractor
-from granular_id._words import counted
+from granular_id._words import counted, listed
 from granular_id.spaces.base import RecordingTransformer, check_rate
 from granular_id.spaces.blocks import FeatureBlock
 
@@ -232,5 +232,4 @@ def _dropped(extractor: MultiBandExtractor) -> str:
     if not parts:
         return ""
     n_samples = extractor.n_samples
-    listed = " and ".join([*([", ".join(parts[:-1])] if parts[1:] else []), parts[-1]])
-    return f"recordings of {counted(n_samples, 'sample')} are too short for {listed}"
+    return f"recordings of {counted(n_samples, 'sample')} are too short for {listed(parts)}"

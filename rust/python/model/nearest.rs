@@ -19,11 +19,6 @@ use crate::model::NearestMean;
 ///     Whether recordings come as scores of one learner for each pair of S classes. The values are then minus the mean
 ///     losses of the classes under the hinge.
 ///
-/// Attributes
-/// ----------
-/// width : int
-///     Numbers of one recording: S, or S (S - 1) / 2 of pairs.
-///
 /// Raises
 /// ------
 /// TypeError, ValueError
@@ -71,7 +66,8 @@ impl PyNearestMean {
         Ok(Self { nearest: make(means, whitener)? })
     }
 
-    /// Distances (n,) of values or scores (n, `width`), or (1,) of one row (`width`,); `name` is what messages call them.
+    /// Distances (n,) of rows of S values, or of S (S - 1) / 2 scores of pairs, or (1,) of one row; `name` is what messages
+    /// call them.
     #[pyo3(signature = (scores, name="scores"))]
     fn distances<'py>(&self, scores: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let py = scores.py();
@@ -85,10 +81,5 @@ impl PyNearestMean {
         let scores = readable(&scores, name)?;
         let not_finite = |_| PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"));
         Ok(PyArray1::from_vec(py, self.nearest.distances(scores.as_slice()?).map_err(not_finite)?))
-    }
-
-    #[getter]
-    fn width(&self) -> usize {
-        self.nearest.width()
     }
 }
