@@ -1,0 +1,301 @@
+"""Digests of what must not change: results to the bit, the public names, the verdict on each bad file.
+
+Before a change: ``python tests/python/golden/oracle.py write FILE``; after it: ``... compare FILE``; ``--only`` takes
+some sections. Both on one machine, with the same libraries: linear algebra may round otherwise elsewhere. Everything
+goes through the public names and the command line, so that what lies below may move. The real recordings count where
+they are (see conftest.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import importlib
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sklearn.pipeline import make_pipeline
+from threadpoolctl import threadpool_limits
+
+import granular_id as gid
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+Figures = dict[str, Any]
+
+VOLATILE = {
+    "versions",
+    "command",
+    "wall_s",
+    "seconds",
+    "feature_seconds",
+    "train_seconds",
+    "predict_seconds",
+    "machine",
+}
+"""What differs from run to run, or names the run."""
+
+PACKAGES = (
+    "",
+    ".confidence",
+    ".ecoc",
+    ".evaluation",
+    ".identifier",
+    ".io",
+    ".live",
+    ".recording",
+    ".signal",
+    ".spaces",
+)
+MATERIALS = ("rice", "fine sugar", "oat flakes", "cat litter")
+
+
+def digest(value: Any) -> str:
+    """Return a short SHA-256 of an array, bytes, or what JSON can hold."""
+    if isinstance(value, np.ndarray):
+        value = str((value.dtype, value.shape)).encode() + np.ascontiguousarray(value).tobytes()
+    if not isinstance(value, bytes):
+        value = json.dumps(steady(value), sort_keys=True, default=str).encode()
+    return hashlib.sha256(value).hexdigest()[:16]
+
+
+def steady(value: Any) -> Any:
+    """Leave out what differs from run to run."""
+    if isinstance(value, dict):
+        return {
+            key: steady(one)
+            for key, one in value.items()
+            if key not in VOLATILE and not str(key).endswith("seconds")
+        }
+    return [steady(one) for one in value] if isinstance(value, list) else value
+
+
+def parts(prefix: str, value: Any) -> Figures:
+    """Digest the entries of a result one by one, so that a difference says where it is."""
+    return {f"{prefix}.{key}": digest(one) for key, one in steady(value).items()}
+
+
+def synthetic() -> gid.Dataset:
+    """Return recordings in three sessions."""
+    return gid.synthesize(MATERIALS, n_per_class=12, sessions=3, seed=5)
+
+
+def sliding() -> gid.Dataset | None:
+    """Return real recordings of six materials at 100 Hz, where they are."""
+    stated = os.environ.get("GRANULAR_ID_DATA")
+    folder = Path(stated) if stated else Path(__file__).resolve().parents[4] / "shared" / "data"
+    if not (folder / "sliding_wrench").is_dir():
+        print("no real recordings: those figures are left out", file=sys.stderr)
+        return None
+    wanted = {"mat01", "mat03", "mat07", "mat10", "mat13", "mat20"}
+    whole = gid.load(folder / "sliding_wrench")
+    chosen = gid.Dataset([recording for recording in whole if recording.label in wanted])
+    return chosen.resample(100, max_gap_s=float("inf")).align("shortest")
+
+
+def api() -> Figures:
+    """Signatures of all public names."""
+    figures = {}
+    for package in PACKAGES:
+        module = importlib.import_module(f"granular_id{package}")
+        names = getattr(module, "__all__", None) or [name for name in dir(module) if not name.startswith("_")]
+        for name in names:
+            value = getattr(module, name)
+            place = f"gid{package}.{name}"
+            figures[place] = signature(value)
+            if inspect.isclass(value):
+                figures |= {
+                    f"{place}.{member}": signature(getattr(value, member))
+                    for member in dir(value)
+                    if not member.startswith("_")
+                }
+    return figures
+
+
+def signature(value: Any) -> str:
+    """Return what can be called with, or the kind of value."""
+    try:
+        return re.sub(" at 0x[0-9a-f]+", "", str(inspect.signature(value)))
+    except (TypeError, ValueError):
+        return type(value).__name__
+
+
+def features() -> Figures:
+    """Features of every space."""
+    figures = {}
+    for name, data in sets():
+        figures[f"{name} X"] = digest(data.X)
+        for space, made in gid.feature_spaces(rate_hz=data.rate_hz).items():
+            estimator = made.transformer
+            if space == "pca+rica":
+                estimator.set_params(rica__random_state=0)
+            with warnings.catch_warnings(), threadpool_limits(1):
+                warnings.simplefilter("ignore")  # rica does not converge, as in the paper
+                figures[f"{name} {space}"] = digest(np.asarray(estimator.fit_transform(data.X, data.y)))
+    return figures
+
+
+def sets() -> Iterator[tuple[str, gid.Dataset]]:
+    yield "synthetic", synthetic()
+    real = sliding()
+    if real is not None:
+        yield "sliding", real
+
+
+def evaluation() -> Figures:
+    """Partitions, predictions, tables and statistics, protocol by protocol."""
+    figures = {}
+    for name, data in sets():
+        for protocol in ("auto", "kfold", "session", "chronological"):
+            result = gid.evaluate(
+                data,
+                ["raw", "hfmh", "raw+hfmh", "multiband", "best"],
+                protocol,
+                n_partitions=3,
+                train_per_class=8,
+                test_per_class=3,
+                random_state=3,
+                progress=False,
+            )
+            with tempfile.TemporaryDirectory() as place:
+                result.to_json(Path(place) / "result.json")
+                figures |= parts(f"{name} {protocol}", json.loads((Path(place) / "result.json").read_text()))
+    return figures
+
+
+def choices() -> Figures:
+    """What select, confidence and explain say."""
+    figures = {}
+    for name, data in sets():
+        spaces = ["raw", "hfmh", "raw+hfmh"]
+        figures |= parts(f"{name} select", gid.select(data, spaces=spaces, progress=False).to_dict())
+        space = gid.feature_spaces(rate_hz=data.rate_hz)["multiband"]
+        model = make_pipeline(space.transformer, space.classifier)
+        confidence = gid.confidence.assess(data, model, n_seeds=2)
+        figures |= parts(f"{name} confidence", confidence.to_dict())
+    return figures
+
+
+def identifier() -> Figures:
+    """Model files, scores and answers."""
+    figures = {}
+    for name, data in sets():
+        for space in ("raw+hfmh", "multiband", "best"):
+            model = gid.Identifier.fit(data, space, progress=False)
+            with tempfile.TemporaryDirectory() as place:
+                path = Path(place) / "model.safetensors"
+                model.save(path)
+                content = path.read_bytes()
+            header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+            about = header.pop("__metadata__")
+            tensors = content[8 + int.from_bytes(content[:8], "little") :]
+            figures[f"{name} {space} tensors"] = digest(tensors)
+            figures[f"{name} {space} layout"] = digest(header)
+            known = json.loads(about.pop("trained"))
+            figures |= parts(f"{name} {space} trained", known) | parts(f"{name} {space} metadata", about)
+            figures[f"{name} {space} scores"] = digest(model.scores(data.X))
+            answers = [(d.label, d.candidates, d.unknown, d.margin) for d in map(model.identify, data)]
+            figures[f"{name} {space} answers"] = digest(answers)
+    return figures
+
+
+def commands() -> Figures:
+    """What the commands write, and their exit codes."""
+    figures = {}
+
+    def run(what: str, *arguments: str) -> None:
+        command = [sys.executable, "-m", "granular_id", *arguments]
+        figures[f"{what} exit"] = str(subprocess.run(command, capture_output=True, check=False).returncode)
+
+    with tempfile.TemporaryDirectory() as place:
+        here = Path(place)
+        gid.save(synthetic(), here / "set.npz")
+        run("check", "data", "check", f"{here}/set.npz", "--json", f"{here}/check.json")
+        few = ("--train", "6", "--test", "2", "--partitions", "2", "--spaces", "raw,hfmh")
+        run("evaluate", "evaluate", f"{here}/set.npz", *few, "--json", f"{here}/evaluate.json")
+        run("train", "train", f"{here}/set.npz", "-o", f"{here}/m.safetensors", "--space", "hfmh")
+        run(
+            "identify",
+            "identify",
+            f"{here}/m.safetensors",
+            f"{here}/set.npz",
+            "--json",
+            f"{here}/identify.json",
+        )
+        run("refused", "evaluate", f"{here}/nothing")
+        for file in sorted(here.glob("*.json")):
+            text = file.read_text().replace(place, "HERE")
+            figures |= parts(file.stem, {"whole": json.loads(text)})
+    return figures
+
+
+def files() -> Figures:
+    """Of each group of bad files which are read after all, and which processes end; all others are refused."""
+    from bad_files import make_corpus
+    from bad_files_work import answers_to
+    from test_bad_files import GROUPS
+
+    figures = {}
+    with tempfile.TemporaryDirectory() as place:
+        for group, cases in GROUPS.items():
+            made = make_corpus(Path(place) / group, dict(cases()))
+            answers = answers_to([file.job() for file in made], at_once=16)
+            verdicts = {
+                file.name: "ended" if "broken" in answer else "read"
+                for file, answer in zip(made, answers, strict=True)
+                if "broken" in answer or "error" not in answer["alone"]
+            }
+            figures[f"{group}: files"] = str(len(made))
+            figures |= {f"{group}: {name}": verdict for name, verdict in verdicts.items()}
+    return figures
+
+
+SECTIONS: dict[str, Callable[[], Figures]] = {
+    section.__name__: section for section in (api, features, evaluation, choices, identifier, commands, files)
+}
+
+
+def differences(before: Figures, after: Figures) -> list[str]:
+    """Return a line for each figure that is not the same."""
+    return [
+        f"{name}: {before.get(name, 'was not there')} -> {after.get(name, 'is gone')}"
+        for name in sorted(before.keys() | after.keys())
+        if before.get(name) != after.get(name)
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("work", choices=("write", "compare"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--only", default=",".join(SECTIONS), help="sections: %(default)s")
+    asked = parser.parse_args()
+    figures = {}
+    for name in asked.only.split(","):
+        print(name, file=sys.stderr)
+        figures[name] = SECTIONS[name]()
+    if asked.work == "write":
+        asked.file.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+        return 0
+    stored = json.loads(asked.file.read_text())
+    lines = [
+        f"{name}: {line}" for name, now in figures.items() for line in differences(stored.get(name, {}), now)
+    ]
+    print("\n".join(lines) or f"equal: {sum(map(len, figures.values()))} figures")
+    return bool(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
