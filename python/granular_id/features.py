@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 from granular_id import _core
+from granular_id._columns import wrench_of
 from granular_id._core import FeatureSpec
 
 if TYPE_CHECKING:
@@ -50,7 +51,9 @@ def extract_features(
     ----------
     wrench : array_like, shape (n_samples, n_axes) or (n_recordings, n_samples, n_axes)
         Force in newton and torque in newton metre, one row per instant. Six axes are the fast case, any number
-        works. C-contiguous float64 is read in place; anything else is converted once. Never modified.
+        works. C-contiguous float64 is read in place; anything else is converted once. Never modified. Tables with
+        named columns, one or a list of them, are taken by name: fx fy fz tx ty tz in this order whatever their own,
+        six others and stamps are refused.
     spec : FeatureSpec, optional
         Everything below `dtype` as one checked value. Give this or the keywords, not both.
     threads : int, optional
@@ -128,6 +131,7 @@ def extract_features(
         raise TypeError(
             f"wrench must be an array, got a {type(wrench).__name__}: pass recording.wrench, or dataset.X for a batch"
         )
+    wrench, _ = wrench_of(wrench, "wrench")
     return _core.extract_features(wrench, _spec(spec, keywords), threads, out, dtype)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import column_or_1d
 
+from granular_id._columns import wrench_of
 from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.naming import named
 from granular_id.explanation.pairs import pair_factors
@@ -100,6 +101,8 @@ def explain(
     pair = (_row_of("first", first, classes), _row_of("second", second, classes))
     if pair[0] == pair[1]:
         raise ValueError(f"first and second must be two materials, got {first!r} twice")
+    if isinstance(X, (list, tuple)):
+        X, _ = wrench_of(X, "X", getattr(model[0], "axes_in_", None))
     recordings = _recordings(X)
     if axes is not None:
         chain = named(chain, axes, recordings.shape[2] if recordings.ndim == 3 else 1)

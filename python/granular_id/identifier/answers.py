@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._columns import samples_of
 from granular_id.ecoc.posterior import Posterior
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import axes_of, lead_of
@@ -111,7 +112,8 @@ class Answers:
         Parameters
         ----------
         X : array-like, shape (n, T, C) or (T, C)
-            Recordings of the length, rate and axes of the training, N and N m.
+            Recordings of the length, rate and axes of the training, N and N m. Tables with named columns, one or a
+            list of them, come into the order of `axes`; other names are refused.
         threads : int, optional
             Threads of a batch; no bit depends on it. Default: all cores.
 
@@ -125,7 +127,8 @@ class Answers:
             raise TypeError(
                 f"X must be an array, got a {kind}: pass its {part}, or the recording to identify"
             )
-        return self.core.scores(X, threads)
+        samples, _ = samples_of(X, "X", self.axes)
+        return self.core.scores(samples, threads)
 
     def losses(self, X: npt.ArrayLike) -> FloatArray:
         """Mean binary loss (n, K) of each class for recordings as in `scores`: the smallest wins."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._columns import samples_of
 from granular_id._files import whole_file
 from granular_id._progress import ProgressCallback
 from granular_id.identifier.answers import Answers
@@ -201,7 +202,8 @@ class Identifier(Answers):
         rate_hz : float, optional
             Rate of the recordings, Hz, where the feature space does not know it (`RawSignal` need not).
         axes : sequence of str, optional
-            Names of the axes; default: fx fy fz tx ty tz where there are six, else axis0, axis1 ...
+            Names of the axes. Default: those that the pipeline was fitted on, if they had names; else fx fy fz tx ty tz
+            where there are six, else axis0, axis1 ...
         lead_s : float, optional
             Seconds of rest ahead of the trigger in the recordings.
         samples : ndarray, shape (n, T, C), optional
@@ -231,6 +233,7 @@ class Identifier(Answers):
         True
         """
         parts = parts_of(pipeline, rate_hz)
+        axes = getattr(pipeline[0], "axes_in_", None) if axes is None else axes
         names = axis_names(parts.n_axes) if axes is None else tuple(axes)
         units = axis_units(parts.n_axes) if axes is None else None
         raw = None if samples is None else np.asarray(samples, dtype=np.float64)
@@ -289,7 +292,8 @@ class Identifier(Answers):
         Parameters
         ----------
         recording : Recording, or array-like of shape (T, C)
-            An array has the length, rate and axes of the training. A recording may be longer.
+            An array has the length, rate and axes of the training; columns with names come into the order of `axes`.
+            A recording may be longer.
         begin_at : {"auto", "first", "trigger"}, default "auto"
             Where to begin in a recording: automatically at the first sample where it has the length of the model;
             where it is longer as in the training, at its trigger (less the lead) or at the first sample.
@@ -313,7 +317,7 @@ class Identifier(Answers):
             refuse_others(data, self.core)
             wrench = fitted(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
         else:
-            wrench = np.asarray(recording, dtype=np.float64)
+            wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
             wanted = (self.n_samples, len(self.axes))
             if wrench.shape != wanted:
                 raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")

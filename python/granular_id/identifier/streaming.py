@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._columns import samples_of
+from granular_id.identifier.about import axes_of
 from granular_id.identifier.decision import Decision
 from granular_id.identifier.sure import Rules
 
@@ -94,7 +96,8 @@ class StreamingIdentifier:
         Parameters
         ----------
         wrench : array-like, shape (k, C) or (C,)
-            Rows in N and N m, as they come; any k, 0 included.
+            Rows in N and N m, as they come; any k, 0 included. Columns with names come into the order of the model's
+            axes.
 
         Returns
         -------
@@ -106,6 +109,8 @@ class StreamingIdentifier:
         TypeError, ValueError
             Another shape; NaN, infinity or values too large to work with. No row was taken then.
         """
+        if not isinstance(wrench, np.ndarray):  # rows come in all the time, and have no names as a rule
+            wrench, _ = samples_of(wrench, "wrench", axes_of(self.core.model))
         return self.core.push(wrench)
 
     def warn(self, what: str) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._columns import by_name, column_names
 from granular_id._core import AXES
 from granular_id.recording._values import (
     FloatArray,
@@ -38,7 +39,10 @@ class Recording:
     Parameters
     ----------
     wrench : array_like, shape (T, C)
-        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64.
+        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64. Of a
+        table (a DataFrame of pandas or polars) the names of the columns are the axes, in the order of the columns;
+        fx fy fz tx ty tz, in small or large letters, come into this order. A column of stamps, or one beside those
+        six, is refused unless `axes` chooses the columns.
     rate_hz : float or None
         Sampling rate of a uniform recording, Hz.
     label : str or None
@@ -58,7 +62,8 @@ class Recording:
     name : str
         How reports call this recording, for example the file it came from.
     axes : sequence of str
-        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said.
+        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said. Of a table with
+        named columns: those to take, in this order.
 
     Raises
     ------
@@ -200,6 +205,12 @@ _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.d
 
 
 def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
+    columns = column_names(value)
+    if columns is not None:
+        # As many as are given: they choose among the columns.
+        n_wanted = len(names) if isinstance(names, Sequence) else 0
+        wanted = checked_axes(names, (0, n_wanted)) if names else None
+        value, names = by_name(value, columns, "wrench", wanted)
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:
         raise ValueError(f"wrench has shape {array.shape}; wanted {_WRENCH}")

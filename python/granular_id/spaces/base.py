@@ -13,6 +13,8 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._columns import column_names, wrench_of
+from granular_id._core import AXES
 from granular_id._numbers import positive_number
 from granular_id.features import extract_features
 from granular_id.recording import Dataset
@@ -44,6 +46,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
 
     n_features_in_: int
     n_axes_in_: int
+    axes_in_: tuple[str, ...] | None
+    """Names of the axes that `fit` saw; None where recordings had none."""
 
     without_effect: ClassVar[frozenset[str]] = frozenset()
     """Parameters that change no feature: threads, or a rate that labels coordinates only."""
@@ -59,7 +63,9 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         Parameters
         ----------
         X : array-like, shape (n, T, C) or (n, T)
-            Recordings: n of T samples on C axes, in N and N m. Two dimensions are n signals of one axis.
+            Recordings: n of T samples on C axes, in N and N m. Two dimensions are n signals of one axis. A list of
+            tables with named columns is taken by name: fx fy fz tx ty tz in this order whatever their own, six
+            others and stamps are refused; `transform` then wants the same names.
         y : ignored
 
         Returns
@@ -126,6 +132,13 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
     def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
         if isinstance(X, Dataset):
             raise TypeError("X must be an array of shape (n, T, C) or (n, T), got a Dataset: pass its X")
+        names = column_names(X, "X")
+        if names is not None and {name.strip().lower() for name in names} >= set(AXES):
+            raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
+        if names is None:
+            X, axes = wrench_of(X, "X", None if reset else getattr(self, "axes_in_", None))
+            if reset:
+                self.axes_in_ = axes
         if _rank(X) > 3:
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
         if not reset and self.n_axes_in_ > 1:

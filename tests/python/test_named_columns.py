@@ -1,0 +1,178 @@
+"""Tables with named columns: a name is an axis, wherever samples come in."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.pipeline import make_pipeline
+
+import granular_id as gid
+from granular_id.identifier import StreamingIdentifier
+from granular_id.recording import AXES, Recording
+
+RNG = np.random.default_rng(0)
+WRENCH = RNG.normal(size=(40, 6))
+GYRO = ["gx", "gy", "gz", "ax", "ay", "az"]
+MIXED = [5, 0, 3, 1, 4, 2]
+
+
+class Polars:
+    """As a polars DataFrame shows itself: `columns` is a list, a column is no array but becomes one."""
+
+    def __init__(self, frame):
+        self._frame = frame
+        self.columns = list(frame.columns)
+
+    def __getitem__(self, name):
+        return self._frame[name].to_list()
+
+
+class Arrow(Polars):
+    """As a pyarrow Table: `columns` holds arrays."""
+
+    def __init__(self, frame):
+        super().__init__(frame)
+        self.column_names, self.columns = self.columns, [frame[name].to_numpy() for name in frame.columns]
+
+
+TABLES = pytest.mark.parametrize(
+    "table", [lambda frame: frame, Polars, Arrow], ids=["pandas", "polars", "arrow"]
+)
+
+
+def frame(values=WRENCH, names=AXES):
+    return pd.DataFrame(values, columns=list(names))
+
+
+def mixed(values=WRENCH):
+    """The same samples with the columns in another order."""
+    return frame(values).iloc[:, MIXED]
+
+
+@TABLES
+@pytest.mark.parametrize(
+    ("given", "axes", "expected"),
+    [
+        (frame(), AXES, WRENCH),
+        (mixed(), AXES, WRENCH),
+        (frame(names=[name.capitalize() for name in AXES]), AXES, WRENCH),
+        (frame(names=GYRO), tuple(GYRO), WRENCH),
+        (frame(WRENCH[:, :2], ["tz", "fx"]), ("tz", "fx"), WRENCH[:, :2]),
+        (frame(names=["fx", *GYRO[:5]]), ("fx", *GYRO[:5]), WRENCH),
+    ],
+    ids=["as they are", "mixed", "capitals", "gyroscope", "two", "force and gyroscope"],
+)
+def test_names_of_columns_are_the_axes_of_a_recording(table, given, axes, expected):
+    recording = Recording(table(given), rate_hz=500)
+    assert recording.axes == axes
+    assert np.array_equal(recording.wrench, expected)
+    assert recording.wrench.flags.c_contiguous
+
+
+def test_numbered_columns_and_arrays_stay_what_they_were():
+    assert Recording(pd.DataFrame(WRENCH), rate_hz=500) == Recording(WRENCH, rate_hz=500)
+    assert Recording(pd.DataFrame(WRENCH), rate_hz=500, axes=GYRO).axes == tuple(GYRO)
+
+
+@TABLES
+def test_axes_choose_columns(table):
+    logged = frame().assign(time=np.arange(40) / 500, temperature=20.0)
+    assert np.array_equal(Recording(table(logged), rate_hz=500, axes=AXES).wrench, WRENCH)
+    chosen = Recording(table(logged), rate_hz=500, axes=["fz", "fx"])
+    assert (chosen.axes, chosen.wrench.tolist()) == (("fz", "fx"), WRENCH[:, [2, 0]].tolist())
+
+
+@TABLES
+@pytest.mark.parametrize(
+    ("given", "keywords", "named"),
+    [
+        (frame().assign(time=0.0), {}, "time"),
+        (frame(WRENCH[:, :3], ["Timestamp", "gx", "gy"]), {}, "Timestamp"),
+        (frame().assign(temperature=20.0), {}, "temperature"),
+        (frame(names=GYRO), {"axes": AXES}, "gx"),
+        (frame(names=[*AXES[:5], "Fx"]), {}, "Fx"),
+        (frame(names=GYRO).assign(material="rice"), {}, "material"),
+        (frame().assign(material="rice"), {"axes": ["fx", "material"]}, "material"),
+        (frame(), {"axes": "fx"}, "axes"),
+    ],
+    ids=["time", "stamps", "beside", "contradicted", "twice", "text", "text chosen", "one name"],
+)
+def test_what_is_no_axis_is_refused_by_name(table, given, keywords, named):
+    with pytest.raises((ValueError, TypeError), match=named):
+        Recording(table(given), rate_hz=500, **keywords)
+
+
+def test_names_that_are_no_text_are_refused():
+    given = pd.DataFrame(WRENCH, columns=pd.MultiIndex.from_product([["force", "torque"], list("xyz")]))
+    with pytest.raises(TypeError, match="wrench"):
+        Recording(given, rate_hz=500)
+
+
+@TABLES
+def test_features_of_a_table_are_those_of_its_axes(table):
+    expected = gid.extract_features(WRENCH)
+    assert np.array_equal(gid.extract_features(table(mixed())), expected)
+    both = gid.extract_features([table(mixed()), table(frame())])
+    assert np.array_equal(both, [expected, expected])
+    for given in (frame(names=GYRO), frame().assign(time=0.0)):
+        with pytest.raises(ValueError, match="wrench has"):
+            gid.extract_features(table(given))
+    with pytest.raises(ValueError, match="one shape"):
+        gid.extract_features([table(frame()), table(frame()[:20])])
+
+
+PUSHES = RNG.normal(size=(8, 40, 6)) * np.repeat([1, 3], 4)[:, None, None]
+MATERIALS = np.repeat(["oats", "rice"], 4)
+
+
+@TABLES
+@pytest.mark.parametrize("space", [gid.RawHFMH(), gid.MultiBand()], ids=["RawHFMH", "MultiBand"])
+def test_estimators_take_lists_of_tables_by_name(table, space):
+    model = make_pipeline(space, gid.ECOCClassifier()).fit([table(mixed(push)) for push in PUSHES], MATERIALS)
+    plain = make_pipeline(space, gid.ECOCClassifier()).fit(PUSHES, MATERIALS)
+    expected = plain.decision_function(PUSHES)
+    for given in (PUSHES, [table(frame(push)) for push in PUSHES]):
+        assert np.array_equal(model.decision_function(given), expected)
+        assert np.array_equal(plain.decision_function(given), expected)
+    with pytest.raises(ValueError, match="gx"):
+        model.predict([table(frame(push, GYRO)) for push in PUSHES])
+    with pytest.raises(ValueError, match=r"\[X\]"):
+        model.predict(table(frame(PUSHES[0])))
+
+
+def test_an_estimator_wants_the_names_it_was_fitted_on():
+    space = gid.HFMH(n_bins=4).fit([frame(push[:, :2], ["gx", "gy"]) for push in PUSHES])
+    turned = [frame(push[:, 1::-1], ["gy", "gx"]) for push in PUSHES]
+    assert np.array_equal(space.transform(turned), space.transform(PUSHES[:, :, :2]))
+    with pytest.raises(ValueError, match="gx gy"):
+        space.transform([frame(push[:, :2], ["gx", "gz"]) for push in PUSHES])
+    space.fit(PUSHES[:, :, :2])
+    space.transform([frame(push[:, :2], ["gx", "gz"]) for push in PUSHES])
+    with pytest.raises(ValueError, match="gx"):
+        gid.HFMH().fit([frame(push, GYRO) for push in PUSHES])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return gid.Identifier.from_classifier(
+        make_pipeline(gid.RawHFMH(), gid.ECOCClassifier()).fit(PUSHES, MATERIALS), samples=PUSHES
+    )
+
+
+@TABLES
+def test_a_model_puts_columns_into_its_own_order_and_refuses_other_names(model, table):
+    assert np.array_equal(model.scores([table(mixed(push)) for push in PUSHES]), model.scores(PUSHES))
+    assert np.array_equal(model.scores(table(mixed(PUSHES[0]))), model.scores(PUSHES[0]))
+    assert model.identify(table(mixed(PUSHES[0]))) == model.identify(PUSHES[0])
+    stream = StreamingIdentifier(model)
+    stream.push(table(mixed(PUSHES[0])))
+    assert stream.decision() == model.identify(PUSHES[0])
+    for given in (frame(PUSHES[0], GYRO), frame(PUSHES[0]).assign(time=0.0)):
+        for refuses in (model.predict, model.identify, stream.push):
+            with pytest.raises(ValueError, match=f"{given.columns[-1]}.* {' '.join(AXES)}"):
+                refuses(table(given))
+
+
+def test_a_model_taken_over_knows_the_names_its_pipeline_was_fitted_on():
+    pipeline = make_pipeline(gid.HFMH(n_bins=4), gid.ECOCClassifier())
+    pipeline.fit([frame(push[:, :2], ["gx", "gy"]) for push in PUSHES], MATERIALS)
+    assert gid.Identifier.from_classifier(pipeline).axes == ("gx", "gy")
