@@ -134,6 +134,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz")
     one_line = re.sub(r"\.resample\(([\d.e+]+)\)", r"add --rate-hz \1", one_line).replace("call add", "add")
     one_line = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", one_line)
+    one_line = re.sub(r"\bpass accept=\('(\w+)',\)", r"add --accept \1", one_line)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
         word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"

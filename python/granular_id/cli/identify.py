@@ -14,7 +14,9 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.model import ENDING
 from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
 from granular_id.cli.reading import (
+    ACCEPT,
     PANEL,
+    Accepted,
     Handling,
     MaxFileMb,
     OnError,
@@ -45,6 +47,9 @@ that the model knows, its answers are compared with them.
 Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length. Longer ones begin
 as those of the training: at their stored trigger, less the rest ahead of it, or at their first sample; --begin-at says
 otherwise.
+
+A model knows what its recordings were made with. Another frame or sign is refused, another sensor, filter, tool,
+trigger or speed is said; what is not known is not compared. `--accept` takes what is the same under another name.
 
 Examples:
 
@@ -136,6 +141,7 @@ class Fitting:
         rest_s: RestS = 0.1,
         onset_at: OnsetAt = None,
         on_short: OnShort = Handling.refuse,
+        accept: Annotated[list[Accepted] | None, option("--accept", PANEL, ACCEPT)] = None,
     ) -> None:
         positive("--rate-hz", rate_hz)
         positive("--max-gap-s", max_gap_s, infinite=True)
@@ -146,6 +152,7 @@ class Fitting:
         if onsets and begin_at is not Beginning.onset:
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
         self.begin_at, self.lead_s, self.on_short = begin_at, lead_s, on_short
+        self.accept = [one.value for one in accept or []]
         self.preparation = Preparation(
             rate_hz=rate_hz,
             max_gap_s=max_gap_s,
@@ -156,15 +163,16 @@ class Fitting:
             on_gap=on_gap.value,
         )
 
-    def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> Dataset:
-        """Bring recordings to the rate and length of a model, saying what each step did."""
+    def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
+        """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
         from granular_id.identifier.fitting import fitted, refuse_others  # noqa: PLC0415 (slow to import)
 
         say = saying(quiet=quiet)
         data = prepare(data, self.preparation, say)
-        refuse_others(data, identifier.core)
+        differences = refuse_others(data, identifier.core, self.accept)
         if self.begin_at is Beginning.onset:
             data = told(with_onsets(data, self.preparation), say)
+            differences = refuse_others(data, identifier.core, self.accept)  # the trigger is another one
         cropped = fitted(
             data,
             identifier.core,
@@ -172,7 +180,7 @@ class Fitting:
             lead_s=self.lead_s,
             on_short=self.on_short.value,
         )
-        return cropped if cropped is data else told(cropped, say)
+        return cropped if cropped is data else told(cropped, say), differences
 
 
 @guarded
@@ -200,16 +208,18 @@ def identify(
             f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
         ) from None
     data = recordings.load(quiet=quiet)
-    data = fitting.taken(data, identifier, quiet=quiet)
+    data, differences = fitting.taken(data, identifier, quiet=quiet)
 
     from granular_id.cli.render import print_table  # noqa: PLC0415
     from granular_id.identifier.batch import identify_all  # noqa: PLC0415
 
-    answers = identify_all(identifier, data)
+    answers = identify_all(identifier, data, differences)
     console = Console(highlight=False)
     if quiet:
         for answer in answers:
             typer.echo(f"{answer.name}\t{answer.label}")  # rich would turn the tab into blanks
+        for difference in differences:
+            Console(stderr=True).print(f"warning: {difference}", style="yellow", soft_wrap=True, markup=False)
         if answers.synthetic:
             Console(stderr=True).print(answers.synthetic, style="bold yellow")
     else:

@@ -16,6 +16,7 @@ from granular_id._words import counted
 from granular_id.cli.errors import INTERRUPTED, guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.reading import ACCEPT, Accepted
 from granular_id.cli.session import check_targets
 from granular_id.cli.settings import at_least, positive
 
@@ -35,6 +36,10 @@ there were, and how many of them were right where the source knows it, stands at
 
 A final answer says whether the signal is like no known material, with the nearest one, and which others it may be,
 where the model has rules for that (see `granular-id model info`); answers before the end of a push say neither.
+
+A frame or sign other than in the training is refused before anything moves, unless `--accept` says that it may be;
+another sensor, filter, tool, trigger or speed is a warning beside every answer. What either side does not know is not
+compared.
 
 Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it was. What a
 simulation answers says nothing about real materials.
@@ -61,6 +66,7 @@ def live(
         bool,
         option("--early", MODEL, "Answer as soon as the model is sure enough, not at the end of the push."),
     ] = False,
+    accept: Annotated[list[Accepted] | None, option("--accept", MODEL, ACCEPT)] = None,
     pre_s: Annotated[
         float | None,
         option("--pre-s", MODEL, "Rest before the motion; needed where the model does not know it."),
@@ -124,9 +130,11 @@ def live(
             early=early,
             pre_s=pre_s,
             views=views,
+            accept=[one.value for one in accept or []],
             **moving.motion,
             **moving.limits,
         )
+        _warn(console, identifying.differences)
         over = False
         try:
             for push in identifying.pushes(n):
@@ -170,6 +178,12 @@ def _views(
         from granular_id.live.terminal import TerminalView  # noqa: PLC0415
 
         yield TerminalView(console)
+
+
+def _warn(console: Console, differences: tuple[str, ...]) -> None:
+    for difference in differences:
+        text = f"warning: another set-up than in the training: {difference}"
+        console.print(text, style="bold yellow", soft_wrap=True, markup=False)
 
 
 def _row(push: Push, identifying: LiveIdentifier) -> dict[str, Any]:

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset
 
 __all__ = [
+    "ACCEPT",
     "PANEL",
+    "Accepted",
     "Handling",
     "MaxFileMb",
     "OnError",
@@ -50,6 +52,17 @@ class Repair(str, Enum):
     refuse = "raise"
     repair = "repair"
 
+
+class Accepted(str, Enum):
+    """Choices of ``--accept``."""
+
+    frame = "frame"
+    sign = "sign"
+    units = "units"
+
+
+ACCEPT = "Goes on though this is not as in the training, with a warning. Repeatable."
+"""Help of ``--accept``."""
 
 OnError = Annotated[
     Handling, option("--on-error", PANEL, "A file that cannot be read: refuse, or leave it out.")

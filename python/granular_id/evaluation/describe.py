@@ -15,6 +15,7 @@ from sklearn.base import BaseEstimator
 from granular_id import _core
 from granular_id._core import AXES
 from granular_id.recording import Dataset
+from granular_id.recording.setup import mixed
 
 __all__ = [
     "SEVERE",
@@ -63,9 +64,9 @@ def describe_data(data: Dataset) -> dict[str, Any]:
 def warnings_in(data: Dataset) -> list[str]:
     """Return what may mislead a reader of the accuracies, one line each.
 
-    These are the errors and warnings of `Dataset.check`.
+    These are set-ups that differ, and the errors and warnings of `Dataset.check`.
     """
-    return [str(finding) for finding in data.check() if finding.severity != "info"]
+    return mixed(data) + [str(finding) for finding in data.check() if finding.severity != "info"]
 
 
 def of_check(note: str) -> str:

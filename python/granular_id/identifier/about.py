@@ -18,6 +18,7 @@ from granular_id.evaluation.statistics import corrected_interval
 from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
 from granular_id.recording import Dataset
+from granular_id.recording.setup import setups_in, values_in
 
 __all__ = ["axes_of", "begins_at_first", "choice_of", "described", "estimate_of", "lead_of"]
 
@@ -53,6 +54,7 @@ def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:
         "recordings": dict(zip(labels.tolist(), counts.tolist(), strict=True)),
         "n_sessions": len(sessions),
         "n_triggers": sum(recording.trigger_index is not None for recording in data),
+        "setup": values_in(setups_in(data)),
         # Rows name files: a model is handed on, and says what was done, not to which file.
         "history": [
             {key: step[key] for key in ("step", "parameters", "totals")} for step in about["history"]

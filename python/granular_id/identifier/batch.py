@@ -74,12 +74,15 @@ class Batch:
         What is simulated, in words; empty where nothing is.
     trained_on_these : bool
         Whether the model was trained on exactly these recordings: its answers then say nothing about new ones.
+    differences : tuple of str
+        What of their set-up is not as in the training.
     """
 
     each: tuple[Named, ...]
     classes: tuple[str, ...]
     synthetic: str
     trained_on_these: bool
+    differences: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[Named]:
         return iter(self.each)
@@ -131,6 +134,7 @@ class Batch:
             "synthetic": self.synthetic,
             "trained_on_these": self.trained_on_these,
             "n_trained_on": self.n_trained_on,
+            "differences": list(self.differences),
             "accuracy": self.accuracy,
             "n_judged": len(self.judged),
             "recordings": [
@@ -171,6 +175,8 @@ class Batch:
         return named.truth if named.truth == named.label else f"{named.truth} (!)"
 
     def _notes(self) -> Iterator[str]:
+        if self.differences:
+            yield f"warning: another set-up than in the training: {'; '.join(self.differences)}"
         judged, accuracy = self.judged, self.accuracy
         if accuracy is not None:
             right = _rightly(judged)
@@ -196,7 +202,7 @@ class Batch:
             )
 
 
-def identify_all(model: Answers, data: Dataset) -> Batch:
+def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
     """Name the material of every recording of a data set.
 
     Parameters
@@ -204,6 +210,8 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
     model : Identifier
     data : Dataset
         Of the length, rate and axes of the model, see `granular_id.identifier.fitting`.
+    differences : tuple of str
+        What of their set-up is not as in the training, as `refuse_others` there returns it.
 
     Returns
     -------
@@ -242,7 +250,7 @@ def identify_all(model: Answers, data: Dataset) -> Batch:
         *(["a model of SYNTHETIC recordings"] if model.synthetic else []),
         *(["SYNTHETIC recordings"] if data.is_synthetic else []),
     ]
-    return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data))
+    return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data), differences)
 
 
 def _rightly(judged: Sequence[Named]) -> int:

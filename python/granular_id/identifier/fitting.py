@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 from granular_id import _core
 from granular_id._words import counted, verb
 from granular_id.identifier.about import axes_of, begins_at_first, lead_of
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, Setup
+from granular_id.recording.setup import Difference, other_units, settled, setups_in
 
-__all__ = ["Begin", "fitted", "refuse_others"]
+__all__ = ["Begin", "comparison", "fitted", "refuse_others"]
 
 Begin = Literal["auto", "first", "trigger"]
 
 _AS_TRAINED = "begins at the first sample, as in the training"
 
 
-def refuse_others(data: Dataset, core: _core.Model) -> None:
-    """Refuse recordings of other axes or of another rate than a model was trained on.
+def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
+    """Refuse recordings of other axes, another rate or another set-up than a model was trained on.
+
+    Parameters
+    ----------
+    data : Dataset
+    core : granular_id._core.Model
+    accept : str or sequence of str
+        What of the set-up may differ though it is refused otherwise: "frame", "sign", "units".
+
+    Returns
+    -------
+    tuple of str
+        What else is not as in the training, by name, each once.
 
     Raises
     ------
@@ -28,9 +43,10 @@ def refuse_others(data: Dataset, core: _core.Model) -> None:
     axes, rate_hz = axes_of(core), core.rate_hz
     for recording in data:
         if recording.axes != axes:
+            help_ = f": call .select(axes={list(axes)})" if set(recording.axes) >= set(axes) else ""
             raise ValueError(
                 f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
-                f"{' '.join(axes)}"
+                f"{' '.join(axes)}{help_}"
             )
         if recording.rate_hz != rate_hz:
             came = "is sampled irregularly" if recording.rate_hz is None else f"has {recording.rate_hz:g} Hz"
@@ -38,6 +54,19 @@ def refuse_others(data: Dataset, core: _core.Model) -> None:
                 f"recording {recording.name!r} {came}, the model was trained at {rate_hz:g} Hz; nothing is resampled "
                 f"unasked: call .resample({rate_hz:g})"
             )
+    compared = comparison(core)
+    told: dict[str, None] = {}
+    for recording, setup in zip(data, setups_in(data), strict=True):
+        found = settled(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
+        told.update(dict.fromkeys(found))
+    return tuple(told)
+
+
+def comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[Difference]]:
+    """Return what compares a set-up, and units in metadata, with those that a model was trained with."""
+    trained = json.loads(core.metadata["trained"]).get("setup", {})
+    units = dict(zip(axes_of(core), json.loads(core.metadata["units"]), strict=True))
+    return lambda setup, meta: [*other_units(units, meta), *Setup.from_several(trained, setup)]
 
 
 def fitted(

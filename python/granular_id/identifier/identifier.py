@@ -286,6 +286,7 @@ class Identifier(Answers):
         *,
         begin_at: Begin = "auto",
         lead_s: float | None = None,
+        accept: str | Sequence[str] = (),
     ) -> Decision:
         """Name the material of one recording.
 
@@ -299,22 +300,27 @@ class Identifier(Answers):
             where it is longer as in the training, at its trigger (less the lead) or at the first sample.
         lead_s : float, optional
             Seconds kept ahead of the trigger; default: as in the training.
+        accept : str or sequence of str, default ()
+            What of the recording's set-up may differ from the training though it is refused otherwise: "frame", "sign",
+            "units", see `granular_id.recording.Setup`.
 
         Returns
         -------
         Decision
-            Final, with label, ranking and margin; with a probability where the model has them.
+            Final, with label, ranking and margin; with a probability where the model has them. Its warnings say what
+            else of the set-up is not as in the training.
 
         Raises
         ------
         TypeError, ValueError
-            Another rate, other axes, a recording too short, or nothing says where to begin.
+            Another rate, axes, frame, sign or unit, a recording too short, or nothing says where to begin.
         """
         from granular_id.identifier.streaming import StreamingIdentifier  # noqa: PLC0415 (it imports this module)
 
+        differences: tuple[str, ...] = ()
         if isinstance(recording, Recording):
             data = Dataset([recording])
-            refuse_others(data, self.core)
+            differences = refuse_others(data, self.core, accept)
             wrench = fitted(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
         else:
             wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
@@ -322,6 +328,8 @@ class Identifier(Answers):
             if wrench.shape != wanted:
                 raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")
         stream = StreamingIdentifier(self)
+        for difference in differences:
+            stream.warn(difference)
         stream.push(wrench)
         return stream.decision()
 

@@ -35,6 +35,7 @@ _FORMS: dict[str, Any] = {
     "recordings": {_EACH: int},
     "n_sessions": int,
     "n_triggers": int,
+    "setup": {_EACH: [str, ...]},
     "recording_marks": str,
     "history": [{"step": str, "parameters": {}}, ...],
     "estimate": (_ESTIMATE, None),

@@ -36,7 +36,7 @@ from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.sure import KEY, rules_of
 from granular_id.recording import Dataset
 from granular_id.recording._values import checked_index, checked_number
-from granular_id.recording.axes import unit_of
+from granular_id.recording.setup import common_units, mixed
 from granular_id.spaces import block_sizes, tell_blocks
 
 __all__ = ["Training", "fit_pipeline", "train"]
@@ -109,6 +109,7 @@ def train(
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     X, y, rate_hz = data.X, data.y, data.rate_hz
+    units = common_units(data)
     classes = rows_of_class(y)
     refuse_large(recipe, len(classes), X.shape[1:], max_file_bytes)
     why_none = "" if estimate else "no recordings were held out, as asked"
@@ -145,12 +146,12 @@ def train(
         **_confidence(held, tuple(classes), parts.coding_matrix, coverage, share_known),
         "left_out": getattr(pipeline[0], "dropped_", ""),
         # What may mislead a reader of the estimate.
-        "notes": [*([] if held is None else warnings_in(data)), *complaints],
+        "notes": [*(mixed(data) if held is None else warnings_in(data)), *complaints],
     }
     core = core_of(
         parts,
         axes=data.axes,
-        units=[unit_of(axis, data[0].meta) for axis in data.axes],
+        units=units,
         lead_s=common_lead(data),
         trained=trained,
         training_sha256=fingerprint(data, trained["settings"]),

@@ -50,7 +50,7 @@ def identify(
         A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
         A source or robot that fails is always raised.
     **settings
-        `pre_s`, `views` and the limits of `LiveIdentifier`.
+        `pre_s`, `views`, `accept` and the limits of `LiveIdentifier`.
 
     Yields
     ------

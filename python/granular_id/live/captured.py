@@ -11,7 +11,7 @@ from granular_id.live.runs import measured_rate_hz
 from granular_id.live.source import SourceInfo
 from granular_id.recording import Recording
 
-__all__ = ["rate_complaint", "recording_of"]
+__all__ = ["meta_of", "rate_complaint", "recording_of"]
 
 
 def rate_complaint(rows: Rows, rate_hz: float, tolerance: float, info: SourceInfo | None) -> str | None:
@@ -59,6 +59,10 @@ def recording_of(
         start_time = start_utc_s(rows.time_s, rows.host_ns, utc_at_origin_s())
     else:
         start_time = round(utc_at_zero_s + float(rows.time_s[0]), 6)
+    return Recording(rows.wrench, start_time=start_time, meta=meta_of(info, facts), flags=rows.flags, **parts)
+
+
+def meta_of(info: SourceInfo | None, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the metadata of a recording: what its source says, and `facts`."""
     of_source = {} if info is None else {"source": info.to_dict(), "synthetic": info.synthetic}
-    meta = {**of_source, **facts}
-    return Recording(rows.wrench, start_time=start_time, meta=meta, flags=rows.flags, **parts)
+    return {**of_source, **facts}

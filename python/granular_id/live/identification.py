@@ -9,16 +9,20 @@ from typing import TYPE_CHECKING, Any
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
 from granular_id.identifier import Identifier, StreamingIdentifier
+from granular_id.identifier.fitting import comparison
 from granular_id.identifier.held_out import N_CHECKPOINTS
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+from granular_id.live.captured import meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
 from granular_id.live.push import Push
 from granular_id.live.robot import checked_move
-from granular_id.live.setup import Setup, setup_of
+from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.live.stream import Stream
 from granular_id.live.view import Views
 from granular_id.recording import SampleFlag
+from granular_id.recording import Setup as RecordedSetup
+from granular_id.recording.setup import settled
 
 if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
@@ -53,13 +57,21 @@ class LiveIdentifier:
         What shows it all.
     direction, speed_m_s
         Of the push, see `Robot.move_line`; the paper's 0.03 m/s.
+    accept : str or sequence of str, default ()
+        What may differ from the training though it is refused otherwise: "frame", "sign". It is then a warning.
     **limits
         `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s` of `Capture`.
 
     Raises
     ------
     ValueError
-        The model is for another rate or other axes, or does not know how much rest it was trained with.
+        The model is for another rate, other axes or units, another frame or sign, or does not know how much rest it was
+        trained with.
+
+    Attributes
+    ----------
+    differences : tuple of str
+        What else is not as in the training (sensor, filter, trigger ...), by name; each decision warns of it.
 
     Examples
     --------
@@ -84,6 +96,7 @@ class LiveIdentifier:
         views: Views | None = None,
         direction: Sequence[float] = (1.0, 0.0, 0.0),
         speed_m_s: float = 0.03,
+        accept: str | Sequence[str] = (),
         **limits: Any,
     ) -> None:
         refuse_other_stream(model, stream)
@@ -111,8 +124,15 @@ class LiveIdentifier:
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
-        self._always = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
         capture = self.new_capture()
+        facts: dict[str, Any] = {"trigger": getattr(capture.trigger, "name", None)}
+        if starts_exactly(self._setup.robot):
+            facts["robot"] = {"speed_m_s": speed_m_s}
+        meta = meta_of(info, facts)
+        found = comparison(model.core)(RecordedSetup.of(meta), meta)
+        self.differences = settled(found, accept, f"{info.name} has ")
+        synthetic = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
+        self._always = (*synthetic, *self.differences)
         self._builder = SnapshotBuilder(
             info.rate_hz,
             model.spec if isinstance(model.spec, FeatureSpec) else None,
@@ -151,6 +171,8 @@ class LiveIdentifier:
         """
         capture, warned = self.new_capture(), set[str]()
         self._answer.reset()
+        for difference in self.differences:
+            self._answer.warn(difference)
         self._n_looks = self._n_moments = 0
         self._builder.begin_capture()
         decision: Decision | None = None

@@ -6,7 +6,6 @@ import math
 import os
 import threading
 from bisect import bisect_right
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.source_url import SourceUrl
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
 from granular_id.recording import AXES, Dataset
-from granular_id.recording._values import thaw
+from granular_id.recording.setup import setups_in, values_in
 
 __all__ = ["ReplaySource", "common_rate", "open_url"]
 
@@ -59,18 +58,23 @@ class ReplaySource(ThreadedSource):
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]
-        known = thaw(self._recordings[0].meta)
-        measured = known.get("source", known)
+        # As the recordings say; of several values all, which is none that a model was trained with.
+        known = {name: " or ".join(values) for name, values in values_in(setups_in(recordings)).items()}
         super().__init__(
             SourceInfo(
                 f"replay of {counted(len(recordings))}",
                 rate_hz,
                 device_clock=True,
-                frame=_text(measured.get("frame")),
-                sign=_text(measured.get("sign")),
+                frame=known.pop("frame", None),
+                sign=known.pop("sign", None),
+                serial=known.pop("serial", None),
                 synthetic=recordings.is_synthetic,
                 speed=speed,
-                meta={"labels": sorted({str(r.label) for r in self._recordings if r.label})},
+                meta={
+                    "labels": sorted({str(r.label) for r in self._recordings if r.label}),
+                    "sensor": None,  # not known, unless the recordings say it
+                    **known,
+                },
             )
         )
         self._tick = 0
@@ -131,10 +135,6 @@ def common_rate(recordings: Dataset) -> float:
             f"recording {other.name!r} has the axes {' '.join(other.axes)}; wanted {' '.join(AXES)}"
         )
     return float(next(iter(rates)))  # type: ignore[arg-type]
-
-
-def _text(value: Any) -> str | None:
-    return value if isinstance(value, str) else None
 
 
 def open_url(url: SourceUrl) -> ReplaySource:

@@ -11,6 +11,7 @@ from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
 from granular_id.recording.onset import Onset, find_onset
 from granular_id.recording.report import StepReport
+from granular_id.recording.setup import Setup
 from granular_id.recording.summary import Summary
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "Onset",
     "Recording",
     "SampleFlag",
+    "Setup",
     "StepReport",
     "Summary",
     "Verdict",

@@ -11,9 +11,9 @@ from granular_id.recording._values import checked_text
 if TYPE_CHECKING:
     from granular_id.recording.one import Recording
 
-__all__ = ["checked_axes", "common_axes", "unit_of"]
+__all__ = ["KNOWN_UNITS", "checked_axes", "common_axes", "unit_of"]
 
-_KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
+KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
 
 
 def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
@@ -72,4 +72,4 @@ def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
     """
     units = (meta or {}).get("units")
     stated = units.get(axis) if isinstance(units, Mapping) else None
-    return stated if isinstance(stated, str) else _KNOWN_UNITS.get(axis, "N")
+    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "N")

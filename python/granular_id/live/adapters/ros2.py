@@ -47,7 +47,6 @@ class Ros2Source(ThreadedSource):
                 f"ROS 2 topic {topic}",
                 rate_hz,
                 device_clock=True,
-                frame="frame_id of the messages",
                 meta={"status": NOT_RUN, "driver": _PACKAGE, "topic": topic},
             )
         )

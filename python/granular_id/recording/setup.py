@@ -1,0 +1,268 @@
+"""``Setup``: what recordings were made with, as far as their metadata say, and what follows where it differs."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from granular_id.recording._values import thaw
+from granular_id.recording.axes import KNOWN_UNITS, unit_of
+from granular_id.recording.onset.step import STEP as ONSET
+
+if TYPE_CHECKING:
+    from granular_id.recording.dataset import Dataset
+
+__all__ = [
+    "ACCEPTABLE",
+    "Difference",
+    "Setup",
+    "common_units",
+    "mixed",
+    "other_units",
+    "settled",
+    "setups_in",
+    "values_in",
+]
+
+ACCEPTABLE = ("frame", "sign", "units")
+"""What is refused where it differs, unless somebody says that it may."""
+
+_LONGEST = 200
+"""Characters of a value that are kept and compared."""
+
+_MOST_VALUES = 8
+"""A thing with more values than this in one training varied there, and says nothing about another set-up."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing that is not as in the training.
+
+    Attributes
+    ----------
+    name : str
+        Field of `Setup`, or ``"units"``.
+    trained : tuple of str
+        Values in the training.
+    now : str
+    consequence : {"refuse", "warn"}
+        Whether no answer can be right, or one may be worse.
+    """
+
+    name: str
+    trained: tuple[str, ...]
+    now: str
+    consequence: Literal["refuse", "warn"]
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.now!r}, in training {' or '.join(map(repr, self.trained))}"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a recording was made with; None where that is not known.
+
+    Values are compared as they stand: two names for the same frame are two frames, and a sensor that was turned under
+    the same name of its frame is not noticed.
+
+    Parameters
+    ----------
+    frame : str, optional
+        Axes and origin that the wrench refers to. Another one is refused.
+    sign : str, optional
+        Whose force on whom. Another one is refused.
+    sensor, serial : str, optional
+        What people call it; serial number or calibration. Where the serial number is the same, the sensor is.
+    filter : str, optional
+        Low-pass within the sensor: its cut-off, or what the metadata call it.
+    compensated, tare, payload : str, optional
+        Whether the tool's weight is taken off ("yes", "no"); zero point and load, where somebody noted them.
+    tool : str, optional
+    trigger : str, optional
+        What the recording's motion begins at: "motion", "force", "manual", "onset".
+    motion : str, optional
+        Speed of the push.
+
+    Examples
+    --------
+    >>> from granular_id.recording import Setup
+    >>> monday = Setup.of({"frame": "flange", "trigger": "motion"})
+    >>> for difference in monday.differences(Setup(frame="flange, turned", sign="on the tool", trigger="force")):
+    ...     print(difference.consequence, difference)
+    refuse frame 'flange, turned', in training 'flange'
+    warn trigger 'force', in training 'motion'
+    """
+
+    frame: str | None = None
+    sign: str | None = None
+    sensor: str | None = None
+    serial: str | None = None
+    filter: str | None = None
+    compensated: str | None = None
+    tare: str | None = None
+    payload: str | None = None
+    tool: str | None = None
+    trigger: str | None = None
+    motion: str | None = None
+
+    @classmethod
+    def of(cls, meta: Mapping[str, Any]) -> Setup:
+        """Take what the metadata of a recording say: ``meta`` itself, its ``source``, and the source's ``meta``.
+
+        Parameters
+        ----------
+        meta : mapping
+            As of a `Recording`: of a file with entries of these names, or as a recorder leaves it.
+        """
+        source = _tree(meta.get("source"))
+        places = (meta, source, _tree(source.get("meta")))
+        known = {f.name: _text(_first(places, *_KEYS.get(f.name, (f.name,)))) for f in fields(cls)}
+        if known["sensor"] is None and not source.get("synthetic") and not any("sensor" in p for p in places):
+            known["sensor"] = _text(source.get("name"))
+        if (
+            known["trigger"] == "time"
+        ):  # of a replay, which knows when; what the recordings began at is in its source
+            known["trigger"] = _text(_first(places[1:], "trigger"))
+        if known["filter"] is None:
+            known["filter"] = _text(_first(places, "filter_hz"), " Hz")
+        if known["motion"] is None:
+            robot = _tree(meta.get("robot"))
+            known["motion"] = _text(
+                _first((robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig"))), "speed_m_s"), " m/s"
+            )
+        return cls(**known)
+
+    def differences(self, other: Setup) -> list[Difference]:
+        """Compare the set-up of a training with another one; what either does not know is no difference."""
+        return self.from_several(values_in([self]), other)
+
+    @classmethod
+    def from_several(cls, trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
+        """Compare what recordings of a training had, as `values_in` gives it, with another set-up."""
+        same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
+        return [
+            Difference(f.name, tuple(values), value, "refuse" if f.name in ACCEPTABLE else "warn")
+            for f in fields(cls)
+            if (values := trained.get(f.name))
+            and (value := getattr(now, f.name)) is not None
+            and value not in values
+            and not (f.name == "sensor" and same_sensor)
+        ]
+
+
+def setups_in(data: Dataset) -> list[Setup]:
+    """Return the set-up of each recording."""
+    setups = [Setup.of(recording.meta) for recording in data]
+    onsets = [step for step in data.history if step.step == ONSET]
+    if not onsets:
+        return setups
+    # The motion begins where it was found in the forces, whatever started the recording.
+    trigger = None if onsets[-1].totals.get("kept") else "onset"
+    return [replace(setup, trigger=trigger) for setup in setups]
+
+
+def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
+    """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many."""
+    every = list(setups)
+    known = {
+        f.name: sorted({v for one in every if (v := getattr(one, f.name)) is not None}) for f in fields(Setup)
+    }
+    return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
+
+
+def other_units(trained: Mapping[str, str], meta: Mapping[str, Any]) -> list[Difference]:
+    """Compare units of axes with those of a recording; an axis whose unit nobody stated counts as N, and agrees."""
+    return [
+        Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
+        for axis, unit in trained.items()
+        if _plain(now := unit_of(axis, meta)) != _plain(unit)
+        and (axis in KNOWN_UNITS or "N" not in (now, unit))
+        and unit
+    ]
+
+
+def common_units(data: Dataset) -> list[str]:
+    """Return the unit of each axis, or refuse recordings that differ in them."""
+    units = {axis: unit_of(axis, data[0].meta) for axis in data.axes}
+    for recording in data:
+        for other in other_units(units, recording.meta):
+            raise ValueError(
+                f"recordings differ in the units of their axes: {data[0].name!r} has {other.trained[0]}, "
+                f"{recording.name!r} has {other.now}; convert the samples to the same before"
+            )
+    return list(units.values())
+
+
+def settled(
+    found: Iterable[Difference], accept: str | Sequence[str] = (), where: str = ""
+) -> tuple[str, ...]:
+    """Refuse what cannot work, and return the rest in words.
+
+    Parameters
+    ----------
+    found : iterable of Difference
+    accept : str or sequence of str
+        Of `ACCEPTABLE`: not refused, but among the rest.
+    where : str
+        Whose set-up it is, to begin a message with.
+
+    Raises
+    ------
+    ValueError
+        A difference that is refused, or a name in `accept` that nothing is refused for.
+    """
+    accepted = (accept,) if isinstance(accept, str) else tuple(accept)
+    other = next((name for name in accepted if name not in ACCEPTABLE), None)
+    if other is not None:
+        raise ValueError(f"accept must be of {', '.join(ACCEPTABLE)}, got {other!r}")
+    found = list(found)
+    for difference in found:
+        if difference.consequence == "refuse" and difference.name not in accepted:
+            raise ValueError(
+                f"{where}another set-up than in the training: {difference}; nothing is turned or converted: train on "
+                f"recordings of this set-up, or where it is the same all the same, pass accept=({difference.name!r},)"
+            )
+    return tuple(str(difference) for difference in found)
+
+
+def mixed(data: Dataset) -> list[str]:
+    """Say where the recordings of one data set differ in what another set-up is refused for, one line each."""
+    setups = setups_in(data)
+    lines = []
+    for name in ("frame", "sign"):
+        counts = Counter(value for setup in setups if (value := getattr(setup, name)) is not None)
+        if len(counts) > 1:
+            told = ", ".join(f"{value!r} ({n})" for value, n in counts.most_common(_MOST_VALUES))
+            lines.append(f"warning: recordings differ in their {name}: {told}; nothing is turned")
+    return lines
+
+
+_KEYS = {"serial": ("serial", "calibration")}
+
+
+def _first(places: Sequence[Mapping[str, Any]], *keys: str) -> Any:
+    return next((value for place in places for key in keys if (value := place.get(key)) is not None), None)
+
+
+def _tree(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _text(value: Any, unit: str = "") -> str | None:
+    """Return a value of the metadata as it is compared and shown."""
+    if value is None or value == "":
+        return None
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return f"{value:g}{unit}"
+    text = value if isinstance(value, str) else json.dumps(thaw(value), sort_keys=True)
+    return text.strip()[:_LONGEST] or None
+
+
+def _plain(unit: str) -> str:
+    """Leave out what stands between the parts of a unit: "Nm" and "N m" are one."""
+    return "".join(c for c in unit if c not in " *.-\N{MIDDLE DOT}\N{DOT OPERATOR}")
