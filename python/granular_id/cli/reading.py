@@ -57,6 +57,7 @@ class Accepted(str, Enum):
     """Choices of ``--accept``."""
 
     frame = "frame"
+    transform = "transform"
     sign = "sign"
     units = "units"
 

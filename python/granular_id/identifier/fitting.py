@@ -28,7 +28,7 @@ def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] 
     data : Dataset
     core : granular_id._core.Model
     accept : str or sequence of str
-        What of the set-up may differ though it is refused otherwise: "frame", "sign", "units".
+        What of the set-up may differ though it is refused otherwise, see `Setup`.
 
     Returns
     -------

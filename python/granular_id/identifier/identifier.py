@@ -301,8 +301,8 @@ class Identifier(Answers):
         lead_s : float, optional
             Seconds kept ahead of the trigger; default: as in the training.
         accept : str or sequence of str, default ()
-            What of the recording's set-up may differ from the training though it is refused otherwise: "frame", "sign",
-            "units", see `granular_id.recording.Setup`.
+            What of the recording's set-up may differ from the training though it is refused otherwise: "frame",
+            "transform", "sign", "units", see `granular_id.recording.Setup`.
 
         Returns
         -------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from textwrap import shorten
 from typing import Any
 
@@ -53,6 +53,7 @@ def description(model: Answers) -> list[str]:
         sessions = trained.get("n_sessions", 0)
         within = f", {counted(sessions, 'session')}" if sessions else ""
         lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
+    lines += _setup(trained.get("setup"))
     lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
     if model.synthetic:
         lines.insert(
@@ -121,6 +122,14 @@ def _lead(model: Answers) -> str:
     if known < every:
         return f"not known of all, {known} of {every} recordings have a trigger"
     return "not the same in all recordings"
+
+
+def _setup(known: Mapping[str, Sequence[str]] | None) -> list[str]:
+    """Give what the recordings of the training were made with."""
+    if not known:
+        return [f"set-up: {'not known' if known is None else 'the recordings do not tell'}; none is compared"]
+    told = (f"  {name}: {' or '.join(values)}" for name, values in known.items())
+    return ["set-up, compared with that of other recordings:", *told]
 
 
 def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:

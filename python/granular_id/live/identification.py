@@ -58,7 +58,8 @@ class LiveIdentifier:
     direction, speed_m_s
         Of the push, see `Robot.move_line`; the paper's 0.03 m/s.
     accept : str or sequence of str, default ()
-        What may differ from the training though it is refused otherwise: "frame", "sign". It is then a warning.
+        What may differ from the training though it is refused otherwise: "frame", "transform", "sign" or
+        "units". It is then a warning.
     **limits
         `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s` of `Capture`.
 

@@ -27,7 +27,7 @@ __all__ = [
     "values_in",
 ]
 
-ACCEPTABLE = ("frame", "sign", "units")
+ACCEPTABLE = ("frame", "transform", "sign", "units")
 """What is refused where it differs, unless somebody says that it may."""
 
 _LONGEST = 200
@@ -72,6 +72,8 @@ class Setup:
     ----------
     frame : str, optional
         Axes and origin that the wrench refers to. Another one is refused.
+    transform : str, optional
+        How a Net F/T box turns and moves the wrench of its sensor (``cfgtfx``). Another one is refused.
     sign : str, optional
         Whose force on whom. Another one is refused.
     sensor, serial : str, optional
@@ -97,6 +99,7 @@ class Setup:
     """
 
     frame: str | None = None
+    transform: str | None = None
     sign: str | None = None
     sensor: str | None = None
     serial: str | None = None
@@ -119,6 +122,7 @@ class Setup:
         """
         source = _tree(meta.get("source"))
         places = (meta, source, _tree(source.get("meta")))
+        page = _tree(places[2].get("page"))
         known = {f.name: _text(_first(places, *_KEYS.get(f.name, (f.name,)))) for f in fields(cls)}
         if known["sensor"] is None and not source.get("synthetic") and not any("sensor" in p for p in places):
             known["sensor"] = _text(source.get("name"))
@@ -126,8 +130,13 @@ class Setup:
             known["trigger"] == "time"
         ):  # of a replay, which knows when; what the recordings began at is in its source
             known["trigger"] = _text(_first(places[1:], "trigger"))
+        if known["transform"] is None:
+            known["transform"] = _text(page.get("cfgtfx"))
         if known["filter"] is None:
-            known["filter"] = _text(_first(places, "filter_hz"), " Hz")
+            number = page.get("setuserfilter")  # of a Net F/T box; 0 is none
+            known["filter"] = _text(_first(places, "filter_hz"), " Hz") or (
+                number and f"setuserfilter {number}"
+            )
         if known["motion"] is None:
             robot = _tree(meta.get("robot"))
             known["motion"] = _text(
@@ -232,7 +241,7 @@ def mixed(data: Dataset) -> list[str]:
     """Say where the recordings of one data set differ in what another set-up is refused for, one line each."""
     setups = setups_in(data)
     lines = []
-    for name in ("frame", "sign"):
+    for name in ("frame", "transform", "sign"):
         counts = Counter(value for setup in setups if (value := getattr(setup, name)) is not None)
         if len(counts) > 1:
             told = ", ".join(f"{value!r} ({n})" for value, n in counts.most_common(_MOST_VALUES))

@@ -1,0 +1,307 @@
+"""Set-ups: what a model was trained with, and what follows where recordings or a sensor have another one."""
+
+import json
+import re
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from granular_id import _core
+from granular_id.evaluation.describe import warnings_in
+from granular_id.identifier.fitting import refuse_others
+from granular_id.identifier.words import description, promises
+from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
+from granular_id.live.replay import ReplaySource
+from granular_id.recording import Dataset, Setup
+from granular_id.recording.setup import ACCEPTABLE, setups_in, values_in
+
+PAGE = Path(__file__).parents[2] / "docs" / "live" / "setup.md"
+FLANGE = {
+    "frame": "flange",
+    "transform": "0;0;0;0;0;0",
+    "sign": "load on the tool",
+    "sensor": "Mini45",
+    "serial": "FT1",
+    "filter": "73 Hz",
+    "compensated": True,
+    "tare": "before each push",
+    "payload": "0.3 kg",
+    "tool": "cylinder",
+    "trigger": "motion",
+    "motion": "0.03 m/s",
+}
+
+
+def with_meta(data, **meta):
+    return Dataset([replace(recording, meta=meta) for recording in data])
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Half a second each, the motion after 0.1 s."""
+    data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.6, seed=5)
+    return with_meta(data.align(trigger="recorded", lead_s=0.1, n_samples=200), **FLANGE)
+
+
+@pytest.fixture(scope="module")
+def model(data, tmp_path_factory):
+    path = tmp_path_factory.mktemp("setup") / "m.safetensors"
+    gid.Identifier.fit(data, "hfmh", estimate=False).save(path)
+    return gid.Identifier.load(path)
+
+
+def replayed(data, model, **keywords):
+    with opened(ReplaySource(data, speed=50)) as stream:
+        live = LiveIdentifier(stream, model, **keywords)
+        return live.differences, live.push().decision
+
+
+def table():
+    """Return thing -> what follows, as the page says it."""
+    rows = re.findall(
+        r"^\| `?(\w+)`? \|.*\| (refused|refused, unless accepted|warning) \|$", PAGE.read_text(), re.M
+    )
+    return dict(rows)
+
+
+def test_the_page_names_everything_that_is_compared():
+    told = table()
+    assert set(told) == {"rate", "axes", "units", *(field.name for field in fields(Setup))}
+    assert {name for name, what in told.items() if what == "refused, unless accepted"} == set(ACCEPTABLE)
+
+
+@pytest.mark.parametrize("name", sorted({*table()} - {"rate", "axes"}))
+def test_each_mismatch_does_what_the_page_says(data, model, name):
+    other = {"units": {"fx": "mN"}} if name == "units" else {name: "another"}
+    meta = {**FLANGE, **other}
+    if name == "sensor":
+        del meta["serial"]
+    changed = with_meta(data, **meta)
+    accept = ()
+    if table()[name] == "refused, unless accepted":
+        accept = (name,)
+        for refused in (lambda: model.identify(changed[0]), lambda: refuse_others(changed, model.core)):
+            with pytest.raises(ValueError, match=rf"{data[0].name}.*{name}"):
+                refused()
+        if name != "units":  # live they are N and N m
+            with pytest.raises(
+                ValueError, match=rf"replay of .* {name} 'another', in training '{FLANGE[name]}'"
+            ):
+                replayed(changed, model)
+    else:
+        assert model.identify(changed[0]).warnings == refuse_others(changed, model.core)
+    (said,) = refuse_others(changed, model.core, accept)
+    assert said.startswith(name)
+    decision = model.identify(changed[0], accept=accept)
+    assert decision.warnings == (said,)
+    assert decision.ranking == model.identify(data[0]).ranking
+    if name != "units":
+        differences, decision = replayed(changed, model, accept=accept)
+        assert differences == decision.warnings == (said,)
+
+
+def test_the_same_set_up_and_an_unknown_one_say_nothing(data, model):
+    for same in (data, with_meta(data), with_meta(data, frame=None, tool="")):
+        assert refuse_others(same, model.core) == model.identify(same[0]).warnings == ()
+        assert replayed(same, model)[0] == ()
+
+
+def test_a_sensor_known_by_its_number_may_be_called_otherwise(data, model):
+    assert model.identify(replace(data[0], meta={**FLANGE, "sensor": "Mini45 at the gantry"})).warnings == ()
+
+
+def test_a_turned_sensor_is_refused_before_anything_moves(data):
+    """The case that went unnoticed: forces and torques turned by 90 degrees about z, the frame another one."""
+    trained = gid.Identifier.fit(with_meta(data, frame="sensor"), "hfmh", estimate=False)
+
+    class Turned(SimSource):
+        @property
+        def info(self):
+            return replace(super().info, frame="sensor, turned by 90 degrees about z")
+
+    class Robot:
+        moved = 0
+
+        def tcp_pose(self):
+            return None
+
+        def move_line(self, *_):
+            self.moved += 1
+
+        def stop(self):
+            pass
+
+    robot = Robot()
+    with opened(Turned("rice", seed=1, speed=20)) as stream:
+        with pytest.raises(ValueError, match="frame 'sensor, turned"):
+            LiveIdentifier(stream, trained, setup_of(stream.source, robot))
+        with pytest.raises(ValueError, match="frame 'sensor, turned"):
+            next(gid.identify(Turned("rice"), trained))
+        accepted = LiveIdentifier(stream, trained, accept="frame")
+        assert "frame 'sensor, turned" in accepted.push().decision.warnings[0]
+    assert not robot.moved
+
+
+def test_a_live_trigger_and_speed_are_compared(data):
+    source = SimSource("rice", seed=1, speed=20)
+    trained = gid.Identifier.fit(
+        with_meta(data, trigger="motion", robot={"speed_m_s": 0.03}), "hfmh", estimate=False
+    )
+    with opened(source) as stream:
+        assert LiveIdentifier(stream, trained).differences == ()
+        other = LiveIdentifier(stream, trained, setup_of(source, trigger=ForceTrigger), speed_m_s=0.02)
+        assert other.differences == (
+            "trigger 'force', in training 'motion'",
+            "motion '0.02 m/s', in training '0.03 m/s'",
+        )
+        nobody = LiveIdentifier(stream, trained, setup_of(source, robot=None))
+        assert nobody.differences == ("trigger 'force', in training 'motion'",)
+
+
+def test_every_view_is_told_from_the_start(data, model):
+    shown = []
+
+    class Kept:
+        def publish(self, snapshot):
+            shown.append(snapshot)
+
+        def close(self):
+            pass
+
+    changed = with_meta(data, **{**FLANGE, "tool": "spoon"})
+    with opened(ReplaySource(changed, speed=20)) as stream:
+        LiveIdentifier(stream, model, views=gid.live.Views([Kept()])).push()
+    assert shown
+    assert all("tool 'spoon', in training 'cylinder'" in snapshot.warnings for snapshot in shown)
+
+
+def test_a_training_on_several_set_ups_knows_each(data):
+    several = [{"tool": "spoon", "frame": "flange"}, {"tool": "fork", "frame": "sensor"}]
+    mixed = Dataset([replace(recording, meta=several[k % 2]) for k, recording in enumerate(data)])
+    model = gid.Identifier.fit(mixed, "hfmh", estimate=False)
+    assert model.trained["setup"] == {"frame": ["flange", "sensor"], "tool": ["fork", "spoon"]}
+    assert refuse_others(mixed, model.core) == ()
+    assert refuse_others(with_meta(data, tool="knife"), model.core) == (
+        "tool 'knife', in training 'fork' or 'spoon'",
+    )
+    with pytest.raises(ValueError, match="flange"):
+        refuse_others(with_meta(data, frame="table"), model.core)
+    note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
+    assert note in "\n".join(promises(model))
+    assert note in "\n".join(warnings_in(mixed))
+    varied = Dataset([replace(r, meta={"tool": f"spoon {k}"}) for k, r in enumerate(data)])
+    assert gid.Identifier.fit(varied, "hfmh", estimate=False).trained["setup"] == {}
+
+
+def test_recordings_of_several_units_train_nothing(data):
+    mixed = Dataset([*data[:6], *with_meta(data[6:], units={"tz": "N mm"})])
+    with pytest.raises(ValueError, match=r"tz: N m.*tz: N mm"):
+        gid.Identifier.fit(mixed, "hfmh", estimate=False)
+    same = Dataset([*data[:6], *with_meta(data[6:], units={"tz": "Nm"})])
+    assert gid.Identifier.fit(same, "hfmh", estimate=False).classes == ("fine sugar", "rice")
+
+
+def test_recordings_of_other_axes_are_told_how_to_come_into_order(data, model):
+    mixed = data.select(axes=["tz", "fx", "fy", "fz", "tx", "ty"])
+    with pytest.raises(ValueError, match=r"tz fx.*fx fy.*select\(axes="):
+        model.identify(mixed[0])
+
+
+def test_models_of_before_still_load_and_say_nothing_false(data, model, tmp_path):
+    core = model.core
+    trained = {name: part for name, part in model.trained.items() if name != "setup"}
+    old = _core.Model(
+        core.spec,
+        core.coef,
+        core.intercept,
+        core.coding_matrix,
+        list(core.classes),
+        loss=core.loss,
+        decoding=core.decoding,
+        n_samples=core.n_samples,
+        n_axes=6,
+        metadata={**core.metadata, "trained": json.dumps(trained)},
+    )
+    path = tmp_path / "old.safetensors"
+    path.write_bytes(old.to_bytes())
+    same = gid.Identifier.load(path)
+    turned = with_meta(data, **{**FLANGE, "frame": "another", "tool": "spoon"})
+    assert same.identify(turned[0]).warnings == replayed(turned, same)[0] == ()
+    assert any("set-up: not known" in line for line in description(same))
+    assert any("frame: flange" in line for line in description(model))
+
+
+@pytest.mark.parametrize("setup", [[], {"frame": "flange"}, {"frame": [1]}])
+def test_a_file_with_a_set_up_of_another_shape_is_refused(model, tmp_path, setup):
+    core = model.core
+    bad = json.dumps({**model.trained, "setup": setup}).encode()
+    text = json.dumps(core.metadata["trained"])
+    raw = core.to_bytes()
+    size = int.from_bytes(raw[:8], "little")
+    header = raw[8 : 8 + size].replace(text.encode()[1:-1], json.dumps(bad.decode())[1:-1].encode())
+    path = tmp_path / "bad.safetensors"
+    path.write_bytes(len(header).to_bytes(8, "little") + header + raw[8 + size :])
+    with pytest.raises(_core.ModelFileError, match="setup"):
+        gid.Identifier.load(path)
+
+
+@pytest.mark.parametrize(
+    ("meta", "known"),
+    [
+        ({}, {}),
+        (
+            {"frame": "flange", "speed_m_s": 0.03, "filter_hz": 73},
+            {"frame": "flange", "motion": "0.03 m/s", "filter": "73 Hz"},
+        ),
+        (
+            {
+                "source": {
+                    "name": "Net F/T 10.0.0.1",
+                    "serial": "FT1",
+                    "compensated": False,
+                    "meta": {"page": {"cfgtfx": "0;0;0;0;0;90", "setuserfilter": "0"}},
+                },
+                "trigger": "force",
+            },
+            {
+                "sensor": "Net F/T 10.0.0.1",
+                "serial": "FT1",
+                "compensated": "no",
+                "transform": "0;0;0;0;0;90",
+                "filter": "setuserfilter 0",
+                "trigger": "force",
+            },
+        ),
+        ({"source": {"name": "simulated rice", "synthetic": True}}, {}),
+        (
+            {"source": {"name": "replay", "meta": {"sensor": None, "trigger": "force"}}, "trigger": "time"},
+            {"trigger": "force"},
+        ),
+        (
+            {"source": "bench", "robot": 3, "tool": {"width_mm": 17}, "tare": [0, 1]},
+            {"tool": '{"width_mm": 17}', "tare": "[0, 1]"},
+        ),
+        ({"frame": "x" * 300}, {"frame": "x" * 200}),
+    ],
+)
+def test_metadata_are_read_where_recorders_and_people_put_them(data, meta, known):
+    assert Setup.of(replace(data[0], meta=meta).meta) == Setup(**known)
+
+
+def test_onsets_that_were_found_are_the_trigger(data):
+    found = data.find_onsets(replace=True, rest_s=0.1)
+    assert {setup.trigger for setup in setups_in(found)} == {"onset"}
+    assert "trigger" not in values_in(setups_in(data.find_onsets(rest_s=0.1)))
+
+
+@pytest.mark.parametrize("accept", ["sensor", ["frame", "rate"]])
+def test_what_nothing_is_refused_for_cannot_be_accepted(data, model, accept):
+    with pytest.raises(ValueError, match="accept must be of frame"):
+        model.identify(data[0], accept=accept)
+
+
+def test_arrays_have_no_set_up(data, model):
+    assert model.identify(np.asarray(data[0].wrench)).warnings == ()
