@@ -93,8 +93,21 @@ def test_axes_choose_columns(table):
         (frame(names=GYRO).assign(material="rice"), {}, "material"),
         (frame().assign(material="rice"), {"axes": ["fx", "material"]}, "material"),
         (frame(), {"axes": "fx"}, "axes"),
+        (frame(), {"axes": []}, "axes"),
+        (frame(), {"axes": np.array(AXES)}, "axes"),
     ],
-    ids=["time", "stamps", "beside", "contradicted", "twice", "text", "text chosen", "one name"],
+    ids=[
+        "time",
+        "stamps",
+        "beside",
+        "contradicted",
+        "twice",
+        "text",
+        "text chosen",
+        "one name",
+        "none",
+        "an array",
+    ],
 )
 def test_what_is_no_axis_is_refused_by_name(table, given, keywords, named):
     with pytest.raises((ValueError, TypeError), match=named):

@@ -60,7 +60,7 @@ class Decision:
     seconds : float
         Seconds of signal seen.
     warnings : tuple of str
-        What may have spoilt the signal: a gap, saturation, lag.
+        What may have spoilt the signal: a gap, saturation, lag; and what of the set-up is not as in the training.
     candidates : tuple of str
         Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
         Empty for a provisional answer, and for a model without such a rule.

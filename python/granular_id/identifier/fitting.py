@@ -11,7 +11,7 @@ from granular_id import _core
 from granular_id._words import counted, verb
 from granular_id.identifier.about import axes_of, begins_at_first, lead_of
 from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import Difference, other_units, settled, setups_in
+from granular_id.recording.setup import Difference, other_units, other_values, settled, setups_in
 
 __all__ = ["Begin", "comparison", "fitted", "refuse_others"]
 
@@ -66,7 +66,7 @@ def comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[D
     """Return what compares a set-up, and units in metadata, with those that a model was trained with."""
     trained = json.loads(core.metadata["trained"]).get("setup", {})
     units = dict(zip(axes_of(core), json.loads(core.metadata["units"]), strict=True))
-    return lambda setup, meta: [*other_units(units, meta), *Setup.from_several(trained, setup)]
+    return lambda setup, meta: [*other_units(units, meta), *other_values(trained, setup)]
 
 
 def fitted(

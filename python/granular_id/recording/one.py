@@ -207,9 +207,12 @@ _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.d
 def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
     columns = column_names(value)
     if columns is not None:
-        # As many as are given: they choose among the columns.
-        n_wanted = len(names) if isinstance(names, Sequence) else 0
-        wanted = checked_axes(names, (0, n_wanted)) if names else None
+        wanted = None
+        if not (
+            names is None or (isinstance(names, tuple) and not names)
+        ):  # they choose among the columns: as many as are given
+            given = len(names) if isinstance(names, Sequence) else 0
+            wanted = checked_axes(names, (0, given or len(columns)))
         value, names = by_name(value, columns, "wrench", wanted)
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:

@@ -22,6 +22,7 @@ __all__ = [
     "common_units",
     "mixed",
     "other_units",
+    "other_values",
     "settled",
     "setups_in",
     "values_in",
@@ -146,20 +147,7 @@ class Setup:
 
     def differences(self, other: Setup) -> list[Difference]:
         """Compare the set-up of a training with another one; what either does not know is no difference."""
-        return self.from_several(values_in([self]), other)
-
-    @classmethod
-    def from_several(cls, trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
-        """Compare what recordings of a training had, as `values_in` gives it, with another set-up."""
-        same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
-        return [
-            Difference(f.name, tuple(values), value, "refuse" if f.name in ACCEPTABLE else "warn")
-            for f in fields(cls)
-            if (values := trained.get(f.name))
-            and (value := getattr(now, f.name)) is not None
-            and value not in values
-            and not (f.name == "sensor" and same_sensor)
-        ]
+        return other_values(values_in([self]), other)
 
 
 def setups_in(data: Dataset) -> list[Setup]:
@@ -180,6 +168,19 @@ def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
         f.name: sorted({v for one in every if (v := getattr(one, f.name)) is not None}) for f in fields(Setup)
     }
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
+
+
+def other_values(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
+    """Compare what the recordings of a training had, as `values_in` gives it, with a set-up."""
+    same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
+    return [
+        Difference(f.name, tuple(values), value, "refuse" if f.name in ACCEPTABLE else "warn")
+        for f in fields(Setup)
+        if (values := trained.get(f.name))
+        and (value := getattr(now, f.name)) is not None
+        and value not in values
+        and not (f.name == "sensor" and same_sensor)
+    ]
 
 
 def other_units(trained: Mapping[str, str], meta: Mapping[str, Any]) -> list[Difference]:
