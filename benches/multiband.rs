@@ -18,7 +18,8 @@ fn only(blocks: &[Block]) -> MultiBandSpec {
 }
 
 fn design(spec: MultiBandSpec) -> MultiBand {
-    MultiBand::new(spec, N_SAMPLES, N_AXES, &Scales::unit(n_bands(N_SAMPLES), N_AXES)).expect("a design")
+    MultiBand::new(spec, N_SAMPLES, N_AXES, &Scales::unit(n_bands(N_SAMPLES), N_AXES).expect("memory"))
+        .expect("a design")
 }
 
 /// Numbers that look random, around an offset.
@@ -36,7 +37,7 @@ fn one_recording(c: &mut Criterion) {
     let rows = noise(N_SAMPLES * N_AXES);
     let mut measure = |name: String, spec: MultiBandSpec, path: Path| {
         let design = design(spec);
-        let (mut work, mut out) = (design.workspace(), vec![0.0; design.n_features()]);
+        let (mut work, mut out) = (design.workspace().expect("memory"), vec![0.0; design.n_features()]);
         group.bench_function(name, |b| {
             b.iter(|| design.extract_on(path, black_box(&rows), &mut work, &mut out).expect("finite"));
         });
@@ -46,7 +47,7 @@ fn one_recording(c: &mut Criterion) {
     }
     // The level costs next to nothing: its time is that of the filter bank, which every block needs.
     for (name, block) in Block::NAMED {
-        measure(format!("bank and {name}"), only(&[block]), Path::detect());
+        measure(format!("bank and {name}"), only(&[block]), Path::detect().expect("a vector unit"));
     }
     group.finish();
 }

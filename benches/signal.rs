@@ -42,7 +42,7 @@ fn filter(criterion: &mut Criterion) {
             group.bench_function(
                 BenchmarkId::new(format!("order {order}"), format!("{n_axes} axes")),
                 |bencher| {
-                    let mut state = SosState::zero(&sos, n_axes);
+                    let mut state = SosState::zero(&sos, n_axes).expect("memory");
                     let mut chunk = recording.clone();
                     bencher.iter(|| {
                         chunk.copy_from_slice(&recording);

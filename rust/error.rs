@@ -326,6 +326,20 @@ pub enum Error {
         /// The rate of the rows, in hertz.
         rate_hz: f64,
     },
+    /// More memory than there is.
+    #[error("no memory for {bytes} bytes")]
+    Memory {
+        /// The memory asked for.
+        bytes: usize,
+    },
+    /// A vector unit that nobody knows, or that this machine lacks.
+    #[error("GRANULAR_ID_SIMD must be one of the vector units of this machine ({}), or not set, got {asked:?}", .available.join(", "))]
+    VectorUnit {
+        /// The name asked for.
+        asked: String,
+        /// The names that this machine knows.
+        available: Vec<&'static str>,
+    },
     /// A number of threads that is zero.
     #[error("threads must be at least 1, got {threads}")]
     Threads {

@@ -27,7 +27,7 @@ impl Extractor {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
-        self.extract_on(Path::detect(), wrench, shape, threads, out)
+        self.extract_on(Path::detect()?, wrench, shape, threads, out)
     }
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.

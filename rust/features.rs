@@ -3,7 +3,8 @@
 
 use crate::butterworth::{butterworth, Band};
 use crate::error::{Error, Result};
-use crate::histogram::{Outside, UniformBins};
+use crate::histogram::{Outside, UniformBins, MAX_BINS};
+use crate::memory::{filled, reserved, room};
 use crate::sos::Sos;
 use crate::wrench::axis_name;
 
@@ -12,6 +13,9 @@ pub const MAX_SAMPLES: usize = u32::MAX as usize;
 
 /// The largest number of names that are worth writing out.
 const MAX_NAMES: usize = 100_000_000;
+
+/// Memory that a name takes, here and as a string of Python.
+pub(crate) const NAME_BYTES: usize = 200;
 
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -129,6 +133,7 @@ impl Extractor {
             Initial::Zero => Vec::new(),
             Initial::Steady => sos.steady_state()?,
         };
+        room(spec.bin_ranges.len().saturating_mul((spec.n_bins.min(MAX_BINS) + 1) * size_of::<f64>()))?;
         let bins: Vec<_> = spec
             .bin_ranges
             .iter()
@@ -186,7 +191,8 @@ impl Extractor {
         if n_features > MAX_NAMES {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
-        let mut names = Vec::with_capacity(n_features);
+        room(n_features.saturating_mul(NAME_BYTES))?;
+        let mut names = reserved(n_features)?;
         if self.spec.raw {
             for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
                 names.extend((0..n_samples).map(|sample| format!("{axis}_{sample:0sample_digits$}")));
@@ -203,14 +209,19 @@ impl Extractor {
     /// Refuses a batch that is empty, of another length than `wrench`, or of a number of axes without ranges. Returns the
     /// number of features of a recording.
     pub(crate) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<usize> {
+        self.check_len(wrench.len(), shape)
+    }
+
+    /// The same for a number of values.
+    pub(crate) fn check_len(&self, len: usize, shape: BatchShape) -> Result<usize> {
         let BatchShape { n_recordings, n_samples, n_axes } = shape;
         if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
         }
         self.check_size(n_samples, n_axes)?;
         let expected = n_recordings.saturating_mul(shape.recording_len());
-        if wrench.len() != expected {
-            return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
+        if len != expected {
+            return Err(Error::Length { what: "wrench", expected, got: len });
         }
         self.n_features(n_samples, n_axes)
     }
@@ -229,7 +240,7 @@ impl Extractor {
     /// Features of a batch, one row per recording.
     pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
         let n_features = self.check(wrench, shape)?;
-        let mut out = vec![0.0; shape.n_recordings * n_features];
+        let mut out = filled(0.0, shape.n_recordings.saturating_mul(n_features))?;
         self.extract_into(wrench, shape, threads, &mut out)?;
         Ok(out)
     }

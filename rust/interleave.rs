@@ -26,7 +26,9 @@ pub fn interleave(columns: &[&[f64]], samples: &mut [f64]) -> Result<bool> {
     let n_axes = columns.len();
     let n_instants = columns.first().map_or(0, |column| column.len());
     let lengths = columns.iter().map(|column| ("columns", n_instants, column.len()));
-    for (what, expected, got) in lengths.chain([("samples", n_axes * n_instants, samples.len())]) {
+    for (what, expected, got) in
+        lengths.chain([("samples", n_axes.saturating_mul(n_instants), samples.len())])
+    {
         if got != expected {
             return Err(Error::Length { what, expected, got });
         }

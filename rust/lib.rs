@@ -14,6 +14,7 @@ pub mod features;
 pub mod histogram;
 mod interleave;
 mod lanes;
+mod memory;
 pub mod model;
 pub mod multiband;
 mod names;

@@ -1,6 +1,7 @@
 //! Second-order sections: checked, immutable coefficients.
 
 use crate::error::{Error, Result};
+use crate::memory::reserved;
 
 /// How far a coefficient may lie beyond the edge of stability and still count as rounding of an integrator.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
@@ -100,7 +101,7 @@ impl Sos {
         if rows.is_empty() {
             return Err(Error::NoSections);
         }
-        let mut sections = Vec::with_capacity(rows.len());
+        let mut sections = reserved(rows.len())?;
         for (index, row) in rows.iter().enumerate() {
             if let Some(column) = row.iter().position(|v| !v.is_finite()) {
                 let value = row[column];
@@ -141,7 +142,7 @@ impl Sos {
     /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`: its output grows for as long as the input lasts.
     pub fn steady_state(&self) -> Result<Vec<[f64; 2]>> {
         let mut scale = 1.0;
-        let mut states = Vec::with_capacity(self.sections.len());
+        let mut states = reserved(self.sections.len())?;
         for (index, section) in self.sections.iter().enumerate() {
             let no_state = Error::NoSteadyState { section: index };
             let [z0, z1] = section.steady_state().ok_or_else(|| no_state.clone())?;

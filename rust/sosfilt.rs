@@ -1,6 +1,7 @@
 //! Whole arrays of any rank, filtered along one axis: once, or forward and backward.
 
 use crate::error::{Error, Result};
+use crate::memory::filled;
 use crate::sos::Sos;
 use crate::state::SosState;
 
@@ -52,7 +53,7 @@ pub fn sosfilt(sos: &Sos, x: &mut [f64], along: AlongAxis) -> Result<()> {
     if x.is_empty() {
         return Ok(());
     }
-    let mut state = SosState::zero(sos, along.inner);
+    let mut state = SosState::zero(sos, along.inner)?;
     for block in blocks(x, along) {
         state.reset();
         state.filter(sos, block)?;
@@ -73,7 +74,7 @@ pub fn sosfilt_from(sos: &Sos, x: &mut [f64], along: AlongAxis, z: &mut [f64]) -
         return Ok(());
     }
     let pair = 2 * along.inner;
-    let mut state = SosState::zero(sos, along.inner);
+    let mut state = SosState::zero(sos, along.inner)?;
     for index in 0..along.outer {
         // The state of one block is scattered over the sections of `z`.
         let pairs = z.chunks_exact(pair).skip(index).step_by(along.outer);
@@ -139,8 +140,8 @@ pub fn sosfiltfilt(
         return Ok(());
     }
     let inner = along.inner;
-    let mut state = SosState::zero(sos, inner);
-    let mut longer = vec![0.0; (along.len + 2 * padlen) * inner];
+    let mut state = SosState::zero(sos, inner)?;
+    let mut longer = filled(0.0, (along.len + 2 * padlen) * inner)?;
     for block in blocks(x, along) {
         extend(block, &mut longer, inner, padding, padlen);
         for _ in 0..2 {

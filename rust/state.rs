@@ -2,6 +2,7 @@
 
 use crate::cascade;
 use crate::error::{Error, Result};
+use crate::memory::filled;
 use crate::sos::Sos;
 
 /// The memory of a stream of `channels` channels on its way through an [`Sos`]: two values per section and channel.
@@ -13,7 +14,7 @@ use crate::sos::Sos;
 /// use granular_id::{butterworth, Band, SosState};
 ///
 /// let sos = butterworth(8, Band::Highpass(23.0), 500.0)?;
-/// let mut state = SosState::zero(&sos, 6);
+/// let mut state = SosState::zero(&sos, 6)?;
 /// let mut chunk = [0.0; 4 * 6]; // four samples of six axes, sample by sample
 /// state.filter(&sos, &mut chunk)?;
 /// # Ok::<(), granular_id::Error>(())
@@ -27,17 +28,19 @@ pub struct SosState {
 
 impl SosState {
     /// The state before the first sample, as if the signal had been zero forever.
-    #[must_use]
-    pub fn zero(sos: &Sos, channels: usize) -> Self {
-        Self { channels, values: vec![0.0; 2 * channels * sos.sections().len()] }
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn zero(sos: &Sos, channels: usize) -> Result<Self> {
+        Ok(Self { channels, values: filled(0.0, channels.saturating_mul(2 * sos.sections().len()))? })
     }
 
     /// The state as if each channel had held its first sample forever; one value per channel.
     ///
     /// # Errors
-    /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`.
+    /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`; [`Error::Memory`].
     pub fn steady(sos: &Sos, first: &[f64]) -> Result<Self> {
-        let mut state = Self::zero(sos, first.len());
+        let mut state = Self::zero(sos, first.len())?;
         state.settle(&sos.steady_state()?, first);
         Ok(state)
     }
@@ -136,23 +139,23 @@ mod tests {
     #[test]
     fn reset_forgets() {
         let sos = sos(2);
-        let mut state = SosState::zero(&sos, 1);
+        let mut state = SosState::zero(&sos, 1).unwrap();
         state.filter(&sos, &mut [1.0, 2.0, 3.0]).unwrap();
-        assert_ne!(state, SosState::zero(&sos, 1));
+        assert_ne!(Ok(&state), SosState::zero(&sos, 1).as_ref());
         state.reset();
-        assert_eq!(state, SosState::zero(&sos, 1));
+        assert_eq!(Ok(&state), SosState::zero(&sos, 1).as_ref());
     }
 
     #[test]
     fn wrong_lengths_are_refused_and_change_nothing() {
         let (two, three) = (sos(2), sos(3));
-        let mut state = SosState::zero(&two, 2);
+        let mut state = SosState::zero(&two, 2).unwrap();
         let mut chunk = [1.0, 2.0, 3.0];
         let error = Error::Length { what: "chunk", expected: 2, got: 3 };
         assert_eq!(state.filter(&two, &mut chunk), Err(error));
         let error = Error::Length { what: "state", expected: 12, got: 8 };
         assert_eq!(state.filter(&three, &mut chunk[..2]), Err(error));
-        assert_eq!((chunk, &state), ([1.0, 2.0, 3.0], &SosState::zero(&two, 2)));
+        assert_eq!((chunk, &state), ([1.0, 2.0, 3.0], &SosState::zero(&two, 2).unwrap()));
         let error = Error::Length { what: "state", expected: 8, got: 7 };
         assert_eq!(SosState::from_values(&two, 2, vec![0.0; 7]), Err(error));
     }
@@ -160,9 +163,16 @@ mod tests {
     #[test]
     fn no_channels_is_an_empty_stream() {
         let sos = sos(2);
-        let mut state = SosState::zero(&sos, 0);
+        let mut state = SosState::zero(&sos, 0).unwrap();
         assert_eq!(state.filter(&sos, &mut []), Ok(()));
         let error = Error::Length { what: "chunk", expected: 0, got: 1 };
         assert_eq!(state.filter(&sos, &mut [1.0]), Err(error));
+    }
+
+    #[test]
+    fn channels_for_which_there_is_no_memory_are_refused() {
+        for channels in [usize::MAX, usize::MAX / 4 + 1, 1 << 58] {
+            assert!(matches!(SosState::zero(&sos(2), channels), Err(Error::Memory { .. })));
+        }
     }
 }

@@ -22,7 +22,7 @@ fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
         for a in (0..shape.n_axes).filter(|_| spec.hfmh) {
             let mut signal = axis(a);
             let mut state = match spec.initial {
-                Initial::Zero => SosState::zero(extractor.sos(), 1),
+                Initial::Zero => SosState::zero(extractor.sos(), 1).unwrap(),
                 Initial::Steady => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
             };
             state.filter(extractor.sos(), &mut signal).unwrap();

@@ -110,7 +110,7 @@ proptest! {
         cuts in prop::collection::vec(0.0..1.0_f64, 0..8),
     ) {
         let mut whole = x.clone();
-        let mut at_once = SosState::zero(&sos, channels);
+        let mut at_once = SosState::zero(&sos, channels).unwrap();
         at_once.filter(&sos, &mut whole).unwrap();
 
         let len = x.len() / channels;
@@ -118,7 +118,7 @@ proptest! {
         let mut cuts: Vec<usize> = cuts.iter().map(|cut| (cut * len as f64) as usize).collect();
         cuts.sort_unstable();
         cuts.push(len);
-        let (mut pieces, mut state, mut start) = (x, SosState::zero(&sos, channels), 0);
+        let (mut pieces, mut state, mut start) = (x, SosState::zero(&sos, channels).unwrap(), 0);
         for cut in cuts {
             state.filter(&sos, &mut pieces[start * channels..cut * channels]).unwrap();
             start = cut;
@@ -133,10 +133,10 @@ proptest! {
             .prop_flat_map(|(sos, channels, len)| (Just(sos), Just(channels), any_signal(channels * len))),
     ) {
         let mut together = x.clone();
-        SosState::zero(&sos, channels).filter(&sos, &mut together).unwrap();
+        SosState::zero(&sos, channels).unwrap().filter(&sos, &mut together).unwrap();
         for channel in 0..channels {
             let mut alone: Vec<f64> = x.iter().skip(channel).step_by(channels).copied().collect();
-            SosState::zero(&sos, 1).filter(&sos, &mut alone).unwrap();
+            SosState::zero(&sos, 1).unwrap().filter(&sos, &mut alone).unwrap();
             let picked: Vec<f64> = together.iter().skip(channel).step_by(channels).copied().collect();
             prop_assert_eq!(bits(&alone), bits(&picked));
         }
@@ -183,8 +183,8 @@ fn long_signals_pass_through_more_sections_than_one_loop_holds() {
     let sos = Sos::new(&rows).unwrap();
     let x: Vec<f64> = (0..5000).map(|i| (f64::from(i) * 0.37).sin()).collect();
     let mut whole = x.clone();
-    SosState::zero(&sos, 1).filter(&sos, &mut whole).unwrap();
-    let (mut one_by_one, mut state) = (x, SosState::zero(&sos, 1));
+    SosState::zero(&sos, 1).unwrap().filter(&sos, &mut whole).unwrap();
+    let (mut one_by_one, mut state) = (x, SosState::zero(&sos, 1).unwrap());
     for sample in one_by_one.chunks_mut(1) {
         state.filter(&sos, sample).unwrap();
     }

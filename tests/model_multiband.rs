@@ -35,7 +35,7 @@ fn spec() -> impl Strategy<Value = MultiBandSpec> {
 fn twin(model: &Model, rows: &[f64]) -> Vec<f64> {
     let multiband = model.multiband().unwrap();
     let mut features = vec![0.0; multiband.n_features()];
-    multiband.extract_into(rows, &mut multiband.workspace(), &mut features).unwrap();
+    multiband.extract_into(rows, &mut multiband.workspace().unwrap(), &mut features).unwrap();
     let score = |learner: usize| {
         let mut sum = 0.0;
         for (j, value) in features.iter().enumerate().filter(|(_, value)| **value != 0.0) {

@@ -85,7 +85,7 @@ fn counted(extractor: &Extractor, n_axes: usize, filtered: &[f64]) -> Vec<f64> {
 /// The whole stream through the filter.
 fn filtered(extractor: &Extractor, n_axes: usize, rows: &[f64]) -> Vec<f64> {
     let mut state = match extractor.spec().initial {
-        Initial::Zero => SosState::zero(extractor.sos(), n_axes),
+        Initial::Zero => SosState::zero(extractor.sos(), n_axes).unwrap(),
         Initial::Steady => SosState::steady(extractor.sos(), &rows[..n_axes]).unwrap(),
     };
     let mut filtered = rows.to_vec();

@@ -2,6 +2,8 @@
 
 use super::row::{BufferedRow, Row};
 use super::shared::Shared;
+use crate::error::Error;
+use crate::memory::reserved;
 use crate::wrench::{GAP_FILLED, SATURATED};
 
 /// What stands for an instant without a row.
@@ -53,7 +55,7 @@ pub struct Window {
 }
 
 /// Why there is no such window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum WindowError {
     /// More instants than the buffer has room for.
@@ -96,6 +98,9 @@ pub enum WindowError {
         /// Instants from the row to the newest.
         ago: u64,
     },
+    /// No memory for so many rows.
+    #[error(transparent)]
+    Memory(#[from] Error),
 }
 
 /// The window that a specification asks for.
@@ -104,14 +109,14 @@ pub(super) fn window(shared: &Shared, spec: &WindowSpec) -> Result<Window, Windo
         return Err(WindowError::TooLong { n: spec.n, capacity: shared.capacity });
     }
     let rows = newest_first(shared, spec)?;
-    Ok(assemble(&rows, spec))
+    assemble(&rows, spec)
 }
 
 /// Rows from the newest back to the first of the window; if that begins inside a gap, the row before the gap too.
 fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, WindowError> {
     let n = spec.n;
     let wanted = n as u64;
-    let mut rows: Vec<BufferedRow> = Vec::with_capacity(n.saturating_add(1));
+    let mut rows: Vec<BufferedRow> = reserved(n.saturating_add(1))?;
     let mut have = 0_u64;
     if wanted == 0 {
         return Ok(rows);
@@ -148,10 +153,10 @@ fn newest_first(shared: &Shared, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
 }
 
 /// Puts rows, newest first, and what stands for the missing ones into arrays, oldest first.
-fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Window {
-    let mut window = Window::with_room(spec.n);
+fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Result<Window, WindowError> {
+    let mut window = Window::with_room(spec.n)?;
     let spans: u64 = newest_first.iter().map(|row| 1 + u64::from(row.missing_before)).sum();
-    let Some(oldest) = newest_first.last() else { return window };
+    let Some(oldest) = newest_first.last() else { return Ok(window) };
     // What is missing before the oldest row lies before the window; the last gap may begin before it as well.
     let spans = spans - u64::from(oldest.missing_before);
     let begins_in_gap = spans > spec.n as u64;
@@ -169,19 +174,19 @@ fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Window {
         }
         window.push(&later.row);
     }
-    window
+    Ok(window)
 }
 
 impl Window {
     /// An empty window with memory for `n` instants.
-    fn with_room(n: usize) -> Self {
-        Self {
-            mask: Vec::with_capacity(n),
-            ticks: Vec::with_capacity(n),
-            host_ns: Vec::with_capacity(n),
-            wrench: Vec::with_capacity(n),
-            flags: Vec::with_capacity(n),
-        }
+    fn with_room(n: usize) -> Result<Self, Error> {
+        Ok(Self {
+            mask: reserved(n)?,
+            ticks: reserved(n)?,
+            host_ns: reserved(n)?,
+            wrench: reserved(n)?,
+            flags: reserved(n)?,
+        })
     }
 
     fn push(&mut self, row: &Row) {

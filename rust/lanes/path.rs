@@ -6,6 +6,7 @@ use super::count::{Cells, LaneBins};
 use super::pack::Pack;
 use super::quad::Quad;
 use super::{transpose, Row, BLOCK};
+use crate::error::{Error, Result};
 
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,17 +32,29 @@ impl Path {
     }
 
     /// The path used when none is asked for: the fastest available, or the one named by the environment
-    /// variable `GRANULAR_ID_SIMD` (`baseline`, `avx2`, `avx512`) when this machine has it.
+    /// variable `GRANULAR_ID_SIMD` (`baseline`, `avx2`, `avx512`).
     ///
     /// The environment is read once per process.
-    #[must_use]
-    pub fn detect() -> Self {
-        static CHOICE: OnceLock<Path> = OnceLock::new();
-        *CHOICE.get_or_init(|| {
-            let available = Self::available();
-            let asked = std::env::var("GRANULAR_ID_SIMD").unwrap_or_default();
-            let forced = available.iter().find(|path| path.name() == asked);
-            forced.or(available.last()).copied().unwrap_or(Self::Baseline)
+    ///
+    /// # Errors
+    /// [`Error::VectorUnit`]: the variable names none, or one that this machine lacks.
+    pub fn detect() -> Result<Self> {
+        static CHOICE: OnceLock<Result<Path>> = OnceLock::new();
+        let asked = || std::env::var_os("GRANULAR_ID_SIMD").unwrap_or_default();
+        CHOICE.get_or_init(|| Self::named(&asked().to_string_lossy())).clone()
+    }
+
+    /// The path of a name; the fastest where there is none.
+    fn named(asked: &str) -> Result<Self> {
+        let available = Self::available();
+        let found = if asked.is_empty() {
+            available.last()
+        } else {
+            available.iter().find(|path| path.name() == asked)
+        };
+        found.copied().ok_or_else(|| Error::VectorUnit {
+            asked: asked.to_owned(),
+            available: available.iter().map(|path| path.name()).collect(),
         })
     }
 
@@ -139,4 +152,24 @@ pub(crate) struct Portable;
 
 impl Isa for Portable {
     type Quad = Pack<4>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_means_nothing_here_is_refused() {
+        let available = Path::available();
+        assert_eq!(Path::named("").ok(), available.last().copied());
+        for path in [Path::Baseline, Path::Avx2, Path::Avx512] {
+            assert_eq!(Path::named(path.name()).ok(), available.contains(&path).then_some(path));
+        }
+        for asked in ["AVX2", "neon", "avx2 "] {
+            let error = Path::named(asked).unwrap_err().to_string();
+            assert!(
+                error.contains("GRANULAR_ID_SIMD") && error.contains("baseline") && error.contains(asked)
+            );
+        }
+    }
 }

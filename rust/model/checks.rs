@@ -6,6 +6,7 @@ use super::notes::check_names;
 use super::parts::{ModelParts, Tensor, MAX_AXES, MAX_CLASSES, MAX_WINDOW};
 use super::trained::Model;
 use super::weights::Weights;
+use crate::memory::collected;
 
 impl Model {
     /// A model of parts that fit together.
@@ -40,13 +41,14 @@ impl Model {
             (n_samples, n_axes),
             (n_raw, n_features),
             |learner, feature| coef.finite("coef", learner * n_features + feature),
-            intercept.to_vec(),
+            intercept.to_vec()?,
         )?;
-        let owned = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_vec);
+        let owned = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_vec).transpose();
         let pairs = |tensor: &Option<Tensor<'_>>| {
-            tensor.as_ref().map(|tensor| {
-                (0..tensor.len() / 2).map(|i| [tensor.at(2 * i), tensor.at(2 * i + 1)]).collect()
-            })
+            let pairs = |tensor: &Tensor<'_>| {
+                collected((0..tensor.len() / 2).map(|i| [tensor.at(2 * i), tensor.at(2 * i + 1)]))
+            };
+            tensor.as_ref().map(pairs).transpose()
         };
         let model = Self {
             extraction,
@@ -56,12 +58,12 @@ impl Model {
             codes,
             loss: parts.loss,
             decoding: parts.decoding,
-            raw_mean: owned(&parts.raw_mean),
-            raw_low: owned(&parts.raw_low),
-            raw_high: owned(&parts.raw_high),
-            early: pairs(&parts.early),
-            sigmoid: pairs(&parts.sigmoid),
-            posterior_weights: owned(&parts.posterior_weights),
+            raw_mean: owned(&parts.raw_mean)?,
+            raw_low: owned(&parts.raw_low)?,
+            raw_high: owned(&parts.raw_high)?,
+            early: pairs(&parts.early)?,
+            sigmoid: pairs(&parts.sigmoid)?,
+            posterior_weights: owned(&parts.posterior_weights)?,
             classes: parts.classes,
             notes: parts.notes,
         };

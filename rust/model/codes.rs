@@ -3,6 +3,7 @@
 use super::fault::Fault;
 use super::loss::{Decoding, Loss};
 use super::parts::Tensor;
+use crate::memory::reserved;
 
 /// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
 pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
@@ -26,7 +27,7 @@ impl Codes {
         n_learners: usize,
         decoding: Decoding,
     ) -> Result<Self, Fault> {
-        let mut columns = Vec::with_capacity(n_classes * n_learners);
+        let mut columns = reserved(n_classes.saturating_mul(n_learners))?;
         for learner in 0..n_learners {
             for class in 0..n_classes {
                 let value = matrix.at(class * n_learners + learner);

@@ -5,6 +5,7 @@ use super::fault::Fault;
 use super::parts::{Tensor, MAX_BINS_IN_ALL};
 use crate::error::Error;
 use crate::extract::{finite, not_finite};
+use crate::memory::filled;
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use crate::{BatchShape, Extractor, FeatureSpec};
 
@@ -114,8 +115,8 @@ impl Features<'_> {
                 Ok(Extraction::Additive { extractor, histograms })
             }
             Self::MultiBand { spec, band_scales, level_scales } => {
-                let level = level_scales.as_ref().map_or_else(|| vec![1.0; n_axes], Tensor::to_vec);
-                let scales = Scales { bands: band_scales.to_vec(), level };
+                let level = level_scales.as_ref().map_or_else(|| filled(1.0, n_axes), Tensor::to_vec)?;
+                let scales = Scales { bands: band_scales.to_vec()?, level };
                 Ok(Extraction::MultiBand(MultiBand::new(*spec, n_samples, n_axes, &scales)?))
             }
         }
@@ -168,7 +169,7 @@ impl Extraction {
         match self {
             Self::Additive { histograms: Some(histograms), .. } => histograms.extract(wrench, shape, 1),
             Self::MultiBand(multiband) => {
-                let mut out = vec![0.0; shape.n_recordings * multiband.n_features()];
+                let mut out = filled(0.0, shape.n_recordings.saturating_mul(multiband.n_features()))?;
                 multiband.extract_batch(wrench, shape, 1, &mut out)?;
                 Ok(out)
             }

@@ -6,6 +6,7 @@
 use super::codes::pairs;
 use super::loss::Loss;
 use crate::error::{Error, Result};
+use crate::memory::{collected, filled};
 
 /// Means of some classes, and the matrix that makes the covariance within them the unit matrix.
 ///
@@ -49,11 +50,11 @@ impl NearestMean {
         if n_classes * n_values != means.len() {
             return Err(Error::Length { what: "means", expected: n_classes * n_values, got: means.len() });
         }
-        let mut white = vec![0.0; means.len()];
+        let mut white = filled(0.0, means.len())?;
         for (mean, white) in means.chunks_exact(n_values).zip(white.chunks_exact_mut(n_values)) {
             whiten(whitener, mean, white);
         }
-        Ok(Self { whitener: whitener.to_vec(), means: white, n_values, of_pairs: false })
+        Ok(Self { whitener: collected(whitener.iter().copied())?, means: white, n_values, of_pairs: false })
     }
 
     /// For class values that are made of the scores of one learner for each pair of S classes: minus their mean losses
@@ -102,8 +103,7 @@ impl NearestMean {
             let (recording, learner) = (index / width, index % width);
             return Err(Error::Score { recording, learner, value: scores[index] });
         }
-        let mut values = vec![0.0; self.n_values];
-        let mut white = values.clone();
+        let (mut values, mut white) = (filled(0.0, self.n_values)?, filled(0.0, self.n_values)?);
         let one = |scores: &[f64]| {
             if self.of_pairs {
                 hinge_values(scores, &mut values);
@@ -117,7 +117,7 @@ impl NearestMean {
                 .map(|mean| white.iter().zip(mean).fold(0.0, |sum, (x, mean)| sum + (x - mean) * (x - mean)));
             squares.fold(f64::INFINITY, f64::min).sqrt()
         };
-        Ok(scores.chunks_exact(width).map(one).collect())
+        collected(scores.chunks_exact(width).map(one))
     }
 }
 

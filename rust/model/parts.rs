@@ -4,6 +4,8 @@ use super::extraction::Features;
 use super::fault::Fault;
 use super::loss::{Decoding, Loss};
 use super::notes::Notes;
+use crate::memory::collected;
+use crate::Error;
 
 /// The largest number of classes.
 pub const MAX_CLASSES: usize = 1024;
@@ -66,8 +68,8 @@ impl<'a> Tensor<'a> {
         .unwrap_or(f64::NAN)
     }
 
-    pub(super) fn to_vec(&self) -> Vec<f64> {
-        (0..self.len()).map(|index| self.at(index)).collect()
+    pub(super) fn to_vec(&self) -> Result<Vec<f64>, Error> {
+        collected((0..self.len()).map(|index| self.at(index)))
     }
 
     /// Refuses a tensor of another shape.

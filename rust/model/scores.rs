@@ -5,6 +5,7 @@ use super::weights::AddTeam;
 use crate::error::{Error, Result};
 use crate::extract::in_tasks;
 use crate::lanes::Path;
+use crate::memory::{filled, room};
 use crate::BatchShape;
 
 /// Recordings that share each row of weights on its way through the caches.
@@ -75,16 +76,17 @@ impl Model {
     ) -> Result<()> {
         let shape = self.batch(n_recordings);
         self.extraction.check(wrench, shape)?;
+        let path = Path::detect()?;
         in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
-            let mut sums = vec![0.0; 2 * TEAM * self.lanes()];
+            let mut sums = filled(0.0, 2 * TEAM * self.lanes())?;
             let teams =
                 wrench.chunks(TEAM * shape.recording_len()).zip(out.chunks_mut(TEAM * self.n_learners()));
             for (team, (wrench, out)) in teams.enumerate() {
                 let first = team * TEAM;
                 let features = features.get(first * n_features..).unwrap_or_default();
-                self.team(wrench, features, &mut sums, out);
+                self.team(path, wrench, features, &mut sums, out);
             }
             self.all_finite(out)
         })
@@ -93,17 +95,16 @@ impl Model {
     /// Scores of all learners, one row per recording.
     pub fn scores(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<f64>> {
         self.extraction.check(wrench, self.batch(n_recordings))?;
-        let mut out = vec![0.0; n_recordings * self.n_learners()];
+        let mut out = filled(0.0, n_recordings.saturating_mul(self.n_learners()))?;
         self.scores_into(wrench, n_recordings, threads, &mut out)?;
         Ok(out)
     }
 
     /// Scores of a few recordings, each row of weights read once.
-    fn team(&self, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
+    fn team(&self, path: Path, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
         let lanes = self.lanes();
         let (raw_rows, other_rows) = self.weights.blocks();
         let (raw, hist) = sums.split_at_mut(TEAM * lanes);
-        let path = Path::detect();
         for (sums, rows, values) in [(&mut *raw, raw_rows, wrench), (&mut *hist, other_rows, features)] {
             sums.fill(0.0);
             path.run(AddTeam { sums, lanes, rows, values });
@@ -150,6 +151,9 @@ impl Model {
     /// The answers for a batch of recordings.
     pub fn identify_batch(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<Answer>> {
         let scores = self.scores(wrench, n_recordings, threads)?;
+        let numbers = self.n_learners() + self.classes.len();
+        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>();
+        room(n_recordings.saturating_mul(per_answer))?;
         let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;

@@ -1,6 +1,8 @@
 //! Weights of the learners, laid out in the order in which they are used.
 
 use crate::lanes::{Isa, Job, LANES};
+use crate::memory::filled;
+use crate::Error;
 
 /// Weights turned round: for each feature those of all learners, side by side and filled up with zeros to whole vectors.
 /// Raw features stand sample by sample, as they come from a sensor, then those of the histograms.
@@ -19,7 +21,7 @@ pub(super) struct Weights {
 
 impl Weights {
     /// From weights by learner and feature. Of a coefficient that `coef` refuses the error is passed on.
-    pub(super) fn new<E>(
+    pub(super) fn new<E: From<Error>>(
         n_learners: usize,
         (n_samples, n_axes): (usize, usize),
         (n_raw, n_features): (usize, usize),
@@ -28,7 +30,7 @@ impl Weights {
     ) -> Result<Self, E> {
         // Few learners are not filled up eightfold: a file must not ask for much more memory than it has bytes.
         let lanes = n_learners.next_multiple_of(n_learners.next_power_of_two().min(LANES));
-        let mut values = vec![0.0; lanes * n_features];
+        let mut values = filled(0.0, lanes.saturating_mul(n_features))?;
         for (row, weights) in values.chunks_exact_mut(lanes).enumerate() {
             let feature = if row < n_raw { row % n_axes * n_samples + row / n_axes } else { row };
             for (learner, weight) in weights[..n_learners].iter_mut().enumerate() {

@@ -70,7 +70,7 @@ pub(super) fn bands(n_samples: usize, rate_hz: f64) -> Vec<FrequencyBand> {
         bands.push(FrequencyBand {
             low_hz: high_hz / 2.0,
             high_hz,
-            rate_hz: rate_hz / f64::from(halvings).exp2(),
+            rate_hz: rate_hz / libm::exp2(halvings.into()),
             n_samples: halved(n_samples, halvings),
         });
         high_hz /= 2.0;

@@ -81,7 +81,7 @@ impl Bank {
                 0 => 1.0,
                 1 => filters.top.gain,
                 // Every halving has doubled the signal.
-                _ => filters.octave.gain * (-f64::from(halvings(band - 1))).exp2(),
+                _ => filters.octave.gain * libm::exp2(-f64::from(halvings(band - 1))),
             };
             gains.extend(scales.chunks(QUAD).map(|scales| {
                 let mut quad = Quad::ZERO;

@@ -27,7 +27,7 @@ impl MultiBand {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
-        self.extract_batch_on(Path::detect(), wrench, shape, threads, out)
+        self.extract_batch_on(Path::detect()?, wrench, shape, threads, out)
     }
 
     /// [`extract_batch`](Self::extract_batch) on a path of choice, for tests and benchmarks.
@@ -55,6 +55,23 @@ impl MultiBand {
         let batch = Batch { design: self, wrench, shape, threads, row_len };
         batch.each(out, |rows, work, out| self.rms_into(rows, work, out))
     }
+
+    /// Refuses a batch that is empty, of another number of values, or of recordings that are not of this shape.
+    pub(crate) fn check_batch(&self, len: usize, shape: BatchShape) -> Result<()> {
+        let BatchShape { n_recordings, n_samples, n_axes } = shape;
+        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
+        }
+        if n_samples > self.n_samples() || n_axes != self.n_axes() {
+            let wanted = (self.n_samples(), self.n_axes());
+            return Err(Error::RecordingShape { wanted, got: (n_samples, n_axes) });
+        }
+        let expected = n_recordings.saturating_mul(shape.recording_len());
+        if len != expected {
+            return Err(Error::Length { what: "wrench", expected, got: len });
+        }
+        Ok(())
+    }
 }
 
 /// A batch, and how many numbers are wanted of each recording.
@@ -74,22 +91,9 @@ impl Batch<'_> {
         one: impl Fn(&[f64], &mut Workspace, &mut [f64]) -> Result<()> + Sync,
     ) -> Result<()> {
         let Self { design, wrench, shape, threads, row_len } = *self;
-        let BatchShape { n_recordings, n_samples, n_axes } = shape;
-        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
-            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
-        }
-        if n_samples > design.n_samples() || n_axes != design.n_axes() {
-            return Err(Error::RecordingShape {
-                wanted: (design.n_samples(), design.n_axes()),
-                got: (n_samples, n_axes),
-            });
-        }
-        let expected = n_recordings.saturating_mul(shape.recording_len());
-        if wrench.len() != expected {
-            return Err(Error::Length { what: "wrench", expected, got: wrench.len() });
-        }
+        design.check_batch(wrench.len(), shape)?;
         in_tasks(wrench, shape, row_len, threads, out, |wrench, shape, out| {
-            let mut work = design.spare.take().unwrap_or_else(|| design.workspace());
+            let mut work = design.spare.take().map_or_else(|| design.workspace(), Ok)?;
             let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(row_len));
             for (recording, (rows, out)) in recordings.enumerate() {
                 one(rows, &mut work, out).map_err(|error| error.later(recording))?;

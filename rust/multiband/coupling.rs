@@ -184,10 +184,10 @@ mod tests {
     #[test]
     fn more_bands_than_fit_at_a_time() {
         let signals = Signals::new(&[60; 19], 2);
-        let all = compute(Path::detect(), &signals);
+        let all = compute(Path::detect().unwrap(), &signals);
         for (band, features) in all.chunks_exact(10).enumerate() {
             let alone = Signals::from(vec![signals.band(band)]);
-            assert_eq!(features, compute(Path::detect(), &alone));
+            assert_eq!(features, compute(Path::detect().unwrap(), &alone));
         }
     }
 }

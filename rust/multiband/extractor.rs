@@ -19,13 +19,17 @@ use crate::error::{Error, Result};
 use crate::extract::{finite, not_finite};
 use crate::features::{BatchShape, MAX_SAMPLES};
 use crate::lanes::Path;
+use crate::memory::room;
 
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
-/// The largest number of values of a recording, 23 minutes of six axes at 500 Hz: bands and transforms take up to 800 bytes
-/// for each, and memory that is not there would end the process.
+/// The largest number of values of a recording, 23 minutes of six axes at 500 Hz.
 const MAX_VALUES: usize = 1 << 22;
+
+/// Bytes that a design takes for each value of a recording at most, and a workspace. Both are made in many pieces.
+pub(super) const DESIGN_BYTES: usize = 200;
+pub(super) const WORK_BYTES: usize = 650;
 
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
 /// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
@@ -54,7 +58,7 @@ impl MultiBand {
     ///
     /// # Errors
     /// [`Error::Rate`]; [`Error::Empty`], [`Error::Samples`], [`Error::TooLarge`]: a recording of no samples or axes, or of
-    /// too many; [`Error::NoBlocks`]; [`Error::Length`], [`Error::Scale`]: scales of another shape, or none to divide by.
+    /// too many; [`Error::Memory`]; [`Error::NoBlocks`]; [`Error::Length`], [`Error::Scale`]: scales of another shape, or none to divide by.
     pub fn new(spec: MultiBandSpec, n_samples: usize, n_axes: usize, scales: &Scales) -> Result<Self> {
         if !(spec.rate_hz.is_finite() && spec.rate_hz > 0.0) {
             return Err(Error::Rate { rate_hz: spec.rate_hz });
@@ -69,6 +73,7 @@ impl MultiBand {
         if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
+        room(n_samples * n_axes * DESIGN_BYTES)?;
         let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
             return Err(Error::NoBlocks { n_samples, n_axes });
@@ -103,9 +108,12 @@ impl MultiBand {
     }
 
     /// Memory for [`extract_into`](Self::extract_into).
-    #[must_use]
-    pub fn workspace(&self) -> Workspace {
-        Workspace {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn workspace(&self) -> Result<Workspace> {
+        room(self.n_samples * self.n_axes * WORK_BYTES)?;
+        Ok(Workspace {
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
@@ -113,7 +121,7 @@ impl MultiBand {
             coupling: self.coupling.as_ref().map(Coupling::work),
             tally: self.quantiles.as_ref().map(Quantiles::work),
             spectrum: self.spectrum.as_ref().map(Spectrum::work),
-        }
+        })
     }
 
     /// Features of one recording into `out`, without allocation.
@@ -130,7 +138,7 @@ impl MultiBand {
     /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLoud`] call the recording number 0. On an error `out` holds
     /// unspecified numbers.
     pub fn extract_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.extract_on(Path::detect(), rows, work, out)
+        self.extract_on(Path::detect()?, rows, work, out)
     }
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
@@ -152,12 +160,18 @@ impl MultiBand {
     ///
     /// # Errors
     /// [`Error::Length`].
-    pub fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
-        self.advance_on(Path::detect(), rows, work, n_new)
+    pub(crate) fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
+        self.advance_on(Path::detect()?, rows, work, n_new)
     }
 
     /// [`advance`](Self::advance) on a path of choice, for tests and benchmarks.
-    pub fn advance_on(&self, path: Path, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
+    pub(crate) fn advance_on(
+        &self,
+        path: Path,
+        rows: &[f64],
+        work: &mut Workspace,
+        n_new: usize,
+    ) -> Result<()> {
         self.fit(rows, work)?;
         path.run(Advance { design: self, rows, work, n_blocks: n_new.div_ceil(ROWS) + 1 });
         Ok(())
@@ -168,12 +182,18 @@ impl MultiBand {
     ///
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
-    pub fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.finish_on(Path::detect(), rows, work, out)
+    pub(crate) fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+        self.finish_on(Path::detect()?, rows, work, out)
     }
 
     /// [`finish_into`](Self::finish_into) on a path of choice, for tests and benchmarks.
-    pub fn finish_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+    pub(crate) fn finish_on(
+        &self,
+        path: Path,
+        rows: &[f64],
+        work: &mut Workspace,
+        out: &mut [f64],
+    ) -> Result<()> {
         self.split(path, rows, work)?;
         if out.len() != self.n_features {
             return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
@@ -191,7 +211,7 @@ impl MultiBand {
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         work.restart();
-        let split = self.split(Path::detect(), rows, work);
+        let split = self.split(Path::detect()?, rows, work);
         work.restart();
         split?;
         let expected = self.n_bands() * self.n_axes;
@@ -247,7 +267,7 @@ impl MultiBand {
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
         if !work.suits(self) {
-            *work = self.workspace();
+            *work = self.workspace()?;
         }
         // One that knows more rows than there are knows another recording.
         if work.bank.n_done() * self.n_axes > rows.len() {
@@ -280,7 +300,7 @@ mod tests {
 
     #[test]
     fn recordings_too_large_for_any_memory_are_refused() {
-        let unit = Scales::unit(1, 1);
+        let unit = Scales::unit(1, 1).unwrap();
         for (n_samples, n_axes) in [
             (usize::MAX, 1),
             (MAX_SAMPLES, 1),

@@ -42,7 +42,7 @@ pub(super) fn bin(word: i16) -> u16 {
 pub(super) fn edges() -> Vec<f64> {
     let outward = |k: i16| {
         let octave = f64::from(LOWEST + k / PER_OCTAVE);
-        octave.exp2() * (1.0 + f64::from(k % PER_OCTAVE) / f64::from(PER_OCTAVE))
+        libm::exp2(octave) * (1.0 + f64::from(k % PER_OCTAVE) / f64::from(PER_OCTAVE))
     };
     let right = (0..=MIDDLE).map(outward);
     let left = (0..=MIDDLE).rev().map(|k| -outward(k));

@@ -8,11 +8,11 @@
 //! use granular_id::multiband::{MultiBand, MultiBandSpec, Scales};
 //!
 //! let (n_samples, n_axes) = (1600, 6);
-//! let multi_band = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &Scales::unit(10, n_axes))?;
-//! let mut work = multi_band.workspace();
+//! let multi_band = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &Scales::unit(10, n_axes)?)?;
+//! let mut work = multi_band.workspace()?;
 //! let mut features = vec![0.0; multi_band.n_features()];
 //! multi_band.extract_into(&vec![0.0; n_samples * n_axes], &mut work, &mut features)?;
-//! assert_eq!(multi_band.names()[0], "b0_coupling_fx_fx");
+//! assert_eq!(multi_band.names()?[0], "b0_coupling_fx_fx");
 //! # Ok::<(), granular_id::Error>(())
 //! ```
 
@@ -50,6 +50,8 @@ mod spec;
 mod spectrum;
 mod symmetric;
 mod tally;
+#[cfg(test)]
+mod tests;
 mod workspace;
 
 pub use bands::{n_bands, FrequencyBand};

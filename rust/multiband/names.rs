@@ -3,15 +3,23 @@
 use super::extractor::MultiBand;
 use super::moments::LAG;
 use super::quantiles::PROBABILITIES;
+#[cfg(doc)]
+use crate::error::Error;
+use crate::error::Result;
+use crate::features::NAME_BYTES;
+use crate::memory::{reserved, room};
 use crate::wrench::axis_name;
 
 impl MultiBand {
     /// Names of the features, in order: `b0_coupling_fx_fx ... b0_q02_fx ... b0_envelope_fx_0 ... spectrum_fx_00`.
-    #[must_use]
-    pub fn names(&self) -> Vec<String> {
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn names(&self) -> Result<Vec<String>> {
         let n_bands = self.n_bands();
         let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
-        let mut names = Vec::with_capacity(self.n_features());
+        room(self.n_features().saturating_mul(NAME_BYTES))?;
+        let mut names = reserved(self.n_features())?;
         if let Some(coupling) = &self.coupling {
             let whole: Vec<_> = [String::new(), format!("_lag{LAG}")]
                 .iter()
@@ -49,6 +57,6 @@ impl MultiBand {
                 names.extend((0..n).map(|i| format!("{what}_{axis}_{i:02}")));
             }
         }
-        names
+        Ok(names)
     }
 }

@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn quantiles_of_one_to_a_thousand() {
         let signals = Signals::from(vec![vec![(1..=1000).map(|x| f64::from(x) / 10.0).collect()]]);
-        let got = compute(Path::detect(), &signals);
+        let got = compute(Path::detect().unwrap(), &signals);
         for (got, p) in got.iter().zip(PROBABILITIES) {
             // No better than a bin is wide.
             assert!((got.sinh() / (0.1 + 99.9 * p) - 1.0).abs() < 1.0 / 16.0, "{p}: {}", got.sinh());
@@ -191,9 +191,9 @@ mod tests {
 
     #[test]
     fn silence_and_overflow() {
-        let silence = compute(Path::detect(), &Signals::from(vec![vec![vec![0.0; 50]]]));
+        let silence = compute(Path::detect().unwrap(), &Signals::from(vec![vec![vec![0.0; 50]]]));
         assert!(silence[3].abs() < 1e-2 && silence[7] == libm::log(FLOOR));
-        let overflow = compute(Path::detect(), &Signals::from(vec![vec![vec![1e200; 50]]]));
+        let overflow = compute(Path::detect().unwrap(), &Signals::from(vec![vec![vec![1e200; 50]]]));
         assert_eq!(overflow[7], f64::INFINITY);
     }
 }

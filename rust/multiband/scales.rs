@@ -2,6 +2,7 @@
 
 use super::bands::n_bands;
 use crate::error::{Error, Result};
+use crate::memory::filled;
 
 /// Typical size of each band and of the level, learned from training recordings.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,9 +15,11 @@ pub struct Scales {
 
 impl Scales {
     /// One everywhere.
-    #[must_use]
-    pub fn unit(n_bands: usize, n_axes: usize) -> Self {
-        Self { bands: vec![1.0; n_bands * n_axes], level: vec![1.0; n_axes] }
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn unit(n_bands: usize, n_axes: usize) -> Result<Self> {
+        Ok(Self { bands: filled(1.0, n_bands.saturating_mul(n_axes))?, level: filled(1.0, n_axes)? })
     }
 
     /// Refuses a wrong number of scales, and scales that are not positive.

@@ -48,7 +48,7 @@ mod tests {
     use crate::BatchShape;
 
     fn design(n_samples: usize) -> MultiBand {
-        let scales = Scales::unit(n_bands(n_samples), 1);
+        let scales = Scales::unit(n_bands(n_samples), 1).unwrap();
         MultiBand::new(MultiBandSpec::default(), n_samples, 1, &scales).unwrap()
     }
 

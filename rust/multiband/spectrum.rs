@@ -235,7 +235,7 @@ mod tests {
         let sine = |t: usize| (2.0 * PI * 100.0 * t as f64 / 1600.0).sin();
         let signals =
             Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
-        let got = compute(Path::detect(), &signals);
+        let got = compute(Path::detect().unwrap(), &signals);
         let edges = edges(1600);
         let bin = edges.iter().rposition(|edge| *edge <= 100).unwrap();
         let (first, others) = got.split_at(edges.len() - 1);
@@ -251,9 +251,9 @@ mod tests {
         let signals = Signals::new(&[77], 1);
         let (mut short, mut long) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
         let mut work = design.work();
-        design.compute(Path::detect(), signals.view(), &mut work, &mut short);
-        design.compute(Path::detect(), Signals::new(&[200], 1).view(), &mut work, &mut long);
+        design.compute(Path::detect().unwrap(), signals.view(), &mut work, &mut short);
+        design.compute(Path::detect().unwrap(), Signals::new(&[200], 1).view(), &mut work, &mut long);
         assert!(short.iter().all(|x| x.is_finite()));
-        assert_eq!(long, compute(Path::detect(), &Signals::new(&[200], 1)));
+        assert_eq!(long, compute(Path::detect().unwrap(), &Signals::new(&[200], 1)));
     }
 }

@@ -8,9 +8,7 @@ use super::spectrum::SpectrumWork;
 use super::tally::Tally;
 
 /// Memory for one recording at a time, of the shape that it was made for by
-/// [`MultiBand::workspace`](super::MultiBand::workspace). It remembers a recording that
-/// [`MultiBand::advance`](super::MultiBand::advance) or [`MultiBand::finish_into`](super::MultiBand::finish_into) work at,
-/// until [`restart`](Self::restart) or a whole recording; nothing else that it holds ever shows in a result.
+/// [`MultiBand::workspace`](super::MultiBand::workspace). Nothing that it holds ever shows in the features of a recording.
 #[derive(Clone, Debug)]
 pub struct Workspace {
     /// Samples and axes that it was made for.
@@ -25,7 +23,7 @@ pub struct Workspace {
 
 impl Workspace {
     /// Forgets the recording that went before: the next row is the first one of another.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         // Before the first block of rows nothing is remembered.
         if self.bank.n_done() == 0 {
             return;
@@ -56,7 +54,7 @@ mod tests {
     #[test]
     fn memory_of_another_design_changes_nothing() {
         let (n_samples, n_axes) = (60, 2);
-        let scales = Scales::unit(n_bands(n_samples), n_axes);
+        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
         let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
         let designs: Vec<_> = (1..1 << Block::NAMED.len())
             .map(|blocks| {
@@ -64,7 +62,8 @@ mod tests {
                 MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
             })
             .collect();
-        let short = MultiBand::new(MultiBandSpec::default(), 7, n_axes, &Scales::unit(n_bands(7), n_axes));
+        let short =
+            MultiBand::new(MultiBandSpec::default(), 7, n_axes, &Scales::unit(n_bands(7), n_axes).unwrap());
         let extract = |design: &MultiBand, mut work: Workspace| {
             let mut out = vec![f64::NAN; design.n_features()];
             design.extract_into(&rows, &mut work, &mut out).unwrap();
@@ -72,10 +71,10 @@ mod tests {
         };
         let short = short.unwrap();
         for design in &designs {
-            let own = extract(design, design.workspace());
+            let own = extract(design, design.workspace().unwrap());
             assert!(own.iter().all(|feature| feature.is_finite()));
             for other in designs.iter().chain([&short]) {
-                assert_eq!(extract(design, other.workspace()), own);
+                assert_eq!(extract(design, other.workspace().unwrap()), own);
             }
         }
     }
@@ -83,10 +82,10 @@ mod tests {
     #[test]
     fn work_is_done_while_rows_arrive_and_never_much_at_a_time() {
         let (n_samples, n_axes) = (1000, 2);
-        let scales = Scales::unit(n_bands(n_samples), n_axes);
+        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
         let design = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &scales).unwrap();
         let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
-        let mut work = design.workspace();
+        let mut work = design.workspace().unwrap();
         for n_seen in 1..=n_samples {
             design.advance(&rows[..n_seen * n_axes], &mut work, 1).unwrap();
             assert_eq!(work.bank.n_done(), n_seen / 64 * 64);

@@ -2,13 +2,15 @@
 
 use std::fmt;
 
+use crate::error::Error;
+
 /// Characters of a cell that a message shows.
 const SHOWN: usize = 40;
 
 /// Where and why a text is no table of numbers.
 ///
 /// Not a variant of [`Error`](crate::Error), which is about arguments: a file has places.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("row {row}{}: {kind}", .column.map(|column| format!(", column {column}")).unwrap_or_default())]
 pub struct Fault {
     /// The row, from 0; as all rows before it were read, also the number of line ends before it.
@@ -20,7 +22,7 @@ pub struct Fault {
 }
 
 /// What is wrong with a row or a cell.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Kind {
     /// The text has no row at all.
@@ -50,6 +52,8 @@ pub enum Kind {
         /// The cell without the blanks around it.
         cell: Vec<u8>,
     },
+    /// No memory for the numbers of the whole table.
+    Memory(Error),
 }
 
 impl fmt::Display for Kind {
@@ -68,6 +72,7 @@ impl fmt::Display for Kind {
                 write!(f, "{} is not a plain decimal number{}", shown(cell), remark(cell))
             }
             Self::TooLarge { cell } => write!(f, "{} is too large for float64", shown(cell)),
+            Self::Memory(error) => error.fmt(f),
         }
     }
 }

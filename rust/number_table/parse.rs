@@ -3,6 +3,7 @@
 use lexical_parse_float::FromLexical;
 
 use super::fault::{Fault, Kind};
+use crate::memory::reserved;
 
 /// Longest line without its end: seven numbers of 25 characters need 181 bytes.
 pub const MAX_LINE_BYTES: usize = 4096;
@@ -30,7 +31,8 @@ pub fn parse(text: &[u8], n_columns: usize) -> Result<Vec<f64>, Fault> {
     let rows = 1 + text.iter().map(|byte| usize::from(*byte == b'\n')).sum::<usize>();
     // A cell and its separator are two bytes: a text of bare line ends asks for no more than it could hold.
     let cells = rows.saturating_mul(n_columns).min(text.len() / 2 + 1);
-    let mut values = Vec::with_capacity(cells);
+    let mut values =
+        reserved(cells).map_err(|error| Fault { row: 0, column: None, kind: Kind::Memory(error) })?;
     let mut at = 0;
     for row in 0..rows {
         at = parse_row(text, at, n_columns, &mut values)

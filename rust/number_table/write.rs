@@ -5,6 +5,9 @@ use crate::error::{Error, Result};
 /// Bytes to make room for per cell: a float64 of any history needs 17 digits.
 const TYPICAL: usize = 20;
 
+/// Bytes of the longest cell and what follows it.
+const LONGEST: usize = 25;
+
 /// A column of a table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Column<'a> {
@@ -41,9 +44,11 @@ pub fn write(columns: &[Column<'_>]) -> Result<String> {
             return Err(Error::Length { what: "each column", expected: rows, got: column.len() });
         }
     }
-    let mut text = String::with_capacity(rows.saturating_mul(columns.len()).saturating_mul(TYPICAL));
+    let mut text = String::new();
+    reserve(&mut text, rows.saturating_mul(columns.len()).saturating_mul(TYPICAL))?;
     let mut digits = zmij::Buffer::new();
     for row in 0..rows {
+        reserve(&mut text, columns.len() * LONGEST)?;
         for (index, column) in columns.iter().enumerate() {
             if index > 0 {
                 text.push(',');
@@ -61,6 +66,11 @@ pub fn write(columns: &[Column<'_>]) -> Result<String> {
         text.push('\n');
     }
     Ok(text)
+}
+
+/// Makes room for more text.
+fn reserve(text: &mut String, bytes: usize) -> Result<()> {
+    text.try_reserve(bytes).map_err(|_| Error::Memory { bytes })
 }
 
 #[cfg(test)]

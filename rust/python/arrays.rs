@@ -1,12 +1,20 @@
-//! Anything array-like as a float64 array of our own, or an exception that names the argument.
+//! Anything array-like as a float64 array of our own, or an exception that names the argument; arrays that stay as they are.
+//!
+//! The rule of every binding: first whatever may run Python (conversion of arrays and scalars, new arrays, warnings), then
+//! [`readable`] and [`writable`], then shapes, slices and the work. From a borrow on nothing runs Python.
+
+use std::ops::{Deref, DerefMut};
 
 use numpy::{
-    get_array_module, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
-    PyUntypedArrayMethods,
+    get_array_module, BorrowError, Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods,
+    PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple, PyWeakrefReference};
+
+use crate::memory::{collected, room};
+use crate::BatchShape;
 
 /// A C-ordered, aligned float64 copy of real numbers that nothing else refers to: safe to change without the GIL.
 pub(super) fn owned_real<'py>(
@@ -38,18 +46,122 @@ pub(super) fn contiguous_real<'py>(
 /// An array that needs no conversion, found without a call into numpy: a stream is pushed row by row.
 fn ready<'py>(value: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArrayDyn<f64>>> {
     let array = value.cast_exact::<PyUntypedArray>().ok()?.cast::<PyArrayDyn<f64>>().ok()?;
-    let aligned = array.data().addr().is_multiple_of(align_of::<f64>());
-    (aligned && array.is_c_contiguous()).then(|| array.clone())
+    (is_aligned(array) && array.is_c_contiguous()).then(|| array.clone())
 }
 
-/// The right to read an array, unless another call is writing to it.
+fn is_aligned<T: Element>(array: &Bound<'_, PyArrayDyn<T>>) -> bool {
+    array.data().addr().is_multiple_of(align_of::<T>())
+}
+
+/// A new array of zeros; a `MemoryError` where there is no room for it.
+pub(super) fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+    let bytes = shape.iter().fold(size_of::<f64>(), |bytes, n| bytes.saturating_mul(*n));
+    room(bytes)?;
+    let arguments = (PyTuple::new(py, shape)?, numpy::dtype::<f64>(py));
+    Ok(get_array_module(py)?.call_method1("zeros", arguments)?.cast_into()?)
+}
+
+/// Some numbers as a new array; a `MemoryError` where there is no room for it.
+pub(super) fn copied<'py, T: Element + Copy>(
+    py: Python<'py>,
+    values: &[T],
+) -> PyResult<Bound<'py, PyArray1<T>>> {
+    Ok(PyArray1::from_vec(py, collected(values.iter().copied())?))
+}
+
+/// A borrowed array whose memory stays where it is, whatever others do: numpy resizes no array that a weak reference points
+/// to. It would under an exported buffer, where `refcheck` is false.
+pub(super) struct Held<'py, B> {
+    borrowed: B,
+    _owner: Bound<'py, PyWeakrefReference>,
+}
+
+impl<'py, B> Held<'py, B> {
+    /// Holds the memory of an array, then borrows it.
+    fn new<T: Element>(
+        array: &Bound<'py, PyArrayDyn<T>>,
+        borrow: impl FnOnce() -> PyResult<B>,
+    ) -> PyResult<Self> {
+        // The memory of a view is that of the last array behind it.
+        let mut owner = array.as_any().clone();
+        while let Ok(base) = owner.getattr("base")?.cast_into::<PyUntypedArray>() {
+            owner = base.into_any();
+        }
+        let owner = PyWeakrefReference::new(&owner)?;
+        Ok(Self { borrowed: borrow()?, _owner: owner })
+    }
+}
+
+impl<B> Deref for Held<'_, B> {
+    type Target = B;
+
+    fn deref(&self) -> &B {
+        &self.borrowed
+    }
+}
+
+impl<B> DerefMut for Held<'_, B> {
+    fn deref_mut(&mut self) -> &mut B {
+        &mut self.borrowed
+    }
+}
+
+/// The right to read an array of [`contiguous_real`], unless another call is writing to it.
 pub(super) fn readable<'py>(
     array: &Bound<'py, PyArrayDyn<f64>>,
     name: &str,
-) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
-    array
-        .try_readonly()
-        .map_err(|_| PyValueError::new_err(format!("{name} must not be written by another call meanwhile")))
+) -> PyResult<Held<'py, PyReadonlyArrayDyn<'py, f64>>> {
+    let wrong = |what| PyValueError::new_err(format!("{name} must not be {what} by another call meanwhile"));
+    Held::new(array, || {
+        // What ran since may have given it another type or layout.
+        let same = array.as_untyped().cast::<PyArrayDyn<f64>>().is_ok();
+        if !(same && is_aligned(array) && array.is_c_contiguous()) {
+            return Err(wrong("changed"));
+        }
+        array.try_readonly().map_err(|_| wrong("written"))
+    })
+}
+
+/// The right to write to `out`, if that cannot harm anyone.
+pub(super) fn writable<'py, T: Element>(
+    out: &Bound<'py, PyArrayDyn<T>>,
+    name: &str,
+    inputs: &[&[f64]],
+) -> PyResult<Held<'py, PyReadwriteArrayDyn<'py, T>>> {
+    Held::new(out, || {
+        if !out.is_c_contiguous() {
+            return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
+        }
+        if !is_aligned(out) {
+            return Err(PyValueError::new_err("out must be aligned, got an array at an odd address"));
+        }
+        // Views of the same memory by way of different objects: the borrow below knows nothing of each other's.
+        let start = out.data().addr();
+        let end = start + out.len() * size_of::<T>();
+        for read in inputs.iter().map(|input| input.as_ptr_range()) {
+            if start < read.end.addr() && read.start.addr() < end {
+                return Err(PyValueError::new_err(format!("out must not overlap {name}")));
+            }
+        }
+        out.try_readwrite().map_err(|error| {
+            PyValueError::new_err(match error {
+                BorrowError::NotWriteable => "out must be writable, got a read-only array",
+                _ => "out must not be in use by another call",
+            })
+        })
+    })
+}
+
+/// Recordings `(n_recordings, n_samples, n_axes)`, or a single one without the first dimension; and whether it is one.
+pub(super) fn recordings(array: &Bound<'_, PyArrayDyn<f64>>, name: &str) -> PyResult<(BatchShape, bool)> {
+    match *array.shape() {
+        [n_samples, n_axes] => Ok((BatchShape { n_recordings: 1, n_samples, n_axes }, true)),
+        [n_recordings, n_samples, n_axes] => Ok((BatchShape { n_recordings, n_samples, n_axes }, false)),
+        _ => Err(PyValueError::new_err(format!(
+            "{name} must have shape (n_samples, n_axes) or (n_recordings, n_samples, n_axes), got shape {}",
+            tuple(array.shape())
+        ))),
+    }
 }
 
 /// True for numpy's masked arrays, whose gaps a plain array would show as numbers.

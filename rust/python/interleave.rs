@@ -1,21 +1,32 @@
 //! Columns of a table as samples: unpack, call, map the error.
 
-use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use super::arrays::tuple;
-use super::features::writable;
+use super::arrays::{readable, tuple, writable};
+use super::pool::work_on;
 use super::scalars::shown;
+use crate::memory::reserved;
 
 /// Puts n columns of float64, shape (T,), side by side into `out`, shape (T, n); tells whether all values are finite.
 #[pyfunction]
 pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<bool> {
-    let columns = columns.iter().map(readable).collect::<PyResult<Vec<_>>>()?;
-    let mut slices = Vec::with_capacity(columns.len());
-    for column in &columns {
-        slices.push(column.as_slice().map_err(|_| PyValueError::new_err("columns must be contiguous"))?);
+    let mut held = reserved(columns.len())?;
+    for column in columns {
+        let column = column.cast_into::<PyArray1<f64>>().map_err(|error| {
+            let came = shown(&error.into_inner());
+            PyTypeError::new_err(format!("each column must be a 1-D array of float64, got {came}"))
+        })?;
+        if !column.is_c_contiguous() {
+            return Err(PyValueError::new_err("columns must be contiguous"));
+        }
+        held.push(readable(column.to_dyn(), "columns")?);
+    }
+    let mut slices = reserved(held.len())?;
+    for column in &held {
+        slices.push(column.as_slice()?);
     }
     let wanted = [slices.first().map_or(0, |slice| slice.len()), slices.len()];
     if out.shape() != wanted {
@@ -27,15 +38,5 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
     }
     let mut samples = writable(out, "columns", &slices)?;
     let samples = samples.as_slice_mut()?;
-    Ok(out.py().detach(|| crate::interleave(&slices, samples))?)
-}
-
-fn readable(column: Bound<'_, PyAny>) -> PyResult<PyReadonlyArray1<'_, f64>> {
-    let array = column.cast_into::<PyArray1<f64>>().map_err(|error| {
-        let came = shown(&error.into_inner());
-        PyTypeError::new_err(format!("each column must be a 1-D array of float64, got {came}"))
-    })?;
-    array
-        .try_readonly()
-        .map_err(|_| PyValueError::new_err("columns must not be written by another call meanwhile"))
+    Ok(work_on(out.py(), samples.len(), || crate::interleave(&slices, samples))?)
 }

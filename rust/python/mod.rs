@@ -17,7 +17,8 @@ mod stream;
 
 use pyo3::prelude::*;
 
-#[pymodule]
+// Not tested without the GIL: streams and buffers are locked under it.
+#[pymodule(gil_used = true)]
 mod _core {
     use pyo3::prelude::*;
     use pyo3::types::{IntoPyDict, PyTuple};
@@ -55,7 +56,10 @@ mod _core {
         module.add("RDT_PORT", crate::rdt::PORT)?;
         let limits = (crate::rdt::COUNTS_PER_NEWTON, crate::rdt::COUNTS_PER_NEWTON_METRE);
         module.add("RDT_SCALE_LIMITS", limits)?;
-        module.add("SIMD", crate::Path::detect().name())?;
+        module.add("SIMD", crate::Path::detect()?.name())?;
+        // Found out here: a process that is forked while another thread is finding out would wait for it for ever.
+        crate::pool::cores();
+        let _ = crate::buffer::host_ns();
         module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
         module.add("SAMPLE_FLAGS", crate::wrench::SAMPLE_FLAGS.into_py_dict(module.py())?)?;
         module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)

@@ -7,7 +7,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyList};
 
 use super::scalars::shown;
-use crate::number_table::{parse, write, Column, Fault};
+use crate::memory::{collected, reserved};
+use crate::number_table::{parse, write, Column, Fault, Kind};
 
 create_exception!(
     granular_id._core,
@@ -18,7 +19,10 @@ create_exception!(
 
 impl From<Fault> for PyErr {
     fn from(fault: Fault) -> Self {
-        NumberTableError::new_err((fault.row, fault.column, fault.kind.to_string()))
+        match fault.kind {
+            Kind::Memory(error) => error.into(),
+            kind => NumberTableError::new_err((fault.row, fault.column, kind.to_string())),
+        }
     }
 }
 
@@ -40,10 +44,21 @@ pub(super) fn parse_number_table<'py>(
 #[pyfunction]
 pub(super) fn write_number_table<'py>(columns: &Bound<'py, PyList>) -> PyResult<Bound<'py, PyBytes>> {
     let py = columns.py();
-    let columns = columns.iter().map(|column| Owned::new(&column)).collect::<PyResult<Vec<_>>>()?;
-    let columns: Vec<_> = columns.iter().map(Owned::borrow).collect();
+    let mut owned = reserved(columns.len())?;
+    for column in columns {
+        owned.push(Owned::new(&column)?);
+    }
+    let columns = collected(owned.iter().map(Owned::borrow))?;
     let text = py.detach(|| write(&columns))?;
-    Ok(PyBytes::new(py, text.as_bytes()))
+    bytes(py, text.as_bytes())
+}
+
+/// Bytes of Python; a `MemoryError` where there is no room for them.
+pub(super) fn bytes<'py>(py: Python<'py>, from: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+    PyBytes::new_with(py, from.len(), |bytes| {
+        bytes.copy_from_slice(from);
+        Ok(())
+    })
 }
 
 /// A column copied from an array of any layout, which other threads may change meanwhile.
@@ -55,9 +70,9 @@ enum Owned {
 impl Owned {
     fn new(column: &Bound<'_, PyAny>) -> PyResult<Self> {
         if let Ok(column) = column.extract::<PyReadonlyArray1<'_, f64>>() {
-            Ok(Self::Numbers(column.as_array().to_vec()))
+            Ok(Self::Numbers(collected(column.as_array().iter().copied())?))
         } else if let Ok(column) = column.extract::<PyReadonlyArray1<'_, u8>>() {
-            Ok(Self::Whole(column.as_array().to_vec()))
+            Ok(Self::Whole(collected(column.as_array().iter().copied())?))
         } else {
             Err(PyTypeError::new_err(format!(
                 "each column must be a 1-D array of float64 or uint8, got {}",

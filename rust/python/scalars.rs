@@ -2,6 +2,7 @@
 
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 
 /// A real number.
 pub(super) fn number(value: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
@@ -56,12 +57,13 @@ pub(super) fn flag(value: &Bound<'_, PyAny>, name: &str) -> PyResult<bool> {
 
 /// One of some words.
 pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str, T)]) -> PyResult<T> {
-    let text = value.extract::<String>().ok();
-    if let Some((_, meaning)) = words.iter().find(|(word, _)| text.as_deref() == Some(*word)) {
+    // Looked at where it is: it may be of any length.
+    let text = value.cast::<PyString>().ok().and_then(|text| text.to_str().ok());
+    if let Some((_, meaning)) = words.iter().find(|(word, _)| text == Some(*word)) {
         return Ok(*meaning);
     }
     let message = format!("{name} must be {}, got {}", crate::names::listed(words), shown(value));
-    if value.is_instance_of::<pyo3::types::PyString>() {
+    if value.is_instance_of::<PyString>() {
         Err(PyValueError::new_err(message))
     } else {
         Err(PyTypeError::new_err(message))
@@ -71,9 +73,9 @@ pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str
 /// How Python shows a value and its type; only the type where the value is long or cannot be shown.
 pub(super) fn shown(value: &Bound<'_, PyAny>) -> String {
     let kind = value.get_type().name().map_or_else(|_| "object".to_owned(), |name| name.to_string());
-    let text = value.repr().and_then(|repr| repr.to_str().map(ToOwned::to_owned));
-    match text {
-        Ok(text) if text.chars().count() <= 60 => format!("{text} ({kind})"),
+    let text = value.repr();
+    match text.as_ref().map(|text| text.to_str()) {
+        Ok(Ok(text)) if text.chars().take(61).count() <= 60 => format!("{text} ({kind})"),
         _ => kind,
     }
 }

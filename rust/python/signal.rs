@@ -5,11 +5,9 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
 use super::arrays::{axis_index, owned_real, tuple};
+use super::pool::work_on;
 use crate::sosfilt::default_padlen;
 use crate::{AlongAxis, Band, Padding, Result, Sos};
-
-/// Values from which on the GIL is released: below, handing it over costs more than the filter.
-const LARGE: usize = 1 << 12;
 
 /// A float64 array of any rank.
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -79,7 +77,8 @@ pub(super) fn sosfilt<'py>(
 pub(super) fn sosfilt_zi<'py>(sos: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let py = sos.py();
     let states = sections(sos)?.steady_state()?;
-    PyArray::from_slice(py, states.as_flattened()).reshape([states.len(), 2])
+    let n = states.len();
+    PyArray::from_vec(py, states.into_flattened()).reshape([n, 2])
 }
 
 /// Filters along an axis, forward and backward.
@@ -94,9 +93,9 @@ pub(super) fn sosfiltfilt<'py>(
     padlen: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Array<'py>> {
     let sos = sections(sos)?;
-    let (y, _, along) = signal(x, axis)?;
     let padding = padding(padtype)?;
     let padlen = padlen.map_or_else(|| Ok(default_padlen(&sos)), padding_length)?;
+    let (y, _, along) = signal(x, axis)?;
     filter(py, &y, |y| crate::sosfiltfilt(&sos, y, along, padding, padlen))?;
     Ok(y)
 }
@@ -128,7 +127,7 @@ fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Arr
 fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<()> + Send) -> PyResult<()> {
     let mut borrowed = y.try_readwrite()?;
     let y = borrowed.as_slice_mut()?;
-    Ok(if y.len() < LARGE { run(y) } else { py.detach(|| run(y)) }?)
+    Ok(work_on(py, y.len(), || run(y))?)
 }
 
 fn padding(padtype: &Bound<'_, PyAny>) -> PyResult<Padding> {

@@ -4,6 +4,7 @@ use super::window::Window;
 use super::windows::Windows;
 use crate::error::Result;
 use crate::lanes::Path;
+use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::multiband::{MultiBand, Workspace};
 
@@ -22,10 +23,10 @@ impl Banded {
     pub(super) fn new(model: &Model, multiband: &MultiBand, windows: Windows) -> Result<Self> {
         Ok(Self {
             window: Window::new(windows)?,
-            work: multiband.workspace(),
-            features: vec![0.0; multiband.n_features()],
-            sums: vec![0.0; model.lanes()],
-            path: Path::detect(),
+            work: multiband.workspace()?,
+            features: filled(0.0, multiband.n_features())?,
+            sums: filled(0.0, model.lanes())?,
+            path: Path::detect()?,
             multiband: multiband.clone(),
         })
     }

@@ -1,7 +1,9 @@
 //! Histograms of the samples of a window, as they come and go.
 
+use crate::error::Result;
 use crate::features::Extractor;
 use crate::histogram::{Outside, UniformBins, MAX_BINS};
+use crate::memory::filled;
 
 /// The cell of a value that is not counted.
 const NONE: u16 = u16::MAX;
@@ -22,8 +24,9 @@ pub(super) struct Counts {
 
 impl Counts {
     /// Empty histograms for rows in slots `0..n_slots`.
-    pub(super) fn new(n_slots: usize, n_axes: usize, n_bins: usize) -> Self {
-        Self { n_axes, n_bins, histograms: vec![0; n_axes * n_bins], cells: vec![NONE; n_slots * n_axes] }
+    pub(super) fn new(n_slots: usize, n_axes: usize, n_bins: usize) -> Result<Self> {
+        let (histograms, cells) = (filled(0, n_axes * n_bins)?, filled(NONE, n_slots * n_axes)?);
+        Ok(Self { n_axes, n_bins, histograms, cells })
     }
 
     pub(super) fn clear(&mut self) {

@@ -5,6 +5,7 @@ use super::raw::RawSamples;
 use super::windows::Windows;
 use crate::error::{Error, Result};
 use crate::features::Extractor;
+use crate::memory::filled;
 use crate::state::SosState;
 
 /// Rows that are filtered before they are counted.
@@ -69,15 +70,15 @@ impl StreamingExtractor {
         windows.check(spec.n_bins)?;
         extractor.check_size(n_samples, n_axes)?;
         let n_features = extractor.n_features(n_samples, n_axes)?;
-        let filter = SosState::zero(extractor.sos(), n_axes);
+        let filter = SosState::zero(extractor.sos(), n_axes)?;
         Ok(Self {
             windows,
             n_features,
-            raw: spec.raw.then(|| RawSamples::new(n_samples, n_axes)),
-            counts: spec.hfmh.then(|| Counts::new(n_samples, n_axes, spec.n_bins)),
-            filter_before: filter.clone(),
+            raw: spec.raw.then(|| RawSamples::new(n_samples, n_axes)).transpose()?,
+            counts: spec.hfmh.then(|| Counts::new(n_samples, n_axes, spec.n_bins)).transpose()?,
+            filter_before: SosState::zero(extractor.sos(), n_axes)?,
             filter,
-            chunk: vec![0.0; CHUNK.min(n_samples) * n_axes],
+            chunk: filled(0.0, CHUNK.min(n_samples) * n_axes)?,
             first: 0,
             place: Place::default(),
             first_row: 0,

@@ -6,6 +6,7 @@ use super::settled::Race;
 use super::windows::Windows;
 use crate::error::Result;
 use crate::lanes::Path;
+use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::Extractor;
 
@@ -31,14 +32,14 @@ impl Growing {
         let lanes = model.lanes();
         Ok(Self {
             stream: StreamingExtractor::new(extractor, windows)?,
-            outlook: Outlook::new(model, extractor),
-            path: Path::detect(),
-            raw: vec![0.0; lanes],
-            row: vec![0.0; model.n_axes()],
-            values: vec![0.0; model.n_features() - model.n_raw()],
-            sums: vec![0.0; lanes],
-            low: vec![0.0; lanes],
-            high: vec![0.0; lanes],
+            outlook: Outlook::new(model, extractor)?,
+            path: Path::detect()?,
+            raw: filled(0.0, lanes)?,
+            row: filled(0.0, model.n_axes())?,
+            values: filled(0.0, model.n_features() - model.n_raw())?,
+            sums: filled(0.0, lanes)?,
+            low: filled(0.0, lanes)?,
+            high: filled(0.0, lanes)?,
             race: Race::new(model),
         })
     }

@@ -6,6 +6,7 @@ use super::banded::Banded;
 use super::growing::Growing;
 use super::windows::Windows;
 use crate::error::Result;
+use crate::memory::filled;
 use crate::model::{best_and_margin, Extraction, Model};
 
 /// Names the material while its samples arrive.
@@ -77,7 +78,7 @@ impl StreamingIdentifier {
         Ok(Self {
             way,
             is_fresh: false,
-            scores: vec![0.0; model.n_learners()],
+            scores: filled(0.0, model.n_learners())?,
             losses: vec![0.0; model.classes().len()],
             model,
         })

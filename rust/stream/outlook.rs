@@ -1,8 +1,10 @@
 //! What samples that have not arrived yet can add to the scores.
 
 use super::counts::Counts;
+use crate::error::Result;
 use crate::histogram::Outside;
 use crate::lanes::Path;
+use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::Extractor;
 
@@ -46,15 +48,15 @@ pub(super) struct SoFar<'a> {
 }
 
 impl Outlook {
-    pub(super) fn new(model: &Model, extractor: &Extractor) -> Self {
-        let mean = model.raw_mean().map_or(Vec::new(), |mean| {
+    pub(super) fn new(model: &Model, extractor: &Extractor) -> Result<Self> {
+        let mean = model.raw_mean().map_or(Ok(Vec::new()), |mean| {
             suffix_sums(model, |feature| {
                 let mean = mean[feature];
                 move |weight| weight * mean
             })
-        });
-        let limits = Limits::new(model, extractor);
-        Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits }
+        })?;
+        let limits = Limits::new(model, extractor)?;
+        Ok(Self { lanes: model.lanes(), n_samples: model.n_samples(), mean, limits })
     }
 
     /// What samples from `n_seen` on are expected to add; nothing for a model that knows no mean.
@@ -136,21 +138,21 @@ impl Future {
 
 impl Limits {
     /// `None` for a model with raw features of unknown range.
-    fn new(model: &Model, extractor: &Extractor) -> Option<Self> {
+    fn new(model: &Model, extractor: &Extractor) -> Result<Option<Self>> {
         let range = model.raw_range();
         if range.is_none() && model.n_raw() > 0 {
-            return None;
+            return Ok(None);
         }
         let lanes = model.lanes();
         let spec = extractor.spec();
         let n_axes = if spec.hfmh { model.n_axes() } else { 0 };
         let (mut bin_low, mut bin_high) =
-            (vec![f64::INFINITY; n_axes * lanes], vec![f64::NEG_INFINITY; n_axes * lanes]);
+            (filled(f64::INFINITY, n_axes * lanes)?, filled(f64::NEG_INFINITY, n_axes * lanes)?);
         let (raw_low, raw_high, mut magnitude) = match range {
             Some((low, high)) => (
-                suffix_sums(model, |i| move |weight| (weight * low[i]).min(weight * high[i])),
-                suffix_sums(model, |i| move |weight| (weight * low[i]).max(weight * high[i])),
-                suffix_sums(model, |i| move |weight: f64| weight.abs() * low[i].abs().max(high[i].abs())),
+                suffix_sums(model, |i| move |weight| (weight * low[i]).min(weight * high[i]))?,
+                suffix_sums(model, |i| move |weight| (weight * low[i]).max(weight * high[i]))?,
+                suffix_sums(model, |i| move |weight: f64| weight.abs() * low[i].abs().max(high[i].abs()))?,
             ),
             None => (Vec::new(), Vec::new(), Vec::new()),
         };
@@ -175,14 +177,14 @@ impl Limits {
         }
         // Two roundings per feature in a score, as many in these bounds, and then some.
         let rounding = (4 * model.n_features() + 64) as f64 * f64::EPSILON;
-        Some(Self { raw_low, raw_high, bin_low, bin_high, magnitude, rounding })
+        Ok(Some(Self { raw_low, raw_high, bin_low, bin_high, magnitude, rounding }))
     }
 }
 
 /// Row `t` of the result: the sum over raw samples from `t` on of a term for each weight, which `of` gives for a feature.
-fn suffix_sums<T: Fn(f64) -> f64>(model: &Model, of: impl Fn(usize) -> T) -> Vec<f64> {
+fn suffix_sums<T: Fn(f64) -> f64>(model: &Model, of: impl Fn(usize) -> T) -> Result<Vec<f64>> {
     let (lanes, n_samples) = (model.lanes(), model.n_samples());
-    let mut sums = vec![0.0; (n_samples + 1) * lanes];
+    let mut sums = filled(0.0, (n_samples + 1).saturating_mul(lanes))?;
     for t in (0..n_samples).rev() {
         let (here, later) = sums[t * lanes..].split_at_mut(lanes);
         here.copy_from_slice(&later[..lanes]);
@@ -193,5 +195,5 @@ fn suffix_sums<T: Fn(f64) -> f64>(model: &Model, of: impl Fn(usize) -> T) -> Vec
             }
         }
     }
-    sums
+    Ok(sums)
 }

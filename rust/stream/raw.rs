@@ -1,5 +1,8 @@
 //! The samples of a window, axis by axis as the features want them.
 
+use crate::error::Result;
+use crate::memory::filled;
+
 /// A ring per axis: `values[axis * n_slots + slot]`.
 #[derive(Clone, Debug)]
 pub(super) struct RawSamples {
@@ -8,8 +11,8 @@ pub(super) struct RawSamples {
 }
 
 impl RawSamples {
-    pub(super) fn new(n_slots: usize, n_axes: usize) -> Self {
-        Self { n_slots, values: vec![0.0; n_slots * n_axes] }
+    pub(super) fn new(n_slots: usize, n_axes: usize) -> Result<Self> {
+        Ok(Self { n_slots, values: filled(0.0, n_slots * n_axes)? })
     }
 
     /// Keeps a row under a slot.

@@ -2,6 +2,7 @@
 
 use super::windows::Windows;
 use crate::error::{Error, Result};
+use crate::memory::filled;
 
 /// Keeps the rows of a window in the order in which they came. Allocates nothing once it is made.
 #[derive(Clone, Debug)]
@@ -19,7 +20,7 @@ impl Window {
     /// A window before its first row.
     pub(super) fn new(windows: Windows) -> Result<Self> {
         windows.check(1)?;
-        let values = vec![0.0; windows.n_samples * windows.n_axes];
+        let values = filled(0.0, windows.n_samples * windows.n_axes)?;
         Ok(Self { windows, values, n_seen: 0, ahead: 0, first_row: 0 })
     }
 

@@ -4,6 +4,8 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
 use crate::buffer::{BufferedRow, Reader};
+use crate::memory::reserved;
+use crate::Result;
 
 /// Consecutive rows of one epoch, as arrays of their own.
 ///
@@ -55,21 +57,24 @@ pub(super) struct Columns {
     host_ns: Vec<u64>,
     flags: Vec<u8>,
     missing_before: Vec<u32>,
+    /// Empty, with room.
+    time_s: Vec<f64>,
     epoch: u32,
     missed: u64,
 }
 
 impl Columns {
     /// All rows not yet read, up to `max_rows`.
-    pub(super) fn read(reader: &mut Reader, max_rows: Option<usize>) -> Self {
+    pub(super) fn read(reader: &mut Reader, max_rows: Option<usize>) -> Result<Self> {
         let ahead = usize::try_from(reader.n_ahead()).unwrap_or(usize::MAX).min(reader.capacity());
         let n_rows = max_rows.map_or(ahead, |max_rows| max_rows.min(ahead));
         let mut columns = Self {
-            wrench: Vec::with_capacity(6 * n_rows),
-            ticks: Vec::with_capacity(n_rows),
-            host_ns: Vec::with_capacity(n_rows),
-            flags: Vec::with_capacity(n_rows),
-            missing_before: Vec::with_capacity(n_rows),
+            wrench: reserved(6 * n_rows)?,
+            ticks: reserved(n_rows)?,
+            host_ns: reserved(n_rows)?,
+            flags: reserved(n_rows)?,
+            missing_before: reserved(n_rows)?,
+            time_s: reserved(n_rows)?,
             ..Self::default()
         };
         let taken = reader.read_each(n_rows, |row| columns.push(row));
@@ -77,7 +82,7 @@ impl Columns {
         if taken.n_rows == 0 {
             columns.epoch = reader.latest().map_or(0, |row| row.epoch);
         }
-        columns
+        Ok(columns)
     }
 
     pub(super) fn one(row: &BufferedRow) -> Self {
@@ -97,12 +102,12 @@ impl Columns {
 }
 
 impl PyBlock {
-    pub(super) fn new(py: Python<'_>, columns: Columns, tick_hz: f64) -> PyResult<Self> {
+    pub(super) fn new(py: Python<'_>, mut columns: Columns, tick_hz: f64) -> PyResult<Self> {
         let n_rows = columns.ticks.len();
-        let time_s = columns.ticks.iter().map(|ticks| *ticks as f64 / tick_hz).collect();
+        columns.time_s.extend(columns.ticks.iter().map(|ticks| *ticks as f64 / tick_hz));
         Ok(Self {
             wrench: PyArray1::from_vec(py, columns.wrench).reshape([n_rows, 6])?.unbind(),
-            time_s: PyArray1::from_vec(py, time_s).unbind(),
+            time_s: PyArray1::from_vec(py, columns.time_s).unbind(),
             ticks: PyArray1::from_vec(py, columns.ticks).unbind(),
             host_ns: PyArray1::from_vec(py, columns.host_ns).unbind(),
             flags: PyArray1::from_vec(py, columns.flags).unbind(),

@@ -39,7 +39,8 @@ impl PyWrenchBuffer {
         self.input().writer = Some(writer);
     }
 
-    /// Nothing that runs under this lock panics half-way or waits for Python.
+    /// Locked for moments only and never without the GIL, so that no fork finds it locked. Nothing that runs under this lock
+    /// panics half-way.
     pub(super) fn input(&self) -> MutexGuard<'_, Input> {
         self.input.lock().unwrap_or_else(PoisonError::into_inner)
     }

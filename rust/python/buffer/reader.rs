@@ -53,7 +53,7 @@ impl PyWrenchReader {
     #[pyo3(signature = (max_rows=None))]
     fn read(&self, py: Python<'_>, max_rows: Option<&Bound<'_, PyAny>>) -> PyResult<PyBlock> {
         let max_rows = max_rows.map(|value| count(value, "max_rows", usize::MAX)).transpose()?;
-        let columns = Columns::read(&mut self.reader(), max_rows);
+        let columns = Columns::read(&mut self.reader(), max_rows)?;
         PyBlock::new(py, columns, self.tick_hz)
     }
 
@@ -78,26 +78,26 @@ impl PyWrenchReader {
         }
         let start = Instant::now();
         loop {
-            let looked = py.detach(|| {
+            // A copy of the place: the lock is never held without the GIL, so that no fork finds it locked.
+            let reader = self.reader().clone();
+            if reader.n_ahead() > 0 {
+                return Ok(true);
+            }
+            let is_over = py.detach(|| {
                 let round = Instant::now();
-                loop {
-                    if self.reader().n_ahead() > 0 {
-                        return Some(true);
-                    }
+                while reader.n_ahead() == 0 && round.elapsed() < BETWEEN_SIGNALS {
                     let left_s = timeout_s - start.elapsed().as_secs_f64();
                     if left_s <= 0.0 {
-                        return Some(false);
-                    }
-                    if round.elapsed() >= BETWEEN_SIGNALS {
-                        return None;
+                        return true;
                     }
                     std::thread::sleep(
                         Duration::try_from_secs_f64(left_s).unwrap_or(self.pause).min(self.pause),
                     );
                 }
+                false
             });
-            if let Some(there) = looked {
-                return Ok(there);
+            if is_over {
+                return Ok(self.reader().n_ahead() > 0);
             }
             py.check_signals()?;
         }
@@ -116,7 +116,7 @@ impl PyWrenchReader {
         Self { reader: Mutex::new(reader), tick_hz, pause }
     }
 
-    /// Nothing that runs under this lock panics half-way or waits for Python.
+    /// Locked for moments only and never without the GIL. Nothing that runs under this lock panics half-way.
     fn reader(&self) -> MutexGuard<'_, Reader> {
         self.reader.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,15 +1,16 @@
 //! Rows as Python gives them.
 
 use numpy::{
-    get_array_module, PyArrayDescrMethods, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
+    get_array_module, PyArrayDescrMethods, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple};
+use super::super::arrays::{contiguous_real, readable, tuple, Held};
 use super::super::scalars::{shown, whole};
 use crate::buffer;
+use crate::memory::{collected, reserved};
 use crate::wrench::KNOWN_FLAGS;
 
 /// Ticks that a time may reach.
@@ -23,18 +24,12 @@ pub(super) struct GivenRow {
     pub(super) host_ns: u64,
 }
 
-/// Several rows, checked; they still belong to Python.
+/// Several rows, checked, which nothing else may write to.
 pub(super) struct Rows<'py> {
-    wrench: Bound<'py, PyArrayDyn<f64>>,
+    wrench: Held<'py, PyReadonlyArrayDyn<'py, f64>>,
     ticks: Option<Vec<u64>>,
     flags: Each<u8>,
     host_ns: Each<u64>,
-}
-
-/// The same rows while nothing else may write to them.
-pub(super) struct BorrowedRows<'a, 'py> {
-    wrench: PyReadonlyArrayDyn<'py, f64>,
-    rows: &'a Rows<'py>,
 }
 
 /// One value for all rows, or one for each.
@@ -71,19 +66,14 @@ impl<'py> Rows<'py> {
             Some(value) if is_one_per_row(value)? => Each::Row(host_times(value, n_rows)?),
             one => Each::All(host_time(one, "host_ns")?),
         };
+        let wrench = readable(&wrench, "wrench")?;
+        check_length(&wrench.shape()[..1], n_rows, "wrench")?;
         Ok(Self { wrench, ticks, flags, host_ns })
     }
 
-    pub(super) fn borrow(&self) -> PyResult<BorrowedRows<'_, 'py>> {
-        Ok(BorrowedRows { wrench: readable(&self.wrench, "wrench")?, rows: self })
-    }
-}
-
-impl BorrowedRows<'_, '_> {
     pub(super) fn given(&self) -> PyResult<impl Iterator<Item = GivenRow> + '_> {
-        let Rows { ticks, flags, host_ns, .. } = self.rows;
-        let wrench = self.wrench.as_slice()?.as_chunks().0;
-        Ok(wrench.iter().enumerate().map(move |(row, wrench)| GivenRow {
+        let Self { wrench, ticks, flags, host_ns } = self;
+        Ok(wrench.as_slice()?.as_chunks().0.iter().enumerate().map(move |(row, wrench)| GivenRow {
             wrench: *wrench,
             ticks: ticks.as_ref().map(|ticks| ticks[row]),
             flags: flags.at(row),
@@ -122,7 +112,17 @@ fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>
     let array = contiguous_real(t, "t")?;
     check_length(array.shape(), n_rows, "t")?;
     let array = readable(&array, "t")?;
-    array.as_slice()?.iter().enumerate().map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))).collect()
+    let ticks = array.as_slice()?.iter().enumerate();
+    checked(n_rows, ticks.map(|(row, t)| number_of_ticks(*t, tick_hz, Some(row))))
+}
+
+/// Values of all rows, or the first error.
+fn checked<T>(n_rows: usize, values: impl Iterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
+    let mut all = reserved(n_rows)?;
+    for value in values {
+        all.push(value?);
+    }
+    Ok(all)
 }
 
 /// Arrival of one row; now where none is given.
@@ -142,7 +142,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
     check_length(untyped.shape(), n_rows, "host_ns")?;
     if untyped.dtype().kind() != b'i' {
         let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
-        return Ok(whole.as_array().to_vec());
+        return Ok(collected(whole.as_array().iter().copied())?);
     }
     let signed: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
     let place = |(row, value): (usize, &i64)| {
@@ -150,7 +150,8 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
             PyValueError::new_err(format!("host_ns must not be negative, got {value} at row {row}"))
         })
     };
-    signed.as_array().iter().enumerate().map(place).collect()
+    let signed = signed.as_array();
+    checked(n_rows, signed.iter().enumerate().map(place))
 }
 
 /// The flags of one row.
@@ -182,7 +183,7 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> 
             ))
         })
     };
-    Ok(Each::Row(array.as_slice()?.iter().enumerate().map(known).collect::<PyResult<_>>()?))
+    Ok(Each::Row(checked(n_rows, array.as_slice()?.iter().enumerate().map(known))?))
 }
 
 /// True for a sequence or array; false for a single value, also in an array without dimensions.

@@ -6,6 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::buffer;
+use crate::memory::collected;
 
 create_exception!(
     granular_id.live,
@@ -16,7 +17,10 @@ create_exception!(
 
 impl From<buffer::WindowError> for PyErr {
     fn from(error: buffer::WindowError) -> Self {
-        WindowError::new_err(error.to_string())
+        match error {
+            buffer::WindowError::Memory(error) => error.into(),
+            error => WindowError::new_err(error.to_string()),
+        }
     }
 }
 
@@ -58,8 +62,8 @@ impl PyWindow {
     pub(super) fn new(py: Python<'_>, window: buffer::Window, tick_hz: f64) -> PyResult<Self> {
         let n_rows = window.ticks.len();
         let shape = (n_rows, window.mask.len());
-        let time_s = window.ticks.iter().map(|ticks| *ticks as f64 / tick_hz).collect();
-        let wrench = PyArray1::from_slice(py, window.wrench.as_flattened()).reshape([n_rows, 6])?;
+        let time_s = collected(window.ticks.iter().map(|ticks| *ticks as f64 / tick_hz))?;
+        let wrench = PyArray1::from_vec(py, window.wrench.into_flattened()).reshape([n_rows, 6])?;
         Ok(Self {
             wrench: wrench.unbind(),
             mask: PyArray1::from_vec(py, window.mask).unbind(),

@@ -179,7 +179,6 @@ impl PyWrenchBuffer {
         host_ns: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<u64> {
         let rows = Rows::new(wrench, t, flags, host_ns, self.tick_hz())?;
-        let rows = rows.borrow()?;
         let mut input = self.input();
         let (writer, clock) = input.writing()?;
         let before = self.reader.stats().written;

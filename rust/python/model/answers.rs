@@ -1,11 +1,11 @@
 //! Arrays through a model: recordings to scores, scores to losses.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple};
-use super::super::scalars::count;
+use super::super::arrays::{contiguous_real, readable, tuple, writable, zeros};
+use super::super::pool::{threads_for, work_on};
 use crate::Model;
 
 /// Scores (n, L) of recordings (n, `n_samples`, `n_axes`), or (1, L) of one.
@@ -15,6 +15,7 @@ pub(super) fn scores<'py>(
     threads: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let py = wrench.py();
+    let threads = threads_for(threads)?;
     let wrench = contiguous_real(wrench, "wrench")?;
     let wanted = [model.n_samples(), model.n_axes()];
     let n_recordings = match *wrench.shape() {
@@ -27,15 +28,16 @@ pub(super) fn scores<'py>(
                 )));
         }
     };
-    let threads = match threads {
-        Some(threads) => count(threads, "threads", usize::MAX)?,
-        None if n_recordings == 1 => 1,
-        None => crate::pool::cores(),
-    };
-    let values = readable(&wrench, "wrench")?;
-    let values = values.as_slice()?;
-    let scores = py.detach(|| model.scores(values, n_recordings, threads))?;
-    PyArray1::from_vec(py, scores).reshape([n_recordings, model.n_learners()])
+    let out = zeros(py, &[n_recordings, model.n_learners()])?;
+    {
+        let values = readable(&wrench, "wrench")?;
+        let values = values.as_slice()?;
+        let mut target = writable(&out, "wrench", &[values])?;
+        let target = target.as_slice_mut()?;
+        let threads = threads(n_recordings == 1);
+        work_on(py, values.len(), || model.scores_into(values, n_recordings, threads, target))?;
+    }
+    Ok(out.cast_into()?)
 }
 
 /// Mean losses (n, K) of scores (n, L) or (L,).
@@ -49,13 +51,20 @@ pub(super) fn losses<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult
             "scores must have shape (n, {n_learners}) or ({n_learners},), one per learner, got {got}"
         )));
     }
-    let scores = readable(&scores, "scores")?;
-    let scores = scores.as_slice()?;
-    let n_classes = model.classes().len();
-    let mut losses = vec![0.0; scores.len() / n_learners * n_classes];
-    let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
-    for (row, (scores, losses)) in rows.enumerate() {
-        model.decode(scores, losses).map_err(|error| error.later(row))?;
+    let (n_rows, n_classes) = (scores.len() / n_learners, model.classes().len());
+    let out = zeros(py, &[n_rows, n_classes])?;
+    {
+        let scores = readable(&scores, "scores")?;
+        let scores = scores.as_slice()?;
+        let mut losses = writable(&out, "scores", &[scores])?;
+        let losses = losses.as_slice_mut()?;
+        work_on(py, scores.len().max(losses.len()), || {
+            let mut rows =
+                scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes)).enumerate();
+            rows.try_for_each(|(row, (scores, losses))| {
+                model.decode(scores, losses).map_err(|error| error.later(row))
+            })
+        })?;
     }
-    PyArray1::from_vec(py, losses).reshape([scores.len() / n_learners, n_classes])
+    Ok(out.cast_into()?)
 }

@@ -8,6 +8,7 @@ use pyo3::exceptions::{PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::model::{Fault, FileFault};
+use crate::Error;
 
 create_exception!(
     granular_id._core,
@@ -19,13 +20,19 @@ create_exception!(
 /// Parts come from the caller, not from a file.
 #[allow(clippy::needless_pass_by_value)] // for `map_err`
 pub(super) fn bad_part(fault: Fault) -> PyErr {
-    PyValueError::new_err(fault.to_string())
+    match fault {
+        Fault::Spec(error) => error.into(),
+        fault => PyValueError::new_err(fault.to_string()),
+    }
 }
 
 /// Bytes that are no model.
 #[allow(clippy::needless_pass_by_value)] // for `map_err`
 pub(super) fn no_model(fault: Fault) -> PyErr {
-    ModelFileError::new_err(fault.to_string())
+    match fault {
+        Fault::Spec(error @ Error::Memory { .. }) => error.into(),
+        fault => ModelFileError::new_err(fault.to_string()),
+    }
 }
 
 /// A file that is no model or cannot be read.
@@ -34,6 +41,7 @@ pub(super) fn bad_file(py: Python<'_>, fault: FileFault) -> PyErr {
         FileFault::Unreadable { path, source } => {
             unreadable(py, path.into(), &source).unwrap_or_else(|error| error)
         }
+        FileFault::NoModel { fault: Fault::Spec(error @ Error::Memory { .. }), .. } => error.into(),
         fault @ FileFault::NoModel { .. } => ModelFileError::new_err(fault.to_string()),
     }
 }

@@ -13,15 +13,18 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
 
+use super::arrays::{contiguous_real, copied, readable};
 use super::multiband::PyMultiBandExtractor;
+use super::number_table::bytes;
 use super::scalars::{count, word};
 use super::spec::PyFeatureSpec;
+use crate::memory::collected;
 use crate::model::{Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
 use crate::Model;
 pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
 pub(super) use nearest::PyNearestMean;
-use parts::{labels, notes, Borrowed, Spec};
+use parts::{labels, notes, tensor, Spec};
 pub(super) use rules::PyRules;
 
 /// Samples of the paper's recordings.
@@ -102,23 +105,23 @@ impl PyModel {
                           sigmoid=None, posterior_weights=None)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
-    fn new(
-        spec: &Bound<'_, PyAny>,
-        coef: &Bound<'_, PyAny>,
-        intercept: &Bound<'_, PyAny>,
-        coding_matrix: &Bound<'_, PyAny>,
-        classes: &Bound<'_, PyAny>,
-        loss: Option<&Bound<'_, PyAny>>,
-        decoding: Option<&Bound<'_, PyAny>>,
-        n_samples: Option<&Bound<'_, PyAny>>,
-        n_axes: Option<&Bound<'_, PyAny>>,
-        metadata: Option<&Bound<'_, PyAny>>,
-        raw_mean: Option<&Bound<'_, PyAny>>,
-        raw_low: Option<&Bound<'_, PyAny>>,
-        raw_high: Option<&Bound<'_, PyAny>>,
-        early: Option<&Bound<'_, PyAny>>,
-        sigmoid: Option<&Bound<'_, PyAny>>,
-        posterior_weights: Option<&Bound<'_, PyAny>>,
+    fn new<'py>(
+        spec: &Bound<'py, PyAny>,
+        coef: &Bound<'py, PyAny>,
+        intercept: &Bound<'py, PyAny>,
+        coding_matrix: &Bound<'py, PyAny>,
+        classes: &Bound<'py, PyAny>,
+        loss: Option<&Bound<'py, PyAny>>,
+        decoding: Option<&Bound<'py, PyAny>>,
+        n_samples: Option<&Bound<'py, PyAny>>,
+        n_axes: Option<&Bound<'py, PyAny>>,
+        metadata: Option<&Bound<'py, PyAny>>,
+        raw_mean: Option<&Bound<'py, PyAny>>,
+        raw_low: Option<&Bound<'py, PyAny>>,
+        raw_high: Option<&Bound<'py, PyAny>>,
+        early: Option<&Bound<'py, PyAny>>,
+        sigmoid: Option<&Bound<'py, PyAny>>,
+        posterior_weights: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         let spec = Spec::of(spec)?;
         let (own_samples, own_axes) = spec.shape().unwrap_or((PAPER_SAMPLES, crate::wrench::AXES.len()));
@@ -136,9 +139,20 @@ impl PyModel {
             ("sigmoid", sigmoid),
             ("posterior_weights", posterior_weights),
         ];
-        let borrowed = arrays.map(|(name, value)| value.map(|value| Borrowed::new(name, value)).transpose());
-        let borrowed = borrowed.into_iter().collect::<PyResult<Vec<_>>>()?;
-        let tensors = borrowed.iter().map(|array| array.as_ref().map(Borrowed::tensor).transpose());
+        let classes = labels(classes)?;
+        let loss = loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?;
+        let decoding =
+            decoding.map_or(Ok(Decoding::default()), |value| word(value, "decoding", &Decoding::NAMED))?;
+        let notes = notes(n_axes, metadata)?;
+        let convert = |(name, value): (&'static str, Option<&Bound<'py, PyAny>>)| {
+            value.map(|value| Ok::<_, PyErr>((name, contiguous_real(value, name)?))).transpose()
+        };
+        let arrays = arrays.into_iter().map(convert).collect::<PyResult<Vec<_>>>()?;
+        // Nothing of Python's runs from here on.
+        let held =
+            arrays.iter().map(|array| array.as_ref().map(|(name, array)| readable(array, name)).transpose());
+        let held = held.collect::<PyResult<Vec<_>>>()?;
+        let tensors = held.iter().map(|array| array.as_ref().map(tensor).transpose());
         let mut tensors = tensors.collect::<PyResult<Vec<_>>>()?.into_iter();
         let mut next = || tensors.next().flatten();
         let nothing = || Tensor::new(Vec::new(), &[]);
@@ -149,17 +163,16 @@ impl PyModel {
             coef: next().unwrap_or_else(nothing),
             intercept: next().unwrap_or_else(nothing),
             coding_matrix: next().unwrap_or_else(nothing),
-            classes: labels(classes)?,
-            loss: loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?,
-            decoding: decoding
-                .map_or(Ok(Decoding::default()), |value| word(value, "decoding", &Decoding::NAMED))?,
+            classes,
+            loss,
+            decoding,
             raw_mean: next(),
             raw_low: next(),
             raw_high: next(),
             early: next(),
             sigmoid: next(),
             posterior_weights: next(),
-            notes: notes(n_axes, metadata)?,
+            notes,
         };
         Ok(Self { model: Arc::new(Model::new(parts).map_err(bad_part)?) })
     }
@@ -183,8 +196,8 @@ impl PyModel {
     }
 
     /// The bytes of a file with this model, always the same ones.
-    fn to_bytes<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &py.detach(|| self.model.to_bytes()))
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        bytes(py, &py.detach(|| self.model.to_bytes()))
     }
 
     /// Scores (n, L) of the learners for recordings (n, `n_samples`, `n_axes`), or (1, L) for one recording.
@@ -222,20 +235,20 @@ impl PyModel {
     #[getter]
     fn coef<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let shape = [self.model.n_learners(), self.model.n_features()];
-        let learner = |learner| (0..shape[1]).map(move |feature| self.model.coef(learner, feature));
-        PyArray1::from_vec(py, (0..shape[0]).flat_map(learner).collect()).reshape(shape)
+        let at = |index| self.model.coef(index / shape[1], index % shape[1]);
+        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at))?).reshape(shape)
     }
 
     #[getter]
-    fn intercept<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.model.intercepts())
+    fn intercept<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        copied(py, self.model.intercepts())
     }
 
     #[getter]
     fn coding_matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
         let shape = [self.model.classes().len(), self.model.n_learners()];
-        let class = |class| (0..shape[1]).map(move |learner| self.model.code(class, learner));
-        PyArray1::from_vec(py, (0..shape[0]).flat_map(class).collect()).reshape(shape)
+        let at = |index| self.model.code(index / shape[1], index % shape[1]);
+        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at))?).reshape(shape)
     }
 
     #[getter]
@@ -289,18 +302,18 @@ impl PyModel {
     }
 
     #[getter]
-    fn raw_mean<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        Some(PyArray1::from_slice(py, self.model.raw_mean()?))
+    fn raw_mean<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        self.model.raw_mean().map(|values| copied(py, values)).transpose()
     }
 
     #[getter]
-    fn raw_low<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        Some(PyArray1::from_slice(py, self.model.raw_range()?.0))
+    fn raw_low<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        self.model.raw_range().map(|range| range.0).map(|values| copied(py, values)).transpose()
     }
 
     #[getter]
-    fn raw_high<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        Some(PyArray1::from_slice(py, self.model.raw_range()?.1))
+    fn raw_high<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        self.model.raw_range().map(|range| range.1).map(|values| copied(py, values)).transpose()
     }
 
     #[getter]
@@ -314,8 +327,8 @@ impl PyModel {
     }
 
     #[getter]
-    fn posterior_weights<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
-        Some(PyArray1::from_slice(py, self.model.posterior_weights()?))
+    fn posterior_weights<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        self.model.posterior_weights().map(|values| copied(py, values)).transpose()
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
@@ -324,19 +337,19 @@ impl PyModel {
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
         let parts =
-            (self.spec(py)?, self.coef(py)?, self.intercept(py), self.coding_matrix(py)?, self.classes(py)?);
+            (self.spec(py)?, self.coef(py)?, self.intercept(py)?, self.coding_matrix(py)?, self.classes(py)?);
         let keywords = PyDict::new(py);
         keywords.set_item("loss", self.loss())?;
         keywords.set_item("decoding", self.decoding())?;
         keywords.set_item("n_samples", self.n_samples())?;
         keywords.set_item("n_axes", self.n_axes())?;
         keywords.set_item("metadata", self.metadata(py)?)?;
-        keywords.set_item("raw_mean", self.raw_mean(py))?;
-        keywords.set_item("raw_low", self.raw_low(py))?;
-        keywords.set_item("raw_high", self.raw_high(py))?;
+        keywords.set_item("raw_mean", self.raw_mean(py)?)?;
+        keywords.set_item("raw_low", self.raw_low(py)?)?;
+        keywords.set_item("raw_high", self.raw_high(py)?)?;
         keywords.set_item("early", self.early(py)?)?;
         keywords.set_item("sigmoid", self.sigmoid(py)?)?;
-        keywords.set_item("posterior_weights", self.posterior_weights(py))?;
+        keywords.set_item("posterior_weights", self.posterior_weights(py)?)?;
         Ok((parts.into_pyobject(py)?, keywords))
     }
 
@@ -357,5 +370,5 @@ fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
 }
 
 fn pairs<'py>(py: Python<'py>, pairs: Option<&[[f64; 2]]>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-    pairs.map(|pairs| PyArray1::from_slice(py, pairs.as_flattened()).reshape([pairs.len(), 2])).transpose()
+    pairs.map(|pairs| copied(py, pairs.as_flattened())?.reshape([pairs.len(), 2])).transpose()
 }

@@ -5,7 +5,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::super::arrays::{contiguous_real, readable, tuple};
+use super::super::pool::work_on;
 use crate::model::NearestMean;
+use crate::Error;
 
 /// Distances of recordings to the nearest of some means, one per class, after whitening.
 ///
@@ -79,7 +81,14 @@ impl PyNearestMean {
             return Err(PyValueError::new_err(message));
         }
         let scores = readable(&scores, name)?;
-        let not_finite = |_| PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"));
-        Ok(PyArray1::from_vec(py, self.nearest.distances(scores.as_slice()?).map_err(not_finite)?))
+        let not_finite = |error| match error {
+            Error::Score { .. } => {
+                PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"))
+            }
+            error => error.into(),
+        };
+        let scores = scores.as_slice()?;
+        let distances = work_on(py, scores.len(), || self.nearest.distances(scores)).map_err(not_finite)?;
+        Ok(PyArray1::from_vec(py, distances))
     }
 }

@@ -7,7 +7,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use super::super::arrays::{contiguous_real, readable};
+use super::super::arrays::Held;
 use super::super::multiband::PyMultiBandExtractor;
 use super::super::scalars::shown;
 use super::super::spec::PyFeatureSpec;
@@ -69,17 +69,9 @@ impl<'a, 'py> Spec<'a, 'py> {
     }
 }
 
-/// An array that nobody writes meanwhile, and its name.
-pub(super) struct Borrowed<'py>(PyReadonlyArrayDyn<'py, f64>);
-
-impl<'py> Borrowed<'py> {
-    pub(super) fn new(name: &str, value: &Bound<'py, PyAny>) -> PyResult<Self> {
-        Ok(Self(readable(&contiguous_real(value, name)?, name)?))
-    }
-
-    pub(super) fn tensor(&self) -> PyResult<Tensor<'_>> {
-        Ok(Tensor::new(self.0.shape().to_vec(), self.0.as_slice()?))
-    }
+/// The numbers of an array that is held.
+pub(super) fn tensor<'a>(array: &'a Held<'_, PyReadonlyArrayDyn<'_, f64>>) -> PyResult<Tensor<'a>> {
+    Ok(Tensor::new(array.shape().to_vec(), array.as_slice()?))
 }
 
 pub(super) fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {

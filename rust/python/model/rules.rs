@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 
 use super::super::arrays::{contiguous_real, readable, tuple};
 use super::nearest::PyNearestMean;
+use crate::memory::collected;
 use crate::model::{Rules, Strangeness};
 
 /// What is said of a whole recording beside its label: which classes it may be, and whether it is like none.
@@ -55,7 +56,8 @@ impl PyRules {
                 let message = format!("limits must have shape (K,), got {}", tuple(limits.shape()));
                 return Err(PyValueError::new_err(message));
             }
-            Ok::<_, PyErr>(readable(&limits, "limits")?.as_slice()?.to_vec())
+            let limits = readable(&limits, "limits")?;
+            Ok::<_, PyErr>(collected(limits.as_slice()?.iter().copied())?)
         });
         let strangeness =
             nearest.map(|nearest| Strangeness { nearest: nearest.nearest.clone(), of_losses, threshold });

@@ -5,6 +5,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
+use crate::memory::{collected, filled};
 use crate::multiband::{Block, MultiBandSpec};
 use crate::python::arrays::{owned_real, tuple};
 use crate::python::scalars::{shown, word};
@@ -34,15 +35,8 @@ pub(super) fn given_scales(
     shape: &[usize],
 ) -> PyResult<Vec<f64>> {
     let Some(value) = value else {
-        let size =
-            shape.iter().try_fold(1_usize, |size, n| size.checked_mul(*n)).filter(|n| *n <= 100_000_000);
-        let Some(size) = size else {
-            let shape = tuple(shape);
-            return Err(PyValueError::new_err(format!(
-                "n_samples and n_axes ask for too many scales: {shape}"
-            )));
-        };
-        return Ok(vec![1.0; size]);
+        // A size beyond all memory is refused as such.
+        return Ok(filled(1.0, shape.iter().fold(1, |size: usize, n| size.saturating_mul(*n)))?);
     };
     let array = owned_real(value, name)?;
     if array.shape() != shape {
@@ -50,5 +44,5 @@ pub(super) fn given_scales(
         return Err(PyValueError::new_err(format!("{name} must have shape {wanted}, got {got}")));
     }
     let array = array.try_readonly()?;
-    Ok(array.as_slice()?.to_vec())
+    Ok(collected(array.as_slice()?.iter().copied())?)
 }

@@ -2,16 +2,15 @@
 
 mod arguments;
 
-use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
+use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use self::arguments::{blocks_of, given_scales};
-use super::arrays::{contiguous_real, readable, tuple};
+use super::arrays::{self, contiguous_real, copied, readable, writable, zeros};
+use super::pool::{threads_for, work_on};
 use super::scalars::{count, number};
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
-use crate::BatchShape;
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
 ///
@@ -131,8 +130,8 @@ impl PyMultiBandExtractor {
 
     /// Names of the features, in order.
     #[getter]
-    fn names(&self) -> Vec<String> {
-        self.design.names()
+    fn names(&self) -> PyResult<Vec<String>> {
+        Ok(self.design.names()?)
     }
 
     /// Lower and upper edge in hertz, rate in hertz and samples of each band.
@@ -150,13 +149,13 @@ impl PyMultiBandExtractor {
 
     #[getter]
     fn scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let scales = PyArray1::from_slice(py, &self.design.scales().bands);
+        let scales = copied(py, &self.design.scales().bands)?;
         Ok(scales.reshape([self.design.n_bands(), self.design.n_axes()])?.into_any())
     }
 
     #[getter]
-    fn level_scales<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.design.scales().level)
+    fn level_scales<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        copied(py, &self.design.scales().level)
     }
 
     /// Features `(n, D)` of recordings `(n, T, C)`, or `(D,)` of one `(T, C)`. T may be less than `n_samples`: such a recording
@@ -187,7 +186,7 @@ impl PyMultiBandExtractor {
         keywords.set_item("rate_hz", self.rate_hz())?;
         keywords.set_item("blocks", self.blocks(py)?)?;
         keywords.set_item("scales", self.scales(py)?)?;
-        keywords.set_item("level_scales", self.level_scales(py))?;
+        keywords.set_item("level_scales", self.level_scales(py)?)?;
         Ok((PyTuple::new(py, [self.n_samples(), self.n_axes()])?, keywords))
     }
 
@@ -217,37 +216,20 @@ impl PyMultiBandExtractor {
         row: &[usize],
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = recordings.py();
+        let threads = threads_for(threads)?;
         let array = contiguous_real(recordings, "X")?;
-        let (shape, single) = match *array.shape() {
-            [n_samples, n_axes] => (BatchShape { n_recordings: 1, n_samples, n_axes }, true),
-            [n_recordings, n_samples, n_axes] => (BatchShape { n_recordings, n_samples, n_axes }, false),
-            _ => {
-                let got = tuple(array.shape());
-                return Err(PyValueError::new_err(format!(
-                    "X must have shape (n_samples, n_axes) or (n_recordings, n_samples, n_axes), got shape {got}"
-                )));
-            }
-        };
-        let values = readable(&array, "X")?;
-        let values = values.as_slice()?;
-        let threads = match threads {
-            Some(threads) => count(threads, "threads", usize::MAX)?,
-            None if single => 1,
-            None => crate::pool::cores(),
-        };
+        let (shape, single) = arrays::recordings(&array, "X")?;
         // Refused here, before the result is made, which may be large.
-        if shape.n_axes != self.design.n_axes() || shape.n_samples > self.design.n_samples() {
-            let wanted = (self.design.n_samples(), self.design.n_axes());
-            let got = (shape.n_samples, shape.n_axes);
-            return Err(crate::Error::RecordingShape { wanted, got }.into());
-        }
+        self.design.check_batch(array.len(), shape)?;
         let dims: Vec<_> = if single { row.to_vec() } else { [&[shape.n_recordings], row].concat() };
-        let out = PyArrayDyn::<f64>::zeros(py, dims, false);
+        let out = zeros(py, &dims)?;
         {
-            let mut target = out.try_readwrite().map_err(|error| PyValueError::new_err(error.to_string()))?;
+            let values = readable(&array, "X")?;
+            let values = values.as_slice()?;
+            let mut target = writable(&out, "X", &[values])?;
             let target = target.as_slice_mut()?;
-            let design = &self.design;
-            py.detach(|| match wanted {
+            let (design, threads) = (&self.design, threads(single));
+            work_on(py, values.len(), || match wanted {
                 Wanted::Features => design.extract_batch(values, shape, threads, target),
                 Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
             })?;

@@ -1,13 +1,14 @@
 //! Streaming extraction: unpack, call, map the error.
 
-use std::sync::{Mutex, MutexGuard};
+use std::sync::MutexGuard;
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 
 use super::super::scalars::count;
 use super::super::spec::PyFeatureSpec;
-use super::{locked, push_rows, written};
+use super::turns::Turns;
+use super::{push_rows, written};
 use crate::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 
 /// Features of a recording while its samples arrive, equal to those of the whole recording bit for bit.
@@ -63,7 +64,7 @@ use crate::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 pub(in crate::python) struct PyStreamingExtractor {
     spec: Py<PyFeatureSpec>,
     windows: Windows,
-    stream: Mutex<StreamingExtractor>,
+    stream: Turns<StreamingExtractor>,
 }
 
 #[pymethods]
@@ -84,7 +85,7 @@ impl PyStreamingExtractor {
             windows.n_axes = count(n_axes, "n_axes", MAX_WINDOW)?;
         }
         windows.hop = hop.map(|hop| count(hop, "hop", usize::MAX)).transpose()?;
-        let stream = Mutex::new(StreamingExtractor::new(&spec.get().extractor, windows)?);
+        let stream = Turns::new(StreamingExtractor::new(&spec.get().extractor, windows)?);
         Ok(Self { spec: spec.clone().unbind(), windows, stream })
     }
 
@@ -105,18 +106,19 @@ impl PyStreamingExtractor {
         py: Python<'py>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let n_features = self.n_features(py);
-        written(py, out, n_features, |target| self.locked(py).features_into(target))
+        let n_features = self.n_features(py)?;
+        written(py, out, n_features, |target| Ok(self.locked(py)?.features_into(target)?))
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&self, py: Python<'_>) -> PyResult<()> {
-        Ok(self.locked(py).advance()?)
+        Ok(self.locked(py)?.advance()?)
     }
 
     /// Back to the state before the first row.
-    fn reset(&self, py: Python<'_>) {
-        self.locked(py).reset();
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.locked(py)?.reset();
+        Ok(())
     }
 
     #[getter]
@@ -140,23 +142,23 @@ impl PyStreamingExtractor {
     }
 
     #[getter]
-    fn n_features(&self, py: Python<'_>) -> usize {
-        self.locked(py).n_features()
+    fn n_features(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.locked(py)?.n_features())
     }
 
     #[getter]
-    fn n_seen(&self, py: Python<'_>) -> usize {
-        self.locked(py).n_seen()
+    fn n_seen(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.locked(py)?.n_seen())
     }
 
     #[getter]
-    fn is_complete(&self, py: Python<'_>) -> bool {
-        self.locked(py).is_complete()
+    fn is_complete(&self, py: Python<'_>) -> PyResult<bool> {
+        Ok(self.locked(py)?.is_complete())
     }
 
     #[getter]
-    fn first_row(&self, py: Python<'_>) -> u64 {
-        self.locked(py).first_row()
+    fn first_row(&self, py: Python<'_>) -> PyResult<u64> {
+        Ok(self.locked(py)?.first_row())
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
@@ -168,7 +170,7 @@ impl PyStreamingExtractor {
 }
 
 impl PyStreamingExtractor {
-    fn locked<'py>(&'py self, py: Python<'py>) -> MutexGuard<'py, StreamingExtractor> {
-        locked(&self.stream, py)
+    fn locked<'py>(&'py self, py: Python<'py>) -> PyResult<MutexGuard<'py, StreamingExtractor>> {
+        self.stream.locked(py)
     }
 }

@@ -1,6 +1,6 @@
 //! Streaming identification: unpack, call, map the error.
 
-use std::sync::{Mutex, MutexGuard};
+use std::sync::MutexGuard;
 
 use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
@@ -8,7 +8,8 @@ use pyo3::types::{PyString, PyTuple};
 
 use super::super::model::{PyModel, PyRules};
 use super::super::scalars::count;
-use super::{locked, push_rows, written};
+use super::turns::Turns;
+use super::{push_rows, written};
 use crate::model::{ranking, Rules};
 use crate::stream::StreamingIdentifier;
 
@@ -65,7 +66,7 @@ pub(in crate::python) struct PyStreamingIdentifier {
     n_axes: usize,
     labels: Vec<Py<PyString>>,
     rules: Rules,
-    stream: Mutex<StreamingIdentifier>,
+    stream: Turns<StreamingIdentifier>,
 }
 
 #[pymethods]
@@ -85,7 +86,7 @@ impl PyStreamingIdentifier {
         let stream = py.detach(|| StreamingIdentifier::new(shared.clone(), hop))?;
         let labels = shared.classes().iter().map(|label| PyString::new(py, label).unbind()).collect();
         let n_axes = shared.n_axes();
-        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, rules, stream: Mutex::new(stream) })
+        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, rules, stream: Turns::new(stream) })
     }
 
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
@@ -103,7 +104,10 @@ impl PyStreamingIdentifier {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let n_learners = self.model.get().model.n_learners();
-        written(py, out, n_learners, |out| self.locked(py).scores().map(|scores| out.copy_from_slice(scores)))
+        written(py, out, n_learners, |out| {
+            out.copy_from_slice(self.locked(py)?.scores()?);
+            Ok(())
+        })
     }
 
     /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones. Written to `out`, where it is given.
@@ -114,7 +118,10 @@ impl PyStreamingIdentifier {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let n_classes = self.labels.len();
-        written(py, out, n_classes, |out| self.locked(py).losses().map(|losses| out.copy_from_slice(losses)))
+        written(py, out, n_classes, |out| {
+            out.copy_from_slice(self.locked(py)?.losses()?);
+            Ok(())
+        })
     }
 
     /// Everything about the answer at one moment.
@@ -126,7 +133,7 @@ impl PyStreamingIdentifier {
     fn standing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         // Copies first: nothing of Python's is made while the stream is locked.
         let (scores, losses, first_row, rest) = {
-            let mut stream = self.locked(py);
+            let mut stream = self.locked(py)?;
             let first_row = stream.first_row();
             let at = stream.standing()?;
             let rest = (at.margin, at.is_final, at.is_settled, at.is_sure, at.n_seen);
@@ -148,12 +155,13 @@ impl PyStreamingIdentifier {
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&self, py: Python<'_>) -> PyResult<()> {
-        Ok(self.locked(py).advance()?)
+        Ok(self.locked(py)?.advance()?)
     }
 
     /// Back to the state before the first row.
-    fn reset(&self, py: Python<'_>) {
-        self.locked(py).reset();
+    fn reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.locked(py)?.reset();
+        Ok(())
     }
 
     #[getter]
@@ -167,23 +175,23 @@ impl PyStreamingIdentifier {
     }
 
     #[getter]
-    fn n_seen(&self, py: Python<'_>) -> usize {
-        self.locked(py).n_seen()
+    fn n_seen(&self, py: Python<'_>) -> PyResult<usize> {
+        Ok(self.locked(py)?.n_seen())
     }
 
     #[getter]
-    fn is_complete(&self, py: Python<'_>) -> bool {
-        self.locked(py).is_complete()
+    fn is_complete(&self, py: Python<'_>) -> PyResult<bool> {
+        Ok(self.locked(py)?.is_complete())
     }
 
     #[getter]
-    fn first_row(&self, py: Python<'_>) -> u64 {
-        self.locked(py).first_row()
+    fn first_row(&self, py: Python<'_>) -> PyResult<u64> {
+        Ok(self.locked(py)?.first_row())
     }
 
     #[getter]
     fn is_settled(&self, py: Python<'_>) -> PyResult<bool> {
-        Ok(self.locked(py).is_settled()?)
+        Ok(self.locked(py)?.is_settled()?)
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
@@ -193,7 +201,7 @@ impl PyStreamingIdentifier {
 }
 
 impl PyStreamingIdentifier {
-    fn locked<'py>(&'py self, py: Python<'py>) -> MutexGuard<'py, StreamingIdentifier> {
-        locked(&self.stream, py)
+    fn locked<'py>(&'py self, py: Python<'py>) -> PyResult<MutexGuard<'py, StreamingIdentifier>> {
+        self.stream.locked(py)
     }
 }

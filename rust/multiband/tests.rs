@@ -1,9 +1,11 @@
 //! Multi-band features: the same bits on every path, with any number of threads and in used memory; nothing allocated.
 
 use allocation_counter::measure;
-use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
-use granular_id::{BatchShape, Error, Path};
 use proptest::prelude::*;
+
+use super::extractor::{DESIGN_BYTES, WORK_BYTES};
+use super::{n_bands, MultiBand, MultiBandSpec, Scales};
+use crate::{BatchShape, Error, Path};
 
 const ALL: MultiBandSpec = MultiBandSpec {
     rate_hz: 500.0,
@@ -15,7 +17,7 @@ const ALL: MultiBandSpec = MultiBandSpec {
 };
 
 fn design(n_samples: usize, n_axes: usize) -> MultiBand {
-    MultiBand::new(ALL, n_samples, n_axes, &Scales::unit(n_bands(n_samples), n_axes)).unwrap()
+    MultiBand::new(ALL, n_samples, n_axes, &Scales::unit(n_bands(n_samples), n_axes).unwrap()).unwrap()
 }
 
 /// Numbers that look random, around an offset.
@@ -48,7 +50,7 @@ fn all_paths_threads_and_workspaces_give_the_same_bits() {
             }
         }
         // A workspace that has seen other recordings, whole and begun.
-        let mut work = design.workspace();
+        let mut work = design.workspace().unwrap();
         let mut out = vec![0.0; design.n_features()];
         for recording in [4, 0, 8] {
             let rows = &wrench[recording * n_samples * n_axes..][..n_samples * n_axes];
@@ -64,7 +66,7 @@ fn extraction_allocates_nothing() {
     for (n_samples, n_axes) in [(1, 1), (20, 13), (1600, 6), (1699, 3)] {
         let design = design(n_samples, n_axes);
         let rows = noise(n_samples * n_axes, 5);
-        let mut work = design.workspace();
+        let mut work = design.workspace().unwrap();
         let mut out = vec![0.0; design.n_features()];
         let mut rms = vec![0.0; design.n_bands() * n_axes];
         design.extract_into(&rows, &mut work, &mut out).unwrap(); // finds out what the machine can do
@@ -85,7 +87,7 @@ fn a_recording_that_arrives_has_the_same_bits() {
     for (n_samples, n_axes) in [(6, 2), (63, 3), (64, 1), (85, 6), (700, 5), (1600, 6), (1665, 13), (2800, 4)]
     {
         let design = design(n_samples, n_axes);
-        let (mut work, mut fresh) = (design.workspace(), design.workspace());
+        let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
         let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
         for seed in 0..6_u8 {
             let rows = noise(n_samples * n_axes, seed.into());
@@ -120,7 +122,7 @@ fn a_recording_that_arrives_has_the_same_bits() {
 fn whole_recordings_between_those_that_arrive() {
     let (n_samples, n_axes) = (700, 3);
     let design = design(n_samples, n_axes);
-    let (mut work, mut fresh) = (design.workspace(), design.workspace());
+    let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
     let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
     let mut rms = [vec![0.0; design.n_bands() * n_axes], vec![0.0; design.n_bands() * n_axes]];
     let [a, b, c] = [1, 2, 3].map(|seed| noise(n_samples * n_axes, seed));
@@ -149,20 +151,20 @@ fn whole_recordings_between_those_that_arrive() {
 #[test]
 fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
     let design = design(1000, 2);
-    let (mut work, mut out) = (design.workspace(), vec![0.0; design.n_features()]);
+    let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
     let rows = noise(2000, 7);
     for bad in [1e150, f64::NAN, f64::INFINITY] {
         let mut wrong = rows.clone();
         wrong[300] = bad;
         design.advance(&wrong, &mut work, 1000).unwrap();
-        let whole = design.extract_into(&wrong, &mut design.workspace(), &mut out).unwrap_err();
+        let whole = design.extract_into(&wrong, &mut design.workspace().unwrap(), &mut out).unwrap_err();
         let error = design.finish_into(&wrong, &mut work, &mut out).unwrap_err();
         assert_eq!(error.to_string(), whole.to_string());
         work.restart();
         design.advance(&rows, &mut work, 1000).unwrap();
         design.finish_into(&rows, &mut work, &mut out).unwrap();
         let mut expected = vec![0.0; design.n_features()];
-        design.extract_into(&rows, &mut design.workspace(), &mut expected).unwrap();
+        design.extract_into(&rows, &mut design.workspace().unwrap(), &mut expected).unwrap();
         assert!(bits(&out) == bits(&expected));
     }
     // Fewer rows than it has seen are those of another recording.
@@ -170,7 +172,7 @@ fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
     for n_seen in [600, 2, 500] {
         let mut expected = vec![0.0; design.n_features()];
         design.finish_into(&rows[..n_seen], &mut work, &mut out).unwrap();
-        design.extract_into(&rows[..n_seen], &mut design.workspace(), &mut expected).unwrap();
+        design.extract_into(&rows[..n_seen], &mut design.workspace().unwrap(), &mut expected).unwrap();
         assert!(bits(&out) == bits(&expected), "{n_seen}");
     }
     for len in [0, 1, 2002] {
@@ -183,7 +185,7 @@ fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
 fn sizes_and_names_agree() {
     for (n_samples, n_axes) in [(1, 1), (3, 2), (50, 6), (1600, 6), (1600, 13), (100_000, 1)] {
         let design = design(n_samples, n_axes);
-        let names = design.names();
+        let names = design.names().unwrap();
         let total: usize = design.block_sizes().iter().map(|(_, size)| size).sum();
         assert_eq!((names.len(), total), (design.n_features(), design.n_features()));
         assert!(names.iter().all(|name| !name.contains("__")));
@@ -193,7 +195,7 @@ fn sizes_and_names_agree() {
 
 #[test]
 fn errors_name_what_is_wrong() {
-    let unit = Scales::unit(n_bands(20), 2);
+    let unit = Scales::unit(n_bands(20), 2).unwrap();
     let refused =
         |spec, n_samples, n_axes, scales| MultiBand::new(spec, n_samples, n_axes, scales).unwrap_err();
     assert!(matches!(refused(MultiBandSpec { rate_hz: 0.0, ..ALL }, 20, 2, &unit), Error::Rate { .. }));
@@ -214,7 +216,7 @@ fn errors_name_what_is_wrong() {
     assert_eq!(refused(ALL, 20, 2, &zero), expected);
 
     let design = design(20, 2);
-    let (mut work, mut out) = (design.workspace(), vec![0.0; design.n_features()]);
+    let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
     for len in [0, 1, 42] {
         let error = design.extract_into(&vec![0.0; len], &mut work, &mut out).unwrap_err();
         assert_eq!(error, Error::Length { what: "rows", expected: 40, got: len });
@@ -229,7 +231,7 @@ fn errors_name_what_is_wrong() {
     let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
     assert!(matches!(error, Error::NonFinite { recording: 0, sample: 5, axis: 1, .. }));
     // A workspace of another shape is replaced.
-    let mut other = self::design(5, 1).workspace();
+    let mut other = self::design(5, 1).workspace().unwrap();
     design.extract_into(&[1.0; 40], &mut other, &mut out).unwrap();
     let shape = BatchShape { n_recordings: 1, n_samples: 20, n_axes: 3 };
     let error = design.extract_batch(&[0.0; 60], shape, 1, &mut out).unwrap_err();
@@ -251,9 +253,32 @@ proptest! {
         }
         let mut out = vec![0.0; design.n_features()];
         let largest = rows.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-        match design.extract_into(&rows, &mut design.workspace(), &mut out) {
+        match design.extract_into(&rows, &mut design.workspace().unwrap(), &mut out) {
             Ok(()) => prop_assert!(largest <= 1e145 && out.iter().all(|feature| feature.is_finite())),
             Err(error) => prop_assert_eq!(error, Error::TooLoud { recording: 0, largest }),
         }
+    }
+}
+
+/// What is asked for before a design or its memory is made is as much as they take, but for what a small one needs.
+#[test]
+fn memory_is_asked_for_beforehand() {
+    let small = 1 << 17;
+    for (n_samples, n_axes) in
+        [(1, 1), (1600, 6), (7, 20_000), (12, 20_000), (65, 4000), (1 << 17, 1), (100_003, 2), (4000, 400)]
+    {
+        let values = n_samples * n_axes;
+        let mut made = None;
+        let counted = measure(|| made = Some(design(n_samples, n_axes)));
+        assert!(
+            counted.bytes_max as usize <= values * DESIGN_BYTES + small,
+            "{n_samples} x {n_axes}: {counted:?}"
+        );
+        let design = made.unwrap();
+        let counted = measure(|| drop(design.workspace().unwrap()));
+        assert!(
+            counted.bytes_max as usize <= values * WORK_BYTES + small,
+            "{n_samples} x {n_axes}: {counted:?}"
+        );
     }
 }

@@ -1,0 +1,45 @@
+//! Memory of a size that a caller chooses: where there is none, an error instead of the end of the process.
+
+use crate::error::{Error, Result};
+
+/// Room for `n` values.
+pub(crate) fn reserved<T>(n: usize) -> Result<Vec<T>> {
+    let mut values = Vec::new();
+    let no_room = |_| Error::Memory { bytes: n.saturating_mul(size_of::<T>()) };
+    values.try_reserve_exact(n).map_err(no_room)?;
+    Ok(values)
+}
+
+/// `n` times a value.
+pub(crate) fn filled<T: Clone>(value: T, n: usize) -> Result<Vec<T>> {
+    let mut values = reserved(n)?;
+    values.resize(n, value);
+    Ok(values)
+}
+
+/// Values of which the number is known.
+pub(crate) fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> {
+    let mut all = reserved(values.len())?;
+    all.extend(values);
+    Ok(all)
+}
+
+/// Refuses what is made in many pieces, before the first of them, where there is no memory for all.
+pub(crate) fn room(bytes: usize) -> Result<()> {
+    reserved::<u8>(bytes).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_memory_than_there_is_is_refused() {
+        assert_eq!(filled(0.5, 3), Ok(vec![0.5; 3]));
+        assert_eq!(collected([1, 2].into_iter()), Ok(vec![1, 2]));
+        let error = Error::Memory { bytes: usize::MAX };
+        assert_eq!(filled(0.0, usize::MAX), Err(error.clone()));
+        assert_eq!(room(usize::MAX), Err(error));
+        assert_eq!(room(1 << 60), Err(Error::Memory { bytes: 1 << 60 }));
+    }
+}
