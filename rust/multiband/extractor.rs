@@ -63,16 +63,7 @@ impl MultiBand {
         if !(spec.rate_hz.is_finite() && spec.rate_hz > 0.0) {
             return Err(Error::Rate { rate_hz: spec.rate_hz });
         }
-        if n_samples == 0 || n_axes == 0 {
-            return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
-        }
-        if n_samples > MAX_SAMPLES {
-            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
-        }
-        // Before anything of that size is made or counted.
-        if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
-            return Err(Error::TooLarge { n_samples, n_axes });
-        }
+        Self::check_size(n_samples, n_axes)?;
         room(n_samples * n_axes * DESIGN_BYTES)?;
         let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
@@ -105,6 +96,20 @@ impl MultiBand {
         };
         this.n_features = this.block_sizes().iter().map(|(_, size)| size).sum();
         Ok(this)
+    }
+
+    /// Refuses recordings of no samples or axes, or of too many, before anything of that size is made or counted.
+    pub(crate) fn check_size(n_samples: usize, n_axes: usize) -> Result<()> {
+        if n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
+        }
+        if n_samples > MAX_SAMPLES {
+            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
+        }
+        if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
+            return Err(Error::TooLarge { n_samples, n_axes });
+        }
+        Ok(())
     }
 
     /// Memory for [`extract_into`](Self::extract_into).

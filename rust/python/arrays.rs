@@ -111,15 +111,21 @@ pub(super) fn readable<'py>(
     array: &Bound<'py, PyArrayDyn<f64>>,
     name: &str,
 ) -> PyResult<Held<'py, PyReadonlyArrayDyn<'py, f64>>> {
+    Held::new(array, || briefly_readable(array, name))
+}
+
+/// The same for work that keeps the GIL, with which nobody can change the array meanwhile.
+pub(super) fn briefly_readable<'py>(
+    array: &Bound<'py, PyArrayDyn<f64>>,
+    name: &str,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let wrong = |what| PyValueError::new_err(format!("{name} must not be {what} by another call meanwhile"));
-    Held::new(array, || {
-        // What ran since may have given it another type or layout.
-        let same = array.as_untyped().cast::<PyArrayDyn<f64>>().is_ok();
-        if !(same && is_aligned(array) && array.is_c_contiguous()) {
-            return Err(wrong("changed"));
-        }
-        array.try_readonly().map_err(|_| wrong("written"))
-    })
+    // What ran since may have given it another type or layout.
+    let same = array.as_untyped().cast::<PyArrayDyn<f64>>().is_ok();
+    if !(same && is_aligned(array) && array.is_c_contiguous()) {
+        return Err(wrong("changed"));
+    }
+    array.try_readonly().map_err(|_| wrong("written"))
 }
 
 /// The right to write to `out`, if that cannot harm anyone.

@@ -6,6 +6,8 @@ import time
 
 import numpy as np
 
+from granular_id import FeatureSpec, StreamingExtractor
+from granular_id._core import Model, MultiBandExtractor, StreamingIdentifier
 from granular_id.features import extract_features
 
 SHAPE = (24, 400, 6)
@@ -17,6 +19,20 @@ def a_batch(seed=0):
 
 def batch_digest(seed=0, threads=2):
     return hashlib.sha256(extract_features(a_batch(seed), threads=threads).tobytes()).hexdigest()
+
+
+def a_stream(kind):
+    """A stream, rows that it takes some milliseconds for, and what it says of those so far, as text."""
+    n_samples, n_axes = (1 << 13, 1) if kind.startswith("multi-band") else (1 << 15, 6)
+    rows = np.random.default_rng(0).standard_normal((n_samples, n_axes))
+    if kind == "extractor":
+        stream = StreamingExtractor(FeatureSpec(), n_samples=n_samples, n_axes=n_axes)
+        return stream, rows, lambda stream: hashlib.sha256(stream.features().tobytes()).hexdigest()
+    spec = MultiBandExtractor(n_samples, n_axes) if kind.startswith("multi-band") else FeatureSpec()
+    n_features = spec.n_features if kind.startswith("multi-band") else spec.n_features(n_samples, n_axes)
+    coef = np.random.default_rng(1).standard_normal((1, n_features))
+    model = Model(spec, coef, [0.0], [[1], [-1]], ["rice", "salt"], n_samples=n_samples, n_axes=n_axes)
+    return StreamingIdentifier(model), rows, lambda stream: stream.scores().tobytes().hex()
 
 
 def timed_digest(seed=0, threads=2):

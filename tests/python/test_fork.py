@@ -1,4 +1,4 @@
-"""Processes made after a batch has run on threads: each can run its own batch, and none waits for ever.
+"""Processes made after a batch has run on threads, or beside streams at work: each can go on, and none waits for ever.
 
 A forked child has a copy of everything but the threads of its parent. Whoever waits for those hangs.
 
@@ -21,6 +21,7 @@ import pytest
 
 import fork_work as work
 from granular_id.features import extract_features
+from granular_id.live import WrenchBuffer
 
 N_CHILDREN = int(os.environ.get("GRANULAR_ID_FORKS", "3"))
 HANGS_S = 60.0
@@ -49,6 +50,24 @@ def show(kind, results, began):
 def n_threads():
     status = Path("/proc/self/status").read_text(encoding="ascii")
     return int(status.split("Threads:")[1].split()[0])
+
+
+def in_bare_child(answer):
+    """What a child made by a bare fork answers; nothing where it hangs."""
+    read, write = os.pipe()
+    process = os.fork()
+    if process == 0:
+        try:
+            os.write(write, answer().encode())
+        finally:
+            os._exit(0)
+    os.close(write)
+    with os.fdopen(read, "rb") as pipe:
+        if not select.select([pipe], [], [], HANGS_S)[0]:
+            os.kill(process, signal.SIGKILL)
+        got = pipe.read().decode()
+    os.waitpid(process, 0)
+    return got
 
 
 @pytest.mark.parametrize("method", methods)
@@ -146,20 +165,7 @@ def test_fork_while_another_thread_is_in_the_middle_of_a_batch(pools):
 def test_a_bare_fork():
     """Without multiprocessing: what a web server or a C library does."""
     wanted = work.batch_digest()
-    read, write = os.pipe()
-    process = os.fork()
-    if process == 0:
-        try:
-            os.write(write, work.batch_digest(threads=3).encode())
-        finally:
-            os._exit(0)
-    os.close(write)
-    with os.fdopen(read, "rb") as pipe:
-        if not select.select([pipe], [], [], HANGS_S)[0]:
-            os.kill(process, signal.SIGKILL)
-        got = pipe.read().decode()
-    os.waitpid(process, 0)
-    assert got == wanted
+    assert in_bare_child(lambda: work.batch_digest(threads=3)) == wanted
     assert work.batch_digest() == wanted
 
 
@@ -183,3 +189,62 @@ def test_one_thread_and_one_recording_start_none():
         extract_features(work.a_batch()[0], threads=8)
         extract_features(work.a_batch()[0])
     assert n_threads() <= before
+
+
+def work_beside(work, n_forks, answer):
+    """The answers of children that are made while another thread works, again and again."""
+    stop = threading.Event()
+
+    def work_on():
+        while not stop.is_set():
+            work()
+
+    worker = threading.Thread(target=work_on)
+    worker.start()
+    try:
+        answers = []
+        for n in range(n_forks):
+            time.sleep(0.0007 * (n % 5))  # other moments of the work
+            answers.append(in_bare_child(answer))
+        return answers
+    finally:
+        stop.set()
+        worker.join()
+
+
+@needs_fork
+@pytest.mark.parametrize("kind", ["extractor", "identifier", "multi-band identifier"])
+def test_fork_while_another_thread_pushes(kind):
+    """The child has a stream that is whole, or is told that it is not: it never waits."""
+    stream, rows, ask = work.a_stream(kind)
+    stream.push(rows[:300])
+    wanted = ask(stream)
+
+    def answer():
+        try:
+            stream.reset()
+            stream.push(rows[:300])
+            return "whole" if ask(stream) == wanted else "torn"
+        except RuntimeError as error:
+            return "told" if "forked" in str(error) else str(error)
+
+    def push():
+        stream.reset()
+        stream.push(rows)
+
+    answers = work_beside(push, max(N_CHILDREN, 24), answer)
+    assert set(answers) <= {"whole", "told"}
+    assert "told" in answers
+    assert answer() == "whole"
+
+
+@needs_fork
+def test_fork_while_other_threads_wait_for_rows():
+    buffer = WrenchBuffer(seconds=1.0)
+    reader = buffer.reader()
+
+    def answer():
+        return f"{reader.wait(0.0)} {len(reader.read())} {reader!r}"
+
+    answers = work_beside(lambda: reader.wait(0.0003), max(N_CHILDREN, 24), answer)
+    assert set(answers) == {answer()}

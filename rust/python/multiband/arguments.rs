@@ -35,8 +35,7 @@ pub(super) fn given_scales(
     shape: &[usize],
 ) -> PyResult<Vec<f64>> {
     let Some(value) = value else {
-        // A size beyond all memory is refused as such.
-        return Ok(filled(1.0, shape.iter().fold(1, |size: usize, n| size.saturating_mul(*n)))?);
+        return Ok(filled(1.0, shape.iter().product())?);
     };
     let array = owned_real(value, name)?;
     if array.shape() != shape {

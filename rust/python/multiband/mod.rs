@@ -74,6 +74,7 @@ impl PyMultiBandExtractor {
         if let Some(blocks) = blocks {
             spec = blocks_of(blocks, spec.rate_hz)?;
         }
+        MultiBand::check_size(n_samples, n_axes)?;
         let n_bands = n_bands(n_samples);
         let scales = Scales {
             bands: given_scales(scales, "scales", &[n_bands, n_axes])?,

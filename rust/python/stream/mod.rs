@@ -12,7 +12,7 @@ pub(super) use extractor::PyStreamingExtractor;
 pub(super) use identifier::PyStreamingIdentifier;
 
 use self::turns::Turns;
-use super::arrays::{contiguous_real, readable, tuple, writable, zeros};
+use super::arrays::{briefly_readable, contiguous_real, readable, tuple, writable, zeros};
 use super::scalars::shown;
 
 /// Rows from which on other threads may run meanwhile: some 20 microseconds of work, more than the way back costs.
@@ -27,16 +27,18 @@ fn push_rows<T: Send>(
 ) -> PyResult<usize> {
     let py = wrench.py();
     let array = contiguous_real(wrench, "wrench")?;
-    let rows = readable(&array, "wrench")?;
-    if !matches!(rows.shape(), [columns] | [_, columns] if *columns == n_axes) {
-        let shape = tuple(rows.shape());
+    if !matches!(array.shape(), [columns] | [_, columns] if *columns == n_axes) {
+        let shape = tuple(array.shape());
         let message = format!("wrench must have shape (k, {n_axes}) or ({n_axes},), got shape {shape}");
         return Err(PyValueError::new_err(message));
     }
-    let values = rows.as_slice()?;
-    let taken = if values.len() < MANY_ROWS * n_axes {
-        push(&mut *stream.locked(py)?, values)
+    let taken = if array.len() < MANY_ROWS * n_axes {
+        // First the stream, which others may run for; then the rows, in which nobody may meddle.
+        let mut stream = stream.locked(py)?;
+        push(&mut stream, briefly_readable(&array, "wrench")?.as_slice()?)
     } else {
+        let rows = readable(&array, "wrench")?;
+        let values = rows.as_slice()?;
         stream.work(py, |stream| push(stream, values))?
     };
     Ok(taken?)

@@ -1,0 +1,202 @@
+"""Callers that do what they should not: arrays that change while they are read, sizes that no memory holds.
+
+Each case has a process of its own, which must live on.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = [
+    pytest.mark.thread_unsafe(reason="starts processes"),
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits memory, reads /proc"),
+]
+
+BEGIN = """
+import resource, threading, time, warnings
+import numpy as np
+import granular_id as gid
+from granular_id import _core
+from granular_id.live import WrenchBuffer
+
+SPEC = gid.FeatureSpec(hfmh=False)
+
+def limit(room_mb=600):
+    size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (size + room_mb * 10**6, resource.RLIM_INFINITY))
+
+def full():
+    buffer = WrenchBuffer(2000.0)
+    buffer.push_block(np.zeros((10**6, 6)))
+    return buffer
+
+def model(coef, n_samples=100, n_axes=3, classes=("a", "b"), codes=((1,), (-1,))):
+    intercept = np.zeros(len(coef))
+    return _core.Model(SPEC, coef, intercept, codes, classes, n_samples=n_samples, n_axes=n_axes)
+
+def low_pass(order):
+    return _core.butter(order, "lowpass", 1.0, 0.0, 10.0)
+"""
+
+SHRINK = """
+X = np.zeros((2000, 100, 3))
+tried = []
+
+def shrink(*_, **__):
+    tried.append(True)
+    X.resize((1, 1, 1), refcheck=False)
+
+class Number:
+    def __index__(self):
+        shrink()
+        return 1
+
+class Array:
+    def __init__(self, *shape):
+        self.shape = shape
+    def __array__(self, dtype=None, copy=None):
+        shrink()
+        return np.zeros(self.shape)
+    def __len__(self):
+        return self.shape[0]
+
+class Names(list):
+    def __iter__(self):
+        shrink()
+        return super().__iter__()
+
+class Text(str):
+    def __eq__(self, other):
+        shrink()
+        return super().__eq__(other)
+    __hash__ = str.__hash__
+
+class Flags(np.ndarray):
+    @property
+    def flags(self):
+        shrink()
+        return super().flags
+
+class Type:
+    @property
+    def dtype(self):
+        shrink()
+        return np.dtype(float)
+"""
+
+CHANGED = {
+    "threads of multi-band features": "_core.MultiBandExtractor(100, 3).extract(X, Number())",
+    "threads of sizes of bands": "_core.MultiBandExtractor(100, 3).band_rms(X, threads=Number())",
+    "threads of features": "_core.extract_features(X, SPEC, Number(), None, float)",
+    "dtype of features": "_core.extract_features(X, SPEC, None, None, Type())",
+    "flags of out": "shrink_out = np.empty((2000, 300)).view(Flags); tried.append(True);"
+    "_core.extract_features(X, SPEC, None, shrink_out, float)",
+    "a warning": "X = np.zeros((1, 10, 200_000)); warnings.showwarning = shrink;"
+    "_core.extract_features(X, SPEC, None, None, float)",
+    "threads of scores": "model(np.zeros((1, 300))).scores(X, Number())",
+    "classes of a model": "X = np.zeros((1, 1 << 20)); model(X, 1 << 20, 1, Names('ab'))",
+    "another array of a model": "X = np.zeros((1, 1 << 20)); model(X, 1 << 20, 1, codes=Array(2, 1))",
+    "times of rows": "X = np.zeros((100_000, 6)); WrenchBuffer(1000.0).push_block(X, Array(100_000))",
+    "another array of a distance": "X = np.zeros((1000, 1000)); _core.NearestMean(Array(2, 1000), X)",
+    "bins of a histogram": "X = np.zeros(1 << 20); _core.histogram(X, Number(), -1.0, 1.0)",
+    "the end of a pause": "_core.sosfiltfilt(low_pass(2), X, 0, 'odd', Number())",
+}
+
+BESIDE = """
+def resize():
+    time.sleep(0.002)  # by now the work has begun, most of the time
+    for array in (X, out):
+        try:
+            array.resize((1, 1, 1), refcheck=False)
+        except ValueError:
+            refused.append(True)
+
+for view in (False, True):
+    refused = []
+    for _ in range(100):
+        X, out = np.ones((400, 1600, 6)), np.empty((400, 9600))
+        other = threading.Thread(target=resize)
+        other.start()
+        try:
+            gid.extract_features(X[:] if view else X, raw=True, hfmh=False, out=out, threads=1)
+        except ValueError:
+            pass  # resized before it was borrowed
+        other.join()
+        if len(refused) >= 2:
+            break
+    assert refused
+"""
+
+TOO_LARGE = {
+    "multi-band features": "_core.MultiBandExtractor(100, 6).extract(np.zeros((3_000_000, 1, 6)))",
+    "sizes of bands": "_core.MultiBandExtractor(100, 6).band_rms(np.zeros((3_000_000, 1, 6)))",
+    "a multi-band design": "_core.MultiBandExtractor(1 << 22, 1)",
+    "room for multi-band work": "_core.MultiBandExtractor(1 << 20, 1).extract(np.zeros((1 << 20, 1)))",
+    "names of multi-band features": "_core.MultiBandExtractor(3001, 350, blocks=['coupling']).names",
+    "features": "gid.extract_features(np.zeros((10**7, 1, 1)), n_bins=32768)",
+    "names": "gid.FeatureSpec().feature_names(10**7, 9)",
+    "ranges": "gid.FeatureSpec(n_bins=32768, bin_range=np.tile([[-1.0, 1.0]], (10**5, 1)))",
+    "scores": "model(np.ones((10**5, 1)), 1, 1, 'ab', np.tile([[1], [-1]], 10**5)).scores(np.zeros((10**7, 1, 1)))",
+    "losses": "codes = np.repeat([[1], [-1]], (1, 1023), axis=0);"
+    "model(np.ones((1, 1)), 1, 1, list(map(str, range(1024))), codes).losses(np.zeros((10**5, 1)))",
+    "a filter": "_core.sosfilt(low_pass(32), np.zeros((1, 4_000_000)), 0, None)",
+    "a filter both ways": "_core.sosfiltfilt(low_pass(2), np.zeros(20_000_000), 0, 'odd', 19_999_999)",
+    "a stream": "gid.StreamingExtractor(gid.FeatureSpec(n_bins=1), n_samples=1, n_axes=1 << 24)",
+    "a stream with a hop": "gid.StreamingExtractor(gid.FeatureSpec(n_bins=1), n_samples=1, n_axes=1 << 24, hop=1)",
+    "a table to read": "_core.parse_number_table(b'1\\n' * 10**8, 0, 1)",
+    "a table to write": "_core.write_number_table([np.zeros(25_000_000)])",
+    "rows for a buffer": "X, t = np.zeros((10**7, 6)), np.zeros(10**7); limit(50); WrenchBuffer(1.0).push_block(X, t)",
+    "rows of a buffer": "buffer = full(); limit(20); buffer.reader(from_oldest=True).read()",
+    "a window of a buffer": "buffer = full(); limit(20); buffer.window(10**6)",
+}
+
+
+def in_child(code):
+    child = subprocess.run(
+        [sys.executable, "-c", BEGIN + code],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert child.returncode == 0, child.stderr[-2000:]
+    return child.stdout
+
+
+@pytest.mark.parametrize("call", CHANGED.values(), ids=CHANGED)
+def test_an_array_that_shrinks_while_it_is_asked_for(call):
+    """Whatever comes of it, an answer or an error: no memory that is not there is read."""
+    in_child(f"{SHRINK}\ntry:\n    {call}\nexcept (ValueError, TypeError):\n    pass\nassert tried")
+
+
+def test_an_array_cannot_be_resized_while_it_is_read():
+    in_child(BESIDE)
+
+
+@pytest.mark.parametrize("call", TOO_LARGE.values(), ids=TOO_LARGE)
+def test_sizes_for_which_there_is_no_memory(call):
+    caught = in_child(f"limit()\ntry:\n    {call}\nexcept MemoryError as error:\n    print(error)")
+    assert caught.strip()
+
+
+def test_recordings_without_samples_ask_for_no_memory():
+    call = "_core.MultiBandExtractor(100, 6).extract(np.empty((10**12, 0, 6)))"
+    assert "must not be empty" in in_child(f"try:\n    {call}\nexcept ValueError as error:\n    print(error)")
+
+
+@pytest.mark.parametrize("asked", ["AVX2", "sse9"])
+def test_a_vector_unit_that_is_none_is_refused_by_name(asked):
+    environment = os.environ | {"GRANULAR_ID_SIMD": asked}
+    child = subprocess.run(
+        [sys.executable, "-c", "import granular_id"],
+        check=False,
+        capture_output=True,
+        text=True,
+        env=environment,
+    )
+    assert child.returncode == 1
+    last = child.stderr.strip().splitlines()[-1]
+    assert all(word in last for word in ("ValueError", "GRANULAR_ID_SIMD", asked, "baseline"))
