@@ -1,4 +1,4 @@
-//! Identifies recordings with the Rust crate alone: a model file and CSV files in, a ranking of materials out.
+//! Identifies recordings with the Rust crate alone: a model file and CSV files in, an answer and a ranking of materials out.
 //!
 //! ```text
 //! cargo run --release --example identify -- model.safetensors push.csv
@@ -11,6 +11,7 @@ use std::error::Error;
 use std::fs;
 use std::process::ExitCode;
 
+use granular_id::model::Answer;
 use granular_id::number_table;
 use granular_id::Model;
 
@@ -31,6 +32,11 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
+    if model.lacks_digest() {
+        eprintln!(
+            "warning: the model file has no digest, an earlier version wrote it: damage would go unnoticed"
+        );
+    }
     if is_synthetic(&model) {
         println!("SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials");
     }
@@ -54,13 +60,27 @@ pub fn is_synthetic(model: &Model) -> bool {
         .is_ok_and(|trained: serde_json::Value| trained["synthetic"] == serde_json::Value::Bool(true))
 }
 
-/// The ranking of the materials for one recording, a line each.
+/// The answer for one recording, then the ranking of the materials, a line each.
 pub fn identified(model: &Model, path: &str) -> Result<String, Box<dyn Error>> {
     let text = fs::read(path)?;
     let answer = model.identify(&recording(model, &text)?)?;
-    let first = format!("{path}: {}, by a margin of {:.4}\n", model.classes()[answer.best], answer.margin());
+    let first = format!("{path}: {}\n", in_words(model, &answer));
     let line = |class: usize| format!("{:10.4}  {}\n", answer.losses[class], model.classes()[class]);
     Ok(std::iter::once(first).chain(answer.ranking().into_iter().map(line)).collect())
+}
+
+/// The best material, or that it is like none; and which it may be, where that is not the best alone.
+pub fn in_words(model: &Model, answer: &Answer) -> String {
+    let label = |class: &usize| model.classes()[*class].as_str();
+    let best = label(&answer.best);
+    let named = match answer.unknown {
+        Some(true) => format!("like no known material (nearest: {best})"),
+        _ => best.to_owned(),
+    };
+    let others = answer.candidates.iter().any(|class| *class != answer.best);
+    let candidates: Vec<_> = answer.candidates.iter().map(label).collect();
+    let may_be = if others { format!("; may be {}", candidates.join(" or ")) } else { String::new() };
+    format!("{named}, by a margin of {:.4}{may_be}", answer.margin())
 }
 
 /// Samples of a CSV text, with the axes of the model in its order.

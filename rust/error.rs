@@ -298,12 +298,6 @@ pub enum Error {
         /// The value found.
         value: f64,
     },
-    /// Rules for whole recordings that do not fit a model.
-    #[error("rules must fit the model: {problem}")]
-    Rules {
-        /// What does not fit.
-        problem: &'static str,
-    },
     /// A device clock slower than the rows, or no clock at all.
     #[error("tick_hz must be finite and at least rate_hz = {rate_hz}, got {tick_hz}")]
     TickRate {

@@ -6,7 +6,7 @@ use allocation_counter::measure;
 use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Row};
 use granular_id::multiband::MultiBandSpec;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
-use granular_id::{Extractor, FeatureSpec};
+use granular_id::{Extractor, FeatureSpec, Model};
 
 #[path = "twins/models.rs"]
 mod models;
@@ -114,6 +114,27 @@ fn streaming_identification() {
         stream.reset();
     });
     assert_eq!(finished, 4);
+}
+
+#[test]
+fn streaming_identification_with_rules() {
+    let rows = noisy_rows(500);
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/rules/model.safetensors");
+    let model = Arc::new(Model::read(file).unwrap());
+    let mut stream = StreamingIdentifier::new(model, Some(20)).unwrap().clone();
+    let mut finished = 0;
+    allocates_nothing("push, standing, advance", || {
+        for row in rows.chunks_exact(6) {
+            stream.push(row).unwrap();
+            let standing = stream.standing().unwrap();
+            if standing.is_final {
+                assert!(!standing.candidates.is_empty() && standing.unknown == Some(true));
+                finished += 1;
+                stream.advance().unwrap();
+            }
+        }
+    });
+    assert_eq!(finished, 23);
 }
 
 #[test]

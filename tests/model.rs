@@ -1,20 +1,30 @@
 //! A trained model with the Rust crate alone: the same bits as plain numpy and a plain twin, files that come back, and no
 //! panic whatever the bytes.
 //!
-//! `GRANULAR_ID_MODEL_ROWS=FOLDER cargo test --release --test model` compares a folder that `make_model_golden.py` wrote.
+//! `GRANULAR_ID_MODEL_ROWS=FOLDER cargo test --release --test model` compares a folder that `make_model_golden.py` wrote,
+//! `GRANULAR_ID_RULES=FOLDER` one of `make_rules_golden.py`.
 
 // Results are exact.
 #![allow(clippy::float_cmp)]
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use granular_id::model::{Decoding, Fault, FileFault, Loss, ModelParts, Notes, Tensor, MAX_FILE_BYTES};
+use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
 use proptest::prelude::*;
 
 #[allow(dead_code)] // its `main`
 #[path = "../examples/identify.rs"]
 mod identify;
+#[path = "twins/models.rs"]
+mod models;
+#[allow(dead_code)] // strategies
+#[path = "twins/signals.rs"]
+mod signals;
+
+use models::{no_flipped_bit_is_read, random_model, without_digest};
 
 fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|value| value.to_bits()).collect()
@@ -53,6 +63,27 @@ fn agrees_with_python_bit_for_bit() {
         winners[answer.best] += 1;
     }
     println!("{n} recordings: 0 differing bits, 0 differing labels; winners {winners:?}");
+}
+
+/// Files of the first two versions have no digest; the first holds the same model as the file of today.
+#[test]
+fn files_of_earlier_versions_are_read_and_say_so() {
+    let [now, first, second] = ["model", "model_1", "model_2"]
+        .map(|name| Model::read(golden().join(name).with_extension("safetensors")).unwrap());
+    assert_eq!([now.lacks_digest(), first.lacks_digest(), second.lacks_digest()], [false, true, true]);
+    assert_eq!(first, now);
+    assert!(second.multiband().is_some());
+    for model in [first, second] {
+        let again = Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES).unwrap();
+        assert!(again == model && !again.lacks_digest());
+    }
+}
+
+#[test]
+fn a_flipped_bit_is_noticed() {
+    no_flipped_bit_is_read(
+        &random_model(3, 4, 1, FeatureSpec { n_bins: 2, ..FeatureSpec::default() }).to_bytes(),
+    );
 }
 
 /// Parts of a small model, to be changed by tests.
@@ -185,7 +216,7 @@ proptest! {
 
 #[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
-    let good = Small::new().model().unwrap().to_bytes();
+    let good = without_digest(&Small::new().model().unwrap().to_bytes());
     for len in 0..good.len() {
         assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
     }
@@ -324,6 +355,45 @@ fn the_example_identifies_a_csv_file() {
     let label = &model.classes()[model.identify(wrench).unwrap().best];
     assert!(lines.as_ref().unwrap().contains(&format!(": {label}, by a margin of ")));
     assert_eq!(lines.unwrap().lines().count(), 1 + model.classes().len());
+}
+
+/// 60 pushes of known materials and 20 of others, and what the rules in plain numpy say of them.
+#[test]
+fn the_example_refuses_what_the_package_refuses() {
+    let own = || Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rules");
+    let folder = std::env::var_os("GRANULAR_ID_RULES").map_or_else(own, PathBuf::from);
+    let model = Arc::new(Model::read(folder.join("model.safetensors")).unwrap());
+    let bytes = std::fs::read(folder.join("wrench.f32")).unwrap();
+    let values = bytes.as_chunks().0.iter().map(|bytes| f64::from(f32::from_le_bytes(*bytes)));
+    let values: Vec<_> = values.collect();
+    let wanted = std::fs::read_to_string(folder.join("answers.txt")).unwrap();
+    let wanted: Vec<_> = wanted.lines().collect();
+    assert_eq!((wanted.len(), values.len()), (80, 80 * 6 * model.n_samples()));
+    let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
+    for (push, wanted) in values.chunks_exact(6 * model.n_samples()).zip(wanted) {
+        let text = csv(push, 1.0 / model.rate_hz());
+        let answer = model.identify(&identify::recording(&model, text.as_bytes()).unwrap()).unwrap();
+        let candidates: Vec<_> =
+            answer.candidates.iter().map(|class| model.classes()[*class].as_str()).collect();
+        let (best, is_unknown) = (&model.classes()[answer.best], answer.unknown.unwrap());
+        let unknown = if is_unknown { "True" } else { "False" };
+        assert_eq!(format!("{best}\t{}\t{unknown}", candidates.join(", ")), wanted);
+        let words = identify::in_words(&model, &answer);
+        assert!(words.starts_with(&if is_unknown {
+            format!("like no known material (nearest: {best}), by a margin")
+        } else {
+            format!("{best}, by a margin")
+        }));
+        let may_be = format!("; may be {}", candidates.join(" or "));
+        assert_eq!(words.ends_with(&may_be), candidates != [best]);
+        stream.reset();
+        stream.push(&push[..6]).unwrap();
+        let early = stream.standing().unwrap();
+        assert_eq!((early.candidates, early.unknown), (&[][..], None));
+        stream.push(&push[6..]).unwrap();
+        let last = stream.standing().unwrap();
+        assert_eq!((last.candidates, last.unknown), (&answer.candidates[..], answer.unknown));
+    }
 }
 
 #[test]

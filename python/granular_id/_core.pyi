@@ -25,7 +25,6 @@ __all__ = [
     "NearestMean",
     "NumberTableError",
     "RdtReceiver",
-    "Rules",
     "StreamingExtractor",
     "StreamingIdentifier",
     "Window",
@@ -155,9 +154,7 @@ class StreamingExtractor:
 
 @final
 class StreamingIdentifier:
-    def __new__(
-        cls, model: Model, *, hop: SupportsIndex | None = None, rules: Rules | None = None
-    ) -> Self: ...
+    def __new__(cls, model: Model, *, hop: SupportsIndex | None = None) -> Self: ...
     @property
     def model(self) -> Model: ...
     @property
@@ -229,6 +226,9 @@ class Model:
     def to_bytes(self) -> bytes: ...
     def scores(self, wrench: ArrayLike, threads: SupportsIndex | None = None) -> _Floats: ...
     def losses(self, scores: ArrayLike) -> _Floats: ...
+    def verdicts(self, scores: ArrayLike) -> list[tuple[tuple[str, ...], bool | None]]: ...
+    @property
+    def lacks_digest(self) -> bool: ...
     @property
     def spec(self) -> FeatureSpec | MultiBandExtractor: ...
     @property
@@ -272,17 +272,6 @@ class Model:
     def __getnewargs_ex__(self) -> tuple[tuple[Any, ...], dict[str, Any]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
-
-@final
-class Rules:
-    def __new__(
-        cls,
-        limits: ArrayLike | None = None,
-        nearest: NearestMean | None = None,
-        *,
-        of_losses: bool = False,
-        threshold: float = ...,
-    ) -> Self: ...
 
 @final
 class NearestMean:

@@ -2,6 +2,7 @@
 
 use super::codes::Codes;
 use super::fault::Fault;
+use super::file;
 use super::notes::check_names;
 use super::parts::{ModelParts, Tensor, MAX_AXES, MAX_CLASSES, MAX_WINDOW};
 use super::trained::Model;
@@ -34,6 +35,7 @@ impl Model {
         check_names("classes", classes)?;
         parts.notes.check(n_axes)?;
         let codes = Codes::new(coding_matrix, n_classes, n_learners, parts.decoding)?;
+        let rules = file::rules::read(&parts.notes.trained, classes, &codes)?;
         parts.check_optional(n_raw, n_learners)?;
         intercept.check_finite("intercept")?;
         let weights = Weights::new(
@@ -65,7 +67,9 @@ impl Model {
             sigmoid: pairs(&parts.sigmoid)?,
             posterior_weights: owned(&parts.posterior_weights)?,
             classes: parts.classes,
+            rules,
             notes: parts.notes,
+            lacks_digest: false,
         };
         model.check_header()?;
         Ok(model)

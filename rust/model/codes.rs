@@ -82,6 +82,21 @@ impl Codes {
         self.divisors.get(class).copied().unwrap_or(1.0)
     }
 
+    /// Binary learners: L.
+    pub(super) fn n_learners(&self) -> usize {
+        self.columns.len() / self.n_classes.max(1)
+    }
+
+    /// Whether there is one learner for each pair of classes `i < j`, in their order, for which `i` is positive.
+    pub(super) fn is_of_pairs(&self) -> bool {
+        let classes = || 0..self.n_classes;
+        self.n_learners() == self.n_classes * (self.n_classes - 1) / 2
+            && pairs(self.n_classes).enumerate().all(|(learner, (i, j))| {
+                classes()
+                    .all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
+            })
+    }
+
     /// Code -1, 0 or +1 of a class at a learner.
     pub(super) fn code(&self, class: usize, learner: usize) -> i8 {
         self.columns

@@ -83,9 +83,14 @@ pub enum Fault {
         /// The value, quoted and cut.
         got: String,
     },
-    /// A feature specification other than the one that was hashed.
-    #[error("feature_spec does not have the hash that feature_spec_sha256 names: the file was changed")]
-    Hash,
+    /// Something else than what was hashed.
+    #[error("{what} does not have the hash that {key} names: the file was damaged or changed")]
+    Hash {
+        /// The feature specification, or all that the file holds.
+        what: &'static str,
+        /// The entry of the metadata with the hash.
+        key: &'static str,
+    },
     /// A feature specification that cannot be.
     #[error("feature_spec: {0}")]
     Spec(#[from] Error),

@@ -36,7 +36,8 @@ pub use loss::{Decoding, Loss};
 pub use nearest::NearestMean;
 pub use notes::{Notes, MAX_NAME_BYTES};
 pub use parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_WINDOW};
-pub use rules::{Rules, Strangeness};
+pub use rules::Rules;
+pub(crate) use rules::Verdict;
 pub(crate) use scores::best_and_margin;
 #[cfg(feature = "python")]
 pub(crate) use scores::ranking;

@@ -104,20 +104,29 @@ impl NearestMean {
             return Err(Error::Score { recording, learner, value: scores[index] });
         }
         let (mut values, mut white) = (filled(0.0, self.n_values)?, filled(0.0, self.n_values)?);
-        let one = |scores: &[f64]| {
-            if self.of_pairs {
-                hinge_values(scores, &mut values);
-                whiten(&self.whitener, &values, &mut white);
-            } else {
-                whiten(&self.whitener, scores, &mut white);
-            }
-            let squares = self
-                .means
-                .chunks_exact(self.n_values)
-                .map(|mean| white.iter().zip(mean).fold(0.0, |sum, (x, mean)| sum + (x - mean) * (x - mean)));
-            squares.fold(f64::INFINITY, f64::min).sqrt()
-        };
+        let one = |scores: &[f64]| self.distance(scores, &mut values, &mut white);
         collected(scores.chunks_exact(width).map(one))
+    }
+
+    /// Numbers of a recording that are whitened.
+    pub(super) fn n_values(&self) -> usize {
+        self.n_values
+    }
+
+    /// Distance of one recording of [`width`](Self::width) numbers, with memory for two times
+    /// [`n_values`](Self::n_values).
+    pub(super) fn distance(&self, scores: &[f64], values: &mut [f64], white: &mut [f64]) -> f64 {
+        if self.of_pairs {
+            hinge_values(scores, values);
+            whiten(&self.whitener, values, white);
+        } else {
+            whiten(&self.whitener, scores, white);
+        }
+        let squares = self
+            .means
+            .chunks_exact(self.n_values)
+            .map(|mean| white.iter().zip(mean).fold(0.0, |sum, (x, mean)| sum + (x - mean) * (x - mean)));
+        squares.fold(f64::INFINITY, f64::min).sqrt()
     }
 }
 

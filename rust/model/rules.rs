@@ -1,97 +1,192 @@
 //! What is said of a whole recording beside its label: which classes it may be, and whether it is like none.
 //!
-//! The rules are made elsewhere, from recordings that did not train. Sources: Vovk, Gammerman, Shafer, "Algorithmic learning
-//! in a random world" (2005) for sets of classes; [`NearestMean`] for the distance.
+//! The rules are made elsewhere, from recordings that did not train, and stand in the file of a model. Sources: Vovk,
+//! Gammerman, Shafer, "Algorithmic learning in a random world" (2005) for sets of classes; Romano, Sesia, Candes,
+//! "Classification with valid and adaptive coverage" (2020) for the cumulative one; [`NearestMean`] for the distance.
 
 use super::nearest::NearestMean;
-use super::scores::{best_and_margin, ranking};
+use super::scores::{best_and_margin, rank};
 use super::Model;
-use crate::error::{Error, Result};
 
-/// A limit of the distance to the nearest class.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Strangeness {
-    /// What is measured.
-    pub nearest: NearestMean,
-    /// Whether it is measured of the losses of the classes, negated, and not of the scores of the learners.
-    pub of_losses: bool,
-    /// Recordings farther away are like none of the classes.
-    pub threshold: f64,
+/// How badly a class fits a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Misfit {
+    /// By how much its loss exceeds the least of the others.
+    Margin,
+    /// Minus its probability: shares of the exponentials of minus the losses.
+    Probability,
+    /// The probability of all classes down to it, the likeliest first.
+    Cumulative,
 }
 
-/// Rules for whole recordings; each may be missing.
-///
-/// ```
-/// use granular_id::model::Rules;
-///
-/// let rules = Rules { limits: Some(vec![0.1; 3]), strangeness: None };
-/// assert_eq!(rules.candidates(&[0.50, 0.45, 0.90]), [1, 0]);
-/// ```
+impl Misfit {
+    pub(super) const NAMED: [(&'static str, Self); 3] =
+        [("margin", Self::Margin), ("probability", Self::Probability), ("cumulative", Self::Cumulative)];
+}
+
+/// Which classes a recording may be.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Candidates {
+    pub(super) misfit: Misfit,
+    /// Losses are divided by it before they become probabilities.
+    pub(super) temperature: f64,
+    /// For each class how badly a candidate may fit.
+    pub(super) limits: Vec<f64>,
+}
+
+/// How strange a recording is.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Strangeness {
+    /// Distance of the scores of the learners to those of the nearest class.
+    OfScores(NearestMean),
+    /// Distance of the losses of the classes, negated.
+    OfLosses(NearestMean),
+    /// How clearly the least clear learner of the best class speaks for it, negated.
+    LeastClear,
+    LeastLoss,
+    /// The least loss minus the second.
+    Margin,
+}
+
+/// Beyond what a recording is like no class.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Refusal {
+    pub(super) strangeness: Strangeness,
+    pub(super) threshold: f64,
+}
+
+/// Rules of a model for whole recordings; each may be missing. [`Model::identify`] and
+/// [`StreamingIdentifier`](crate::stream::StreamingIdentifier) apply them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rules {
-    /// For each class by how much its loss may exceed the least of the others to be a candidate.
-    pub limits: Option<Vec<f64>>,
-    /// Beyond what a recording is like no class.
-    pub strangeness: Option<Strangeness>,
+    pub(super) candidates: Option<Candidates>,
+    pub(super) refusal: Option<Refusal>,
 }
 
 impl Rules {
-    /// Refuses rules that are none, or that are for other classes or learners than a model has.
-    ///
-    /// # Errors
-    /// [`Error::Rules`].
-    pub fn check(&self, model: &Model) -> Result<()> {
-        let n_classes = model.classes().len();
-        let refuse = |problem| Err(Error::Rules { problem });
-        if let Some(limits) = &self.limits {
-            if limits.len() != n_classes || limits.iter().any(|limit| limit.is_nan()) {
-                return refuse("limits must be one number for each class, none of them NaN");
-            }
-        }
-        if let Some(Strangeness { nearest, of_losses, threshold }) = &self.strangeness {
-            if threshold.is_nan() {
-                return refuse("threshold must not be NaN");
-            }
-            if nearest.n_classes() != n_classes {
-                return refuse("means must be those of the classes");
-            }
-            let expected = if *of_losses { n_classes } else { model.n_learners() };
-            if nearest.width() != expected || nearest.is_of_pairs() && (*of_losses || !model.is_of_pairs()) {
-                return refuse("means must be of what the learners or the losses of the model are");
-            }
-        }
-        Ok(())
-    }
-
-    /// Classes that a recording may be, by its mean losses: the likeliest first, and the best one where no other is. None
-    /// without a rule.
+    /// Whether answers name the classes that a recording may be.
     #[must_use]
-    pub fn candidates(&self, losses: &[f64]) -> Vec<usize> {
-        let Some(limits) = &self.limits else { return Vec::new() };
-        let (best, margin) = best_and_margin(losses);
-        let mut within = ranking(losses);
-        within.retain(|class| {
-            let behind = if *class == best { -margin } else { losses[*class] - losses[best] };
-            limits.get(*class).is_some_and(|limit| behind <= *limit)
-        });
-        if within.is_empty() {
-            within.push(best);
-        }
-        within
+    pub fn name_candidates(&self) -> bool {
+        self.candidates.is_some()
     }
 
-    /// Whether a recording is like no class, by its mean losses and the scores of the learners; `None` without a rule.
-    ///
-    /// # Errors
-    /// As [`NearestMean::distances`].
-    pub fn is_unknown(&self, losses: &[f64], scores: &[f64]) -> Result<Option<bool>> {
-        let Some(Strangeness { nearest, of_losses, threshold }) = &self.strangeness else { return Ok(None) };
-        let distances = if *of_losses {
-            nearest.distances(&losses.iter().map(|loss| -loss).collect::<Vec<_>>())?
-        } else {
-            nearest.distances(scores)?
+    /// Whether answers say that a recording is like none of the classes.
+    #[must_use]
+    pub fn refuse_unknown(&self) -> bool {
+        self.refusal.is_some()
+    }
+
+    /// Memory for what they say, taken once.
+    pub(crate) fn verdict(&self) -> Verdict {
+        let n_classes = self.candidates.as_ref().map_or(0, |rule| rule.limits.len());
+        let nearest = match &self.refusal {
+            Some(Refusal { strangeness: Strangeness::OfScores(nearest), .. }) => nearest.n_values(),
+            Some(Refusal { strangeness: Strangeness::OfLosses(nearest), .. }) => nearest.n_values(),
+            _ => 0,
         };
-        Ok(distances.first().map(|distance| *distance > *threshold))
+        Verdict {
+            order: vec![0; n_classes],
+            n_candidates: 0,
+            unknown: None,
+            values: vec![0.0; nearest.max(n_classes)],
+            white: vec![0.0; nearest],
+        }
+    }
+}
+
+/// What the rules say of one recording, and memory for finding it out.
+#[derive(Clone, Debug)]
+pub(crate) struct Verdict {
+    order: Vec<usize>,
+    n_candidates: usize,
+    unknown: Option<bool>,
+    values: Vec<f64>,
+    white: Vec<f64>,
+}
+
+impl Verdict {
+    /// Classes that the recording may be, the likeliest first and at least one; empty without a rule.
+    pub(crate) fn candidates(&self) -> &[usize] {
+        self.order.get(..self.n_candidates).unwrap_or_default()
+    }
+
+    /// Whether it is like no class; `None` without a rule.
+    pub(crate) fn unknown(&self) -> Option<bool> {
+        self.unknown
+    }
+}
+
+impl Model {
+    /// Applies the rules to a whole recording, by its mean losses and the scores of the learners. Allocates nothing.
+    pub(crate) fn judge(&self, losses: &[f64], scores: &[f64], verdict: &mut Verdict) {
+        let Rules { candidates, refusal } = &self.rules;
+        if let Some(rule) = candidates {
+            verdict.n_candidates = rule.within(losses, &mut verdict.order, &mut verdict.values);
+        }
+        verdict.unknown = refusal.as_ref().map(|Refusal { strangeness, threshold }| {
+            let Verdict { values, white, .. } = verdict;
+            let strangeness = match strangeness {
+                Strangeness::OfScores(nearest) => {
+                    nearest.distance(scores, &mut values[..nearest.n_values()], white)
+                }
+                Strangeness::OfLosses(nearest) => {
+                    for (value, loss) in values.iter_mut().zip(losses) {
+                        *value = -loss;
+                    }
+                    nearest.distance(&values[..losses.len()], &mut [], white)
+                }
+                Strangeness::LeastClear => {
+                    let best = best_and_margin(losses).0;
+                    let sides =
+                        scores.iter().enumerate().map(|(learner, score)| (self.code(best, learner), score));
+                    let clear =
+                        sides.filter(|(side, _)| *side != 0).map(|(side, score)| f64::from(side) * score);
+                    -clear.fold(f64::INFINITY, f64::min)
+                }
+                Strangeness::LeastLoss => losses.iter().copied().fold(f64::INFINITY, f64::min),
+                Strangeness::Margin => -best_and_margin(losses).1,
+            };
+            // What is no number is like nothing.
+            strangeness.is_nan() || strangeness > *threshold
+        });
+    }
+}
+
+impl Candidates {
+    /// Puts the classes that a recording may be first in `order`, the likeliest first, and gives their number: the best one
+    /// alone where none fits well enough. `order` and `shares` have a place for each class.
+    fn within(&self, losses: &[f64], order: &mut [usize], shares: &mut [f64]) -> usize {
+        let (best, margin) = best_and_margin(losses);
+        rank(losses, order);
+        let mut sum = 0.0;
+        if self.misfit != Misfit::Margin {
+            let largest = -losses[best] / self.temperature;
+            for (share, loss) in shares.iter_mut().zip(losses) {
+                *share = libm::exp(-loss / self.temperature - largest);
+                sum += *share;
+            }
+        }
+        let (mut n_within, mut seen) = (0, 0.0);
+        for place in 0..order.len() {
+            let class = order[place];
+            let misfit = match self.misfit {
+                Misfit::Margin if class == best => -margin,
+                Misfit::Margin => losses[class] - losses[best],
+                Misfit::Probability => -(shares[class] / sum),
+                Misfit::Cumulative => {
+                    seen += shares[class] / sum;
+                    seen
+                }
+            };
+            if misfit <= self.limits[class] {
+                order[n_within] = class;
+                n_within += 1;
+            }
+        }
+        if n_within == 0 {
+            order[0] = best;
+        }
+        n_within.max(1)
     }
 }
 
@@ -99,30 +194,32 @@ impl Rules {
 mod tests {
     use super::*;
 
+    fn within(misfit: Misfit, limits: [f64; 3], losses: [f64; 3]) -> Vec<usize> {
+        let rule = Candidates { misfit, temperature: 0.5, limits: limits.to_vec() };
+        let (mut order, mut shares) = ([0; 3], [0.0; 3]);
+        let n = rule.within(&losses, &mut order, &mut shares);
+        order[..n].to_vec()
+    }
+
     #[test]
     fn candidates_by_their_distance_from_the_best_other() {
-        let of = |limits: [f64; 3], losses: [f64; 3]| {
-            Rules { limits: Some(limits.to_vec()), strangeness: None }.candidates(&losses)
-        };
+        let of = |limits, losses| within(Misfit::Margin, limits, losses);
         assert_eq!(of([0.25; 3], [0.5, 0.25, 1.0]), [1, 0]);
         assert_eq!(of([f64::INFINITY; 3], [0.5, 0.25, 0.25]), [1, 2, 0]);
         // The best one alone, though it is not clear enough.
         assert_eq!(of([-0.5; 3], [0.5, 0.25, 1.0]), [1]);
         assert_eq!(of([0.3, -0.5, 0.0], [0.5, 0.25, 1.0]), [0]);
-        assert!(Rules::default().candidates(&[0.1, 0.2]).is_empty());
     }
 
     #[test]
-    fn far_from_all_is_unknown() {
-        let nearest = NearestMean::new(&[0.0, 0.0, 4.0, 0.0], &[1.0, 0.0, 0.0, 1.0]).unwrap();
-        let rules = |of_losses| {
-            let strangeness = Strangeness { nearest: nearest.clone(), of_losses, threshold: 1.0 };
-            Rules { limits: None, strangeness: Some(strangeness) }
-        };
-        assert_eq!(rules(false).is_unknown(&[9.0, 9.0], &[4.0, 1.0]), Ok(Some(false)));
-        assert_eq!(rules(false).is_unknown(&[9.0, 9.0], &[2.0, 0.0]), Ok(Some(true)));
-        assert_eq!(rules(true).is_unknown(&[-4.0, 0.5], &[9.0, 9.0]), Ok(Some(false)));
-        assert!(rules(false).is_unknown(&[], &[f64::NAN, 0.0]).is_err());
-        assert_eq!(Rules::default().is_unknown(&[], &[]), Ok(None));
+    fn candidates_by_their_probability() {
+        // Shares of 1, 1/4 and 1/2.
+        let losses = [0.0, 2.0_f64.ln(), 2.0_f64.ln() / 2.0];
+        let of = |misfit, limit| within(misfit, [limit; 3], losses);
+        assert_eq!(of(Misfit::Probability, -0.2), [0, 2]);
+        assert_eq!(of(Misfit::Probability, -0.1), [0, 2, 1]);
+        assert_eq!(of(Misfit::Probability, -0.9), [0]);
+        assert_eq!(of(Misfit::Cumulative, 0.9), [0, 2]);
+        assert_eq!(of(Misfit::Cumulative, 0.1), [0]);
     }
 }

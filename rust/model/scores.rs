@@ -20,6 +20,11 @@ pub struct Answer {
     pub scores: Vec<f64>,
     /// Mean loss of each class.
     pub losses: Vec<f64>,
+    /// Indices of the classes that the recording may be by the [`Rules`](super::Rules) of the model, the likeliest first
+    /// and at least one; empty without such a rule.
+    pub candidates: Vec<usize>,
+    /// Whether the recording is like none of the classes: `best` then says nothing. `None` without such a rule.
+    pub unknown: Option<bool>,
 }
 
 impl Answer {
@@ -51,9 +56,17 @@ pub(crate) fn best_and_margin(losses: &[f64]) -> (usize, f64) {
 
 /// Classes by their loss, the smallest first; of equal ones the first.
 pub(crate) fn ranking(losses: &[f64]) -> Vec<usize> {
-    let mut order: Vec<_> = (0..losses.len()).collect();
-    order.sort_by(|a, b| losses[*a].total_cmp(&losses[*b]));
+    let mut order = vec![0; losses.len()];
+    rank(losses, &mut order);
     order
+}
+
+/// The same, into as many places as there are losses. Allocates nothing.
+pub(super) fn rank(losses: &[f64], order: &mut [usize]) {
+    for (class, place) in order.iter_mut().enumerate() {
+        *place = class;
+    }
+    order.sort_unstable_by(|a, b| losses[*a].total_cmp(&losses[*b]).then(a.cmp(b)));
 }
 
 impl Model {
@@ -154,11 +167,14 @@ impl Model {
         let numbers = self.n_learners() + self.classes.len();
         let per_answer = size_of::<Answer>() + numbers * size_of::<f64>();
         room(n_recordings.saturating_mul(per_answer))?;
+        let mut verdict = self.rules.verdict();
         let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;
             let (best, _) = best_and_margin(&losses);
-            Ok(Answer { best, scores: scores.to_vec(), losses })
+            self.judge(&losses, scores, &mut verdict);
+            let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
+            Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
         });
         answers.collect()
     }

@@ -1,9 +1,10 @@
 //! A checked model and what it is made of.
 
-use super::codes::{pairs, Codes};
+use super::codes::Codes;
 use super::extraction::Extraction;
 use super::loss::{Decoding, Loss};
 use super::notes::Notes;
+use super::rules::Rules;
 use super::weights::Weights;
 use crate::multiband::MultiBand;
 use crate::Extractor;
@@ -58,11 +59,13 @@ pub struct Model {
     pub(super) sigmoid: Option<Vec<[f64; 2]>>,
     pub(super) posterior_weights: Option<Vec<f64>>,
     pub(super) classes: Vec<String>,
+    pub(super) rules: Rules,
     pub(super) notes: Notes,
+    pub(super) lacks_digest: bool,
 }
 
 impl PartialEq for Model {
-    /// The same parts, and therefore the same answers.
+    /// The same parts, and therefore the same answers, wherever they came from.
     fn eq(&self, other: &Self) -> bool {
         let options = |model: &Self| {
             let optional = [&model.raw_mean, &model.raw_low, &model.raw_high, &model.posterior_weights];
@@ -141,12 +144,7 @@ impl Model {
     /// Whether there is one learner for each pair of classes `i < j`, in their order, for which `i` is positive.
     #[must_use]
     pub fn is_of_pairs(&self) -> bool {
-        let n_classes = self.classes.len();
-        self.n_learners() == n_classes * (n_classes - 1) / 2
-            && pairs(n_classes).enumerate().all(|(learner, (i, j))| {
-                (0..n_classes)
-                    .all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
-            })
+        self.codes.is_of_pairs()
     }
 
     /// The binary loss.
@@ -227,10 +225,23 @@ impl Model {
         self.posterior_weights.as_deref()
     }
 
-    /// What describes the model and changes no answer.
+    /// What is said of a whole recording beside its label.
+    #[must_use]
+    pub fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
+    /// What describes the model; of all this only [`rules`](Self::rules) are part of an answer.
     #[must_use]
     pub fn notes(&self) -> &Notes {
         &self.notes
+    }
+
+    /// Whether it was read from a file without a digest, as earlier versions wrote them: had the numbers been damaged,
+    /// nobody would know.
+    #[must_use]
+    pub fn lacks_digest(&self) -> bool {
+        self.lacks_digest
     }
 }
 

@@ -30,7 +30,7 @@ mod _core {
     #[pymodule_export]
     use super::interleave::interleave;
     #[pymodule_export]
-    use super::model::{ModelFileError, PyModel, PyNearestMean, PyRules};
+    use super::model::{ModelFileError, PyModel, PyNearestMean};
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]

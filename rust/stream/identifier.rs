@@ -7,7 +7,7 @@ use super::growing::Growing;
 use super::windows::Windows;
 use crate::error::Result;
 use crate::memory::filled;
-use crate::model::{best_and_margin, Extraction, Model};
+use crate::model::{best_and_margin, Extraction, Model, Verdict};
 
 /// Names the material while its samples arrive.
 ///
@@ -33,6 +33,9 @@ pub struct StreamingIdentifier {
     is_fresh: bool,
     scores: Vec<f64>,
     losses: Vec<f64>,
+    /// Whether the rules have been applied to them.
+    is_judged: bool,
+    verdict: Verdict,
 }
 
 /// How samples become scores.
@@ -61,6 +64,10 @@ pub struct Standing<'a> {
     pub is_settled: bool,
     /// Whether the margin meets the rule for early answers of the model.
     pub is_sure: bool,
+    /// As of [`Answer`](crate::model::Answer); empty before the window is complete.
+    pub candidates: &'a [usize],
+    /// As of [`Answer`](crate::model::Answer); `None` before the window is complete.
+    pub unknown: Option<bool>,
 }
 
 impl StreamingIdentifier {
@@ -80,6 +87,8 @@ impl StreamingIdentifier {
             is_fresh: false,
             scores: filled(0.0, model.n_learners())?,
             losses: vec![0.0; model.classes().len()],
+            is_judged: false,
+            verdict: model.rules().verdict(),
             model,
         })
     }
@@ -194,15 +203,22 @@ impl StreamingIdentifier {
         let is_settled = self.is_settled()?;
         let n_seen = self.n_seen();
         let (best, margin) = best_and_margin(&self.losses);
+        let is_final = self.is_complete();
+        if is_final && !self.is_judged {
+            self.model.judge(&self.losses, &self.scores, &mut self.verdict);
+            self.is_judged = true;
+        }
         Ok(Standing {
             n_seen,
             scores: &self.scores,
             losses: &self.losses,
             best,
             margin,
-            is_final: self.is_complete(),
+            is_final,
             is_settled,
             is_sure: self.model.margin_needed(n_seen).is_some_and(|needed| margin >= needed),
+            candidates: if is_final { self.verdict.candidates() } else { &[] },
+            unknown: if is_final { self.verdict.unknown() } else { None },
         })
     }
 
@@ -216,7 +232,7 @@ impl StreamingIdentifier {
             Way::Banded(banded) => banded.scores(&self.model, &mut self.scores)?,
         }
         self.model.decode(&self.scores, &mut self.losses)?;
-        self.is_fresh = true;
+        (self.is_fresh, self.is_judged) = (true, false);
         Ok(())
     }
 }

@@ -10,7 +10,17 @@ import zipfile
 
 import numpy as np
 
-from model_cases import N_AXES, N_SAMPLES, entries, framed, put_together, small_model, taken_apart
+from model_cases import (
+    DIGEST,
+    N_AXES,
+    N_SAMPLES,
+    entries,
+    framed,
+    put_together,
+    sealed,
+    small_model,
+    taken_apart,
+)
 
 GOOD = small_model().to_bytes()
 METADATA, TENSORS = taken_apart(GOOD)
@@ -42,7 +52,7 @@ def with_header(change):
     found, data = entries(TENSORS)
     header = {"__metadata__": METADATA, **found}
     changed = change(header)
-    return framed(header if changed is None else changed, data)
+    return sealed(header if changed is None else changed, data)
 
 
 def with_value(name, index, value):
@@ -70,6 +80,12 @@ def offsets(name, start, end):
         header[name]["data_offsets"] = [first + start, last + end]
 
     return with_header(change)
+
+
+def exchanged(one, other):
+    """Return the good file with two tensors of one shape in each other's place."""
+    found, data = entries(TENSORS)
+    return framed({"__metadata__": METADATA, **found, one: found[other], other: found[one]}, data)
 
 
 def entry(name, **changes):
@@ -196,11 +212,15 @@ BAD: dict[str, tuple[bytes, str]] = {
     "metadata a number": (with_metadata(n_samples=5), "metadata 'n_samples' must be a text, got a number"),
     "somebody else's": (with_metadata(format="pt"), "a safetensors file of something else"),
     "no format": (with_metadata(format=None), "a safetensors file of something else"),
-    "future version": (with_metadata(format_version="3"), "update granular_id"),
+    "future version": (with_metadata(format_version="4"), "update granular_id"),
     "version of multi-band features": (
-        with_metadata(format_version="2"),
+        with_metadata(format_version="2", **{DIGEST: None}),
         "feature_spec: 'blocks' is missing",
     ),
+    "version of before the digest": (with_metadata(format_version="1"), f"unknown entry '{DIGEST}'"),
+    "another label": (GOOD.replace(b"material 1", b"material 3"), f"the hash that {DIGEST} names"),
+    "another weight": (GOOD[:-1] + bytes([GOOD[-1] ^ 1]), f"the hash that {DIGEST} names"),
+    "weights exchanged": (exchanged("raw_low", "raw_mean"), f"the hash that {DIGEST} names"),
     "version 1.0": (with_metadata(format_version="1.0"), "format_version is '1.0'"),
     "no version": (with_metadata(format_version=None), "must have an entry 'format_version'"),
     **{
@@ -447,7 +467,7 @@ COSTLY: dict[str, tuple[bytes, str]] = {
         "an object has more than 4096 names",
     ),
     "a tensor of 300000 dimensions": (
-        framed(
+        sealed(
             {
                 "__metadata__": METADATA,
                 "coef": {"dtype": "F64", "shape": [1] * 300_000, "data_offsets": [0, 8]},

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
 import struct
 
 import numpy as np
 
-from granular_id._core import FeatureSpec, Model
+from granular_id._core import FeatureSpec, Model, MultiBandExtractor
+from granular_id.confidence import ConformalRule, UnknownRule
 from granular_id.ecoc.codings import onevsone
+
+DIGEST = "content_sha256"
 
 N_SAMPLES, N_AXES = 5, 2
 """Size of the recordings of `small_model`."""
@@ -51,6 +56,44 @@ def small_model(**changes):
     return random_model(7, 3, N_SAMPLES, N_AXES, **{**keywords, **changes})
 
 
+def banded_model(blocks=("quantiles", "level"), n_samples=8, n_axes=1, **keywords):
+    """Return a model of multi-band features with random weights and scales."""
+    rng = np.random.default_rng(22)
+    n_bands = len(MultiBandExtractor(n_samples, n_axes).scales)
+    extractor = MultiBandExtractor(
+        n_samples,
+        n_axes,
+        blocks=blocks,
+        scales=0.5 + rng.random((n_bands, n_axes)),
+        level_scales=0.5 + rng.random(n_axes) if "level" in blocks else None,
+    )
+    coef, intercept = rng.normal(size=(3, len(extractor.names))), rng.normal(size=3)
+    return Model(extractor, coef, intercept, onevsone(3), ["rice", "salt", "peas"], **keywords)
+
+
+def rules_of_all_kinds(labels=("material 0", "material 1", "material 2")):
+    """Return what may stand under "confidence" for a model of three classes, one-vs-one: each kind of rule once."""
+    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    distance = {"means": unit, "whitener": unit}
+    sides = tuple(map(tuple, onevsone(3).astype(float).tolist()))
+    kinds = {
+        "hinge_distance": distance,
+        "value_distance": distance,
+        "learner_distance": distance,
+        "learners": {"coding": sides},
+        "value": {},
+        "margin": {},
+    }
+    misfits = 2 * ("margin", "probability", "cumulative")
+    return [
+        {
+            "conformal": ConformalRule(labels, misfit, (0.8, 0.9), ((0.1,), (0.2,)), (9,)).to_dict(),
+            "unknown": UnknownRule(labels, kind, 0.5, 0.9, 9, **parts).to_dict(),
+        }
+        for (kind, parts), misfit in zip(kinds.items(), misfits, strict=True)
+    ]
+
+
 def taken_apart(data):
     """Return metadata and tensors (name to array, in the order of the file) of a model file."""
     (length,) = struct.unpack("<Q", data[:8])
@@ -88,6 +131,43 @@ def framed(header, data=b"", length=None):
     return struct.pack("<Q", len(text) if length is None else length) + text + data
 
 
+def digest(header, data):
+    """SHA-256 of what a header says and of the tensors behind it, as ``docs/live/model-file.md`` defines it."""
+
+    def text(value):
+        return struct.pack("<Q", len(value)) + value
+
+    metadata = {key: value for key, value in header["__metadata__"].items() if key != DIGEST}
+    tensors = {name: entry for name, entry in header.items() if name != "__metadata__"}
+    content = struct.pack("<Q", len(metadata))
+    for key in sorted(metadata):
+        content += text(key.encode()) + text(metadata[key].encode())
+    content += struct.pack("<Q", len(tensors))
+    for name in sorted(tensors):
+        shape = tensors[name]["shape"]
+        content += text(name.encode()) + text(tensors[name]["dtype"].encode())
+        content += struct.pack(f"<{1 + len(shape)}Q", len(shape), *shape)
+        content += text(data[slice(*tensors[name]["data_offsets"])])
+    return hashlib.sha256(content).hexdigest()
+
+
+def sealed(header, data):
+    """Return a file with the digest of its own, where it has one and one can be made."""
+    with contextlib.suppress(AttributeError, KeyError, TypeError, ValueError, struct.error):
+        if DIGEST in header["__metadata__"]:
+            metadata = {**header["__metadata__"], DIGEST: digest(header, data)}
+            return framed({**header, "__metadata__": metadata}, data)
+    return framed(header, data)
+
+
+def without_digest(data):
+    """Return a file as earlier versions wrote it."""
+    metadata, tensors = taken_apart(data)
+    del metadata[DIGEST]
+    version = "2" if "multiband" in metadata["feature_spec"] else "1"
+    return put_together({**metadata, "format_version": version}, tensors)
+
+
 def put_together(metadata, tensors):
     found, data = entries(tensors)
-    return framed({"__metadata__": metadata, **found}, data)
+    return sealed({"__metadata__": metadata, **found}, data)

@@ -17,8 +17,19 @@ import pytest
 
 from effort import cases
 from granular_id._core import MAX_MODEL_FILE_BYTES, FeatureSpec, Model, ModelFileError
+from granular_id.identifier import Identifier
+from granular_id.identifier.words import description
 from model_bad_files import BAD, COSTLY, GOOD, METADATA, TENSORS, without_raw
-from model_cases import DTYPES, framed, put_together, random_model, small_model, taken_apart
+from model_cases import (
+    DTYPES,
+    banded_model,
+    framed,
+    put_together,
+    random_model,
+    small_model,
+    taken_apart,
+    without_digest,
+)
 from model_twin import bits
 
 HERE = Path(__file__).parent
@@ -217,16 +228,22 @@ def answer(model):
 
 
 def test_campaign_of_damaged_files():
-    """A damaged file is refused, or is a model that answers and can be written again."""
+    """A damaged file is refused, one without a digest may be a model that answers and can be written again."""
     rng = random.Random(11)
     good = [model.to_bytes() for name, model in MODELS.items() if name != "many learners"]
+    files = good + [without_digest(data) for data in good]
     came = Counter()
     n = cases(3000)
     for _ in range(n):
-        model, problem = outcome(Model.from_bytes, damaged(rng, rng.choice(good)))
+        file = rng.choice(files)
+        model, problem = outcome(Model.from_bytes, damaged(rng, file))
         if problem is not None:
             came["refused"] += 1
             assert problem.isprintable()
+            continue
+        if not model.lacks_digest:
+            came["read, nothing in it is another"] += 1
+            assert model.to_bytes() == file
             continue
         came["read"] += 1
         assert Model.from_bytes(model.to_bytes()) == model
@@ -238,8 +255,44 @@ def test_campaign_of_damaged_files():
             assert not np.isnan(losses).any()
     assert came["read"] > 0
     assert came["refused"] > n // 2
+    assert came["read, nothing in it is another"] < n // 20
     if "GRANULAR_ID_CASES" in os.environ:
         print(dict(came))
+
+
+@pytest.mark.parametrize("model", [small_model(), banded_model()], ids=["additive", "multi-band"])
+def test_a_flipped_bit_is_noticed(model):
+    """1,000 of them in a file; ``tests/model.rs`` and ``tests/model_multiband.rs`` flip every one of smaller files."""
+    good, rng = model.to_bytes(), random.Random(12)
+    for _ in range(1000):
+        data = bytearray(good)
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        with pytest.raises(ModelFileError):
+            Model.from_bytes(bytes(data))
+
+
+@pytest.mark.parametrize("name", ["model_1", "model_2"])
+def test_a_file_of_an_earlier_version_is_read_and_says_so(name, tmp_path):
+    file = HERE.parent / "data" / "model" / f"{name}.safetensors"
+    with pytest.warns(UserWarning, match=f"{name}.safetensors: this file has no digest") as caught:
+        old = Identifier.load(file)
+    assert caught[0].filename == __file__
+    assert old.lacks_digest
+    assert "no digest" in " ".join(description(old))
+    old.save(tmp_path / "new.safetensors")
+    new = Identifier.load(tmp_path / "new.safetensors")
+    assert new.core == old.core
+    assert not new.lacks_digest
+    assert "digest" not in " ".join(description(new))
+
+
+@pytest.mark.thread_unsafe(reason="starts a process")
+def test_the_command_line_warns_in_one_line():
+    file = str(HERE.parent / "data" / "model" / "model_1.safetensors")
+    command = [sys.executable, "-m", "granular_id", "model", "info", file]
+    run = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    (line,) = run.stderr.splitlines()
+    assert line.startswith(f"warning: {file}: this file has no digest")
 
 
 def test_taking_apart_and_putting_together_loses_nothing():

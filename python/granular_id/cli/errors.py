@@ -6,7 +6,9 @@ import functools
 import os
 import re
 import shlex
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import ParamSpec
 
 import typer
@@ -81,13 +83,13 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     """Turn the exceptions of a command into one line on standard error and an exit code.
 
     Bad input (ValueError, TypeError, OSError) exits with 2, a missing extra (an ImportError that says what to
-    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback.
+    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback. A warning is one line, too.
     """
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            with heeding_interrupts():
+            with heeding_interrupts(), _warnings_in_one_line():
                 command(*args, **kwargs)
         except KeyboardInterrupt as stop:
             _say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
@@ -158,6 +160,20 @@ def words_of(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
     return str(error)
+
+
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    before = warnings.showwarning
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        _say(f"warning: {in_options(str(message))}", "bold yellow")
+
+    warnings.showwarning = show
+    try:
+        yield
+    finally:
+        warnings.showwarning = before
 
 
 def _say(line: str, style: str) -> None:

@@ -188,19 +188,6 @@ class UnknownRule:
         known = self.strangeness(values, binary) <= self.threshold
         return bool(known) if known.ndim == 0 else known
 
-    @property
-    def nearest(self) -> _core.NearestMean | None:
-        """What measures a distance; None for kinds that are none."""
-        return self._nearest
-
-    def fits(self, coding: npt.NDArray[np.int8]) -> bool:
-        """Whether the learners of a coding matrix (K, L) are those that the rule was set on, as far as it knows."""
-        if self.kind == "hinge_distance":
-            return is_of_pairs(coding)
-        if self.kind == "learners":
-            return np.array_equal(coding, self._arrays["coding"])
-        return self.kind != "learner_distance" or coding.shape[1] == self._arrays["means"].shape[1]
-
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self).from_dict, (self.to_dict(),)
 

@@ -95,6 +95,11 @@ class Answers:
         """Seconds of rest ahead of the trigger, where all recordings of the training had the same; else None."""
         return lead_of(self.core)
 
+    @property
+    def lacks_digest(self) -> bool:
+        """Whether it was read from a file of an earlier version, without a digest: damage cannot be told."""
+        return self.core.lacks_digest
+
     @cached_property
     def trained(self) -> dict[str, Any]:
         """What it was trained on and how, and the estimates; empty where nothing is known."""

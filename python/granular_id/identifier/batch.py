@@ -17,7 +17,6 @@ from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint, marks_in, marks_of
 from granular_id.identifier.held_out import margins_of
-from granular_id.identifier.sure import Rules
 from granular_id.recording import Dataset, Recording, SampleFlag
 
 __all__ = ["Batch", "Named", "identify_all"]
@@ -221,7 +220,7 @@ def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = (
     losses = model.core.losses(scores)
     chances = None if model.core.sigmoid is None else probabilities(model.core, scores)
     margins = margins_of(losses)
-    rules = Rules.of(model.core)
+    verdicts = model.core.verdicts(scores)
     marks = marks_in(model.trained)
     seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
     each = []
@@ -230,8 +229,6 @@ def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = (
         ranking = tuple((model.classes[k], float(losses[i, k])) for k in order.tolist())
         chance = None if chances is None else float(chances[i, order[0]])
         warned = _warnings(recording)
-        values = (-losses[i]).tolist()
-        candidates, unknown = rules.candidates(values), rules.is_unknown(values, scores[i])
         each.append(
             Named(
                 recording.name,
@@ -241,8 +238,7 @@ def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = (
                 chance,
                 recording.label,
                 warned,
-                candidates,
-                unknown,
+                *verdicts[i],
                 seen[i],
             )
         )

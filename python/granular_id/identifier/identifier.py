@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -260,8 +261,19 @@ class Identifier(Answers):
             There is no such file, or it cannot be read.
         ValueError
             (`granular_id._core.ModelFileError`) The file is no model, is damaged or too large: the first fault.
+
+        Warns
+        -----
+        UserWarning
+            The file has no digest: an earlier version wrote it, and damage cannot be told. `lacks_digest` tells later.
         """
         core = _core.Model.read(path, max_file_bytes=max_file_bytes)
+        if core.lacks_digest:
+            warnings.warn(
+                f"{os.fspath(path)}: this file has no digest, an earlier version wrote it: damage to its numbers would "
+                "go unnoticed. Train again, or load and save a copy that you trust",
+                stacklevel=2,
+            )
         try:
             check_known(json.loads(core.metadata["trained"]))
             Rules.of(core)

@@ -13,7 +13,6 @@ from granular_id import _core
 from granular_id._columns import samples_of
 from granular_id.identifier.about import axes_of
 from granular_id.identifier.decision import Decision
-from granular_id.identifier.sure import Rules
 
 if TYPE_CHECKING:
     from granular_id.identifier.answers import Answers
@@ -65,11 +64,7 @@ class StreamingIdentifier:
         core = getattr(identifier, "core", identifier)
         if not isinstance(core, _core.Model):
             raise TypeError(f"identifier must be an Identifier, got {type(identifier).__name__}")
-        # Rules that the core does not know are applied here; no training makes such.
-        rules = Rules.of(core)
-        in_core = rules.in_core()
-        self._rules = rules if in_core is None else None
-        self.core = _core.StreamingIdentifier(core, hop=hop, rules=in_core)
+        self.core = _core.StreamingIdentifier(core, hop=hop)
         self._rate_hz = core.rate_hz
         self._has_probabilities = core.sigmoid is not None
         # warning -> row of the stream at which it was last given
@@ -133,10 +128,6 @@ class StreamingIdentifier:
         ranking, margin, final, settled, sure, n_seen, first_row, scores, candidates, unknown = (
             self.core.standing()
         )
-        if final and self._rules is not None:
-            losses = dict(ranking)
-            values = [-losses[label] for label in self.core.model.classes]
-            candidates, unknown = self._rules.candidates(values), self._rules.is_unknown(values, scores)
         # A copy: another thread may be adding one.
         warnings = tuple(what for what, row in list(self._warnings.items()) if row >= first_row)
         probability: Callable[[], float] | None = None

@@ -1,13 +1,13 @@
 """What a model keeps beside its weights to say how sure it is: candidates of a stated coverage, and strangers.
 
 The rules are those of `granular_id.confidence`, set on the recordings that were held out for the estimate, and stored
-among what is known of the training. They hold for whole recordings: provisional answers have none.
+among what is known of the training. The core checks them with the model, and applies them to whole recordings:
+provisional answers have none.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from granular_id.identifier.held_out import HeldOut
 
 __all__ = ["KEY", "Rules", "rules_of"]
-
-FloatArray = npt.NDArray[np.float64]
 
 KEY = "confidence"
 """Where the rules stand in what is known of a training."""
@@ -43,12 +41,12 @@ class Rules:
 
     @classmethod
     def of(cls, core: _core.Model) -> Rules:
-        """Read and check the rules of a model.
+        """Read the rules of a model, which the core has found to fit it.
 
         Raises
         ------
         TypeError, ValueError
-            Something else stands in their place, or they are for other classes or learners.
+            A number is written as no rule of the library writes it.
         """
         stored = json.loads(core.metadata["trained"]).get(KEY)
         if stored is None:
@@ -57,56 +55,7 @@ class Rules:
         from granular_id.confidence.unknown import UnknownRule  # noqa: PLC0415
 
         kinds: dict[str, Any] = {"conformal": ConformalRule, "unknown": UnknownRule}
-        if not isinstance(stored, Mapping) or not set(stored) <= set(kinds):
-            raise ValueError(f"{KEY} must hold rules named {' and '.join(kinds)}, got {stored!r:.80}")
-        rules = cls(**{name: kinds[name].from_dict(rule) for name, rule in stored.items()})
-        for rule in (rules.conformal, rules.unknown):
-            if rule is not None and tuple(rule.classes) != tuple(core.classes):
-                raise ValueError(f"{KEY}: the rule is for other classes than the model: {rule.classes!r:.80}")
-        if rules.unknown is not None and not rules.unknown.fits(core.coding_matrix):
-            raise ValueError(
-                f"{KEY}: the rule {rules.unknown.kind!r} is for other learners than the model has"
-            )
-        return rules
-
-    def in_core(self) -> _core.Rules | None:
-        """Return the rules as the core applies them, in microseconds; None where it does not know the kind of one."""
-        conformal, unknown = self.conformal, self.unknown
-        if conformal is not None and conformal.kind != "margin":
-            return None
-        limits = None if conformal is None else conformal.limits_of()
-        if unknown is None:
-            return _core.Rules(limits)
-        if unknown.nearest is None:
-            return None
-        return _core.Rules(
-            limits,
-            unknown.nearest,
-            of_losses=unknown.kind == "value_distance",
-            threshold=unknown.threshold,
-        )
-
-    def candidates(self, values: list[float]) -> tuple[str, ...]:
-        """Materials in the set of a recording, the likeliest first and at least one; empty without a rule.
-
-        Parameters
-        ----------
-        values : list of K float
-            Minus the mean losses, in the order of the classes.
-        """
-        return () if self.conformal is None else self.conformal.names(values, at_least_one=True)
-
-    def is_unknown(self, values: list[float], scores: FloatArray) -> bool | None:
-        """Whether a recording is like none of the known materials; None without a rule.
-
-        Parameters
-        ----------
-        values : list of K float
-            As of `candidates`.
-        scores : ndarray, shape (L,)
-            Of the learners.
-        """
-        return None if self.unknown is None else not self.unknown.knows(values, scores)
+        return cls(**{name: kinds[name].from_dict(rule) for name, rule in stored.items() if rule is not None})
 
 
 def rules_of(

@@ -44,7 +44,8 @@ def description(model: Answers) -> list[str]:
         f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
         f"{'' if core.sigmoid is None else ', probabilities by ' + core.metadata['posterior']}",
         f"size: {size / 2**20:.2f} MiB",
-        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
+        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}"
+        f"{'; the file has no digest: damage would go unnoticed' if core.lacks_digest else ''}",
     ]
     counts = trained.get("recordings", {})
     if counts:

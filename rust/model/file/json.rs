@@ -94,19 +94,16 @@ impl<'de> Visitor<'de> for AnyJson {
 
 /// An object from text.
 pub(in crate::model) fn object(what: &'static str, text: &str) -> Result<Object, Fault> {
-    match serde_json::from_str(text).map_err(|error| not_json(what, &error))? {
-        Json::Object(entries) => Ok(Object { what, entries }),
-        other => Err(Fault::Json { what, problem: format!("must be a JSON object, got {}", other.kind()) }),
-    }
+    serde_json::from_str::<Json>(text).map_err(|error| not_json(what, &error))?.object(what)
 }
 
 /// A list of names from text.
 pub(in crate::model) fn names(what: &'static str, text: &str) -> Result<Vec<String>, Fault> {
     let wrong = || Fault::Json { what, problem: "must be a JSON list of texts".to_owned() };
-    match serde_json::from_str(text).map_err(|error| not_json(what, &error))? {
-        Json::List(list) => list.into_iter().map(|item| item.text().ok_or_else(wrong)).collect(),
-        _ => Err(wrong()),
-    }
+    serde_json::from_str::<Json>(text)
+        .map_err(|error| not_json(what, &error))?
+        .list_of(Json::text)
+        .ok_or_else(wrong)
 }
 
 /// A complaint of the parser, short and printable.
@@ -159,6 +156,24 @@ impl Json {
             _ => None,
         }
     }
+
+    /// A list whose items are all what `convert` wants.
+    pub(super) fn list_of<T>(self, convert: impl FnMut(Self) -> Option<T>) -> Option<Vec<T>> {
+        match self {
+            Self::List(list) => list.into_iter().map(convert).collect(),
+            _ => None,
+        }
+    }
+
+    /// An object, called `what` in messages.
+    pub(super) fn object(self, what: &'static str) -> Result<Object, Fault> {
+        match self {
+            Self::Object(entries) => Ok(Object { what, entries }),
+            other => {
+                Err(Fault::Json { what, problem: format!("must be a JSON object, got {}", other.kind()) })
+            }
+        }
+    }
 }
 
 /// Entries of an object, to be taken one by one; what is left over is an error.
@@ -172,6 +187,11 @@ impl Object {
     /// Names of the entries that are left.
     pub(super) fn names(&self) -> impl Iterator<Item = &String> {
         self.entries.keys()
+    }
+
+    /// Takes the entry `name` if it is there and not null.
+    pub(super) fn optional(&mut self, name: &str) -> Option<Json> {
+        self.entries.remove(name).filter(|value| !matches!(value, Json::Null))
     }
 
     /// Takes the entry `name` if it is what `convert` wants.
@@ -196,7 +216,7 @@ impl Object {
         }
     }
 
-    fn fault(&self, problem: String) -> Fault {
+    pub(super) fn fault(&self, problem: String) -> Fault {
         Fault::Json { what: self.what, problem }
     }
 }

@@ -5,9 +5,8 @@ use std::io::Read;
 use std::path::Path;
 
 use safetensors::SafeTensors;
-use sha2::{Digest, Sha256};
 
-use super::{header, json, spec, ADDITIVE, FORMAT, MAX_FILE_BYTES, MULTIBAND};
+use super::{digest, header, json, spec, ADDITIVE, DIGEST, DIGESTED, FORMAT, MAX_FILE_BYTES, MULTIBAND};
 use crate::model::extraction::Features;
 use crate::model::fault::{Fault, FileFault};
 use crate::model::loss::{Decoding, Loss};
@@ -30,14 +29,16 @@ pub(super) const OPTIONAL: [&str; 8] = [
     "sigmoid",
 ];
 
-/// The entries of the metadata, all of which every model has, but for the format and its version.
-const ENTRIES: [&str; 15] = [
+/// The entries of the metadata, all of which every model has, but for the digest.
+const ENTRIES: [&str; 17] = [
     "axes",
     "classes",
     "coding",
     "decoding",
     "feature_spec",
     "feature_spec_sha256",
+    "format",
+    "format_version",
     "lead_s",
     "library_version",
     "loss",
@@ -59,14 +60,20 @@ impl Model {
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, Fault> {
         check_size(bytes.len() as u64, max_file_bytes)?;
         let mut entries = header::metadata(header::text(bytes)?)?;
-        let version = version(&mut entries)?;
+        let version = version(&entries)?;
+        let stored = if version == DIGESTED { Some(take(&mut entries, DIGEST)?) } else { None };
         if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
             return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
         }
         let tensors = Tensors(header::tensors(bytes)?);
+        let matches = stored.as_ref().is_none_or(|stored| *stored == tensors.digest(&entries));
+        // A fuzzer would never get past it.
+        if !(matches || cfg!(fuzzing)) {
+            return Err(Fault::Hash { what: "what the file holds", key: DIGEST });
+        }
         let spec_text = take(&mut entries, "feature_spec")?;
-        if hash(&spec_text) != take(&mut entries, "feature_spec_sha256")? {
-            return Err(Fault::Hash);
+        if digest::of_text(&spec_text) != take(&mut entries, "feature_spec_sha256")? && !cfg!(fuzzing) {
+            return Err(Fault::Hash { what: "feature_spec", key: "feature_spec_sha256" });
         }
         let parts = ModelParts {
             features: features(version, &spec_text, &tensors)?,
@@ -86,7 +93,7 @@ impl Model {
             posterior_weights: tensors.optional("posterior_weights")?,
             notes: Notes::take(&mut entries)?,
         };
-        Self::new(parts)
+        Ok(Self { lacks_digest: stored.is_none(), ..Self::new(parts)? })
     }
 
     /// The model in a file of at most [`MAX_FILE_BYTES`].
@@ -122,20 +129,21 @@ fn check_size(bytes: u64, max: usize) -> Result<(), Fault> {
 }
 
 /// The version of a model file, if it is one that is read here.
-fn version(entries: &mut Entries) -> Result<&'static str, Fault> {
-    if entries.remove("format").as_deref() != Some(FORMAT) {
+fn version(entries: &Entries) -> Result<&'static str, Fault> {
+    if entries.get("format").map(String::as_str) != Some(FORMAT) {
         return Err(Fault::Foreign { what: "this is a safetensors file of something else" });
     }
-    let version = take(entries, "format_version")?;
-    let known = [ADDITIVE, MULTIBAND].into_iter().find(|known| *known == version);
+    let version = entries.get("format_version").ok_or(Fault::MissingEntry { key: "format_version" })?;
+    let known = [ADDITIVE, MULTIBAND, DIGESTED].into_iter().find(|known| known == version);
     known.ok_or_else(|| Fault::Version { got: shown(version.as_bytes()) })
 }
 
-/// What is extracted, as a version of the format says it.
+/// What is extracted: as the version of the format says it, since the third as the specification does.
 fn features<'a>(version: &str, text: &str, tensors: &Tensors<'a>) -> Result<Features<'a>, Fault> {
-    if version == MULTIBAND {
+    let spec = json::object("feature_spec", text)?;
+    if version == MULTIBAND || version == DIGESTED && spec::is_multiband(&spec) {
         return Ok(Features::MultiBand {
-            spec: spec::read_multiband(text)?,
+            spec: spec::read_multiband(spec)?,
             band_scales: tensors.required("band_scales")?,
             level_scales: tensors.optional("level_scales")?,
         });
@@ -145,13 +153,7 @@ fn features<'a>(version: &str, text: &str, tensors: &Tensors<'a>) -> Result<Feat
             return Err(Fault::Alone { name, needed: "multi-band features" });
         }
     }
-    Ok(Features::Additive(spec::read(text)?))
-}
-
-/// SHA-256 of a text in hexadecimal digits.
-pub(super) fn hash(text: &str) -> String {
-    let digits = Sha256::digest(text).into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
-    digits.filter_map(|digit| char::from_digit(digit.into(), 16)).collect()
+    Ok(Features::Additive(spec::read(spec)?))
 }
 
 /// A whole number as it is written: no sign, no leading zeros.
@@ -185,5 +187,15 @@ impl<'a> Tensors<'a> {
 
     fn required(&self, name: &'static str) -> Result<Tensor<'a>, Fault> {
         self.optional(name)?.ok_or(Fault::MissingTensor { name })
+    }
+
+    /// The digest that a file with these tensors and entries should have.
+    fn digest(&self, entries: &Entries) -> String {
+        let tensors = self.0.tensors();
+        let types: Vec<_> = tensors.iter().map(|(_, view)| view.dtype().to_string()).collect();
+        let stored = tensors.iter().zip(&types);
+        let stored =
+            stored.map(|((name, view), dtype)| (name.as_str(), dtype.as_str(), view.shape(), view.data()));
+        digest::of_content(entries, stored.collect())
     }
 }

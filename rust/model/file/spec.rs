@@ -2,7 +2,7 @@
 
 use serde_json::{json, Value};
 
-use super::json::{self, Json};
+use super::json::{Json, Object};
 use crate::features::Initial;
 use crate::histogram::Outside;
 use crate::model::fault::Fault;
@@ -31,9 +31,13 @@ pub(super) fn write(spec: &FeatureSpec) -> String {
     .to_string()
 }
 
-/// The specification that a text describes, nothing left out and nothing added. Whether it makes sense is not asked here.
-pub(super) fn read(text: &str) -> Result<FeatureSpec, Fault> {
-    let mut object = json::object("feature_spec", text)?;
+/// Whether multi-band features are described.
+pub(super) fn is_multiband(object: &Object) -> bool {
+    object.names().any(|name| name == "multiband")
+}
+
+/// The specification that is described, nothing left out and nothing added. Whether it makes sense is not asked here.
+pub(super) fn read(mut object: Object) -> Result<FeatureSpec, Fault> {
     let spec = FeatureSpec {
         bin_ranges: object.take("bin_range", "a list of pairs of numbers", ranges)?,
         cutoff_hz: object.take("cutoff_hz", "a number", Json::number)?,
@@ -57,9 +61,8 @@ pub(super) fn write_multiband(spec: &MultiBandSpec) -> String {
     json!({ "blocks": blocks, "multiband": DEFINITION, "rate_hz": spec.rate_hz }).to_string()
 }
 
-/// The multi-band features that a text describes, nothing left out and nothing added.
-pub(super) fn read_multiband(text: &str) -> Result<MultiBandSpec, Fault> {
-    let mut object = json::object("feature_spec", text)?;
+/// The multi-band features that are described, nothing left out and nothing added.
+pub(super) fn read_multiband(mut object: Object) -> Result<MultiBandSpec, Fault> {
     let wanted = format!("a list of blocks in the order {}", Block::NAMED.map(|(name, _)| name).join(", "));
     let [coupling, quantiles, envelope, spectrum, level] = object.take("blocks", &wanted, blocks)?;
     object.take("multiband", "1, the definition that is known here", |value| {
@@ -80,14 +83,14 @@ fn blocks(value: Json) -> Option<[bool; 5]> {
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole and small enough to be exact
-fn count(value: Json) -> Option<usize> {
+pub(super) fn count(value: Json) -> Option<usize> {
     value
         .number()
         .filter(|count| count.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(count))
         .map(|count| count as usize)
 }
 
-fn choice<T: Copy>(value: Json, named: &[(&str, T)]) -> Option<T> {
+pub(super) fn choice<T: Copy>(value: Json, named: &[(&str, T)]) -> Option<T> {
     let text = value.text()?;
     named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning)
 }

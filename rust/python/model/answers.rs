@@ -1,11 +1,13 @@
 //! Arrays through a model: recordings to scores, scores to losses.
 
-use numpy::{PyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::{PyList, PyTuple};
 
-use super::super::arrays::{contiguous_real, readable, tuple, writable, zeros};
+use super::super::arrays::{briefly_readable, contiguous_real, readable, tuple, writable, zeros};
 use super::super::pool::{threads_for, work_on};
+use crate::memory::collected;
 use crate::Model;
 
 /// Scores (n, L) of recordings (n, `n_samples`, `n_axes`), or (1, L) of one.
@@ -67,4 +69,25 @@ pub(super) fn losses<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult
         })?;
     }
     Ok(out.cast_into()?)
+}
+
+/// What the rules say of scores (n, L) or (L,): for each the labels of the candidates, and whether it is like no class.
+pub(super) fn verdicts<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
+    let py = scores.py();
+    let scores = contiguous_real(scores, "scores")?;
+    let losses = losses(model, &scores)?;
+    let mut verdict = model.rules().verdict();
+    let verdicts = {
+        let (losses, scores) = (losses.readonly(), briefly_readable(&scores, "scores")?);
+        let rows = losses.as_slice()?.chunks_exact(model.classes().len());
+        let rows = rows.zip(scores.as_slice()?.chunks_exact(model.n_learners()));
+        collected(rows.map(|(losses, scores)| {
+            model.judge(losses, scores, &mut verdict);
+            (verdict.candidates().to_vec(), verdict.unknown())
+        }))?
+    };
+    let told = verdicts.into_iter().map(|(candidates, unknown)| {
+        Ok((PyTuple::new(py, candidates.iter().map(|class| &model.classes()[*class]))?, unknown))
+    });
+    PyList::new(py, told.collect::<PyResult<Vec<_>>>()?)
 }

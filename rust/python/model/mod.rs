@@ -4,14 +4,13 @@ mod answers;
 mod errors;
 mod nearest;
 mod parts;
-mod rules;
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyList, PyTuple};
 
 use super::arrays::{contiguous_real, copied, readable};
 use super::multiband::PyMultiBandExtractor;
@@ -25,7 +24,6 @@ pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
 pub(super) use nearest::PyNearestMean;
 use parts::{labels, notes, tensor, Spec};
-pub(super) use rules::PyRules;
 
 /// Samples of the paper's recordings.
 const PAPER_SAMPLES: usize = 1600;
@@ -54,8 +52,9 @@ const PAPER_SAMPLES: usize = 1600;
 /// n_axes : int, default 6
 ///     Axes of a sample; likewise.
 /// metadata : mapping of str to str, optional
-///     What describes the model and changes no answer: "axes" and "units" (JSON lists), "coding", "posterior",
-///     "training_sha256", "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object).
+///     What describes the model: "axes" and "units" (JSON lists), "coding", "posterior", "training_sha256",
+///     "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object). Of all this only the rules under
+///     "confidence" in "trained" are part of an answer.
 /// raw_mean, raw_low, raw_high : array_like, shape (n_axes * n_samples,), optional
 ///     Of the training recordings, axis by axis, for provisional answers.
 /// early : array_like, shape (M, 2), optional
@@ -213,6 +212,18 @@ impl PyModel {
     /// Mean losses (n, K) of the classes from scores (n, L) or (L,): the smallest wins, the first of equal ones.
     fn losses<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         answers::losses(&self.model, scores)
+    }
+
+    /// What the rules of the model say of whole recordings, from scores (n, L) or (L,): for each the labels of the
+    /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
+    fn verdicts<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
+        answers::verdicts(&self.model, scores)
+    }
+
+    /// Whether it was read from a file without a digest: had its numbers been damaged, nobody would know.
+    #[getter]
+    fn lacks_digest(&self) -> bool {
+        self.model.lacks_digest()
     }
 
     #[getter]

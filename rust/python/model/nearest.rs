@@ -40,7 +40,7 @@ use crate::Error;
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "NearestMean", module = "granular_id._core")]
 pub(in crate::python) struct PyNearestMean {
-    pub(super) nearest: NearestMean,
+    nearest: NearestMean,
 }
 
 #[pymethods]

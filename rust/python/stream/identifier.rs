@@ -6,11 +6,11 @@ use numpy::{PyArray1, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyTuple};
 
-use super::super::model::{PyModel, PyRules};
+use super::super::model::PyModel;
 use super::super::scalars::count;
 use super::turns::Turns;
 use super::{push_rows, written};
-use crate::model::{ranking, Rules};
+use crate::model::ranking;
 use crate::stream::StreamingIdentifier;
 
 /// The answer of a model while samples arrive; `granular_id.identifier.StreamingIdentifier` makes decisions of it.
@@ -21,8 +21,6 @@ use crate::stream::StreamingIdentifier;
 ///     What to identify with.
 /// hop : int, optional
 ///     None: one window, from the first row on. Else a window every `hop` samples; see `StreamingExtractor`.
-/// rules : Rules, optional
-///     What is said of a complete window beside its label.
 ///
 /// Attributes
 /// ----------
@@ -36,8 +34,7 @@ use crate::stream::StreamingIdentifier;
 /// Raises
 /// ------
 /// TypeError, ValueError
-///     From the constructor: a hop that is not a positive integer, windows of more than 2^24 values, rules for other
-///     classes or learners than the model has.
+///     From the constructor: a hop that is not a positive integer, windows of more than 2^24 values.
 ///
 /// Notes
 /// -----
@@ -65,28 +62,21 @@ pub(in crate::python) struct PyStreamingIdentifier {
     hop: Option<usize>,
     n_axes: usize,
     labels: Vec<Py<PyString>>,
-    rules: Rules,
     stream: Turns<StreamingIdentifier>,
 }
 
 #[pymethods]
 impl PyStreamingIdentifier {
     #[new]
-    #[pyo3(signature = (model, *, hop = None, rules = None))]
-    fn new(
-        model: &Bound<'_, PyModel>,
-        hop: Option<&Bound<'_, PyAny>>,
-        rules: Option<PyRef<'_, PyRules>>,
-    ) -> PyResult<Self> {
+    #[pyo3(signature = (model, *, hop = None))]
+    fn new(model: &Bound<'_, PyModel>, hop: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let hop = hop.map(|hop| count(hop, "hop", usize::MAX)).transpose()?;
         let py = model.py();
         let shared = &model.get().model;
-        let rules = rules.map_or_else(Rules::default, |rules| rules.rules.clone());
-        rules.check(shared)?;
         let stream = py.detach(|| StreamingIdentifier::new(shared.clone(), hop))?;
         let labels = shared.classes().iter().map(|label| PyString::new(py, label).unbind()).collect();
         let n_axes = shared.n_axes();
-        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, rules, stream: Turns::new(stream) })
+        Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, stream: Turns::new(stream) })
     }
 
     /// Take rows `(k, n_axes)`, or one row `(n_axes,)`, in N and N m, until the window is complete; returns how many.
@@ -129,24 +119,19 @@ impl PyStreamingIdentifier {
     /// A tuple of: the ranking, pairs of label and mean loss, best first; the margin; whether the window is complete;
     /// whether the answer is settled; whether the margin meets the rule for early answers; rows of the window; rows
     /// before it; scores `(L,)`; labels of the candidates, the likeliest first, and whether the window is like none: of a
-    /// complete window, by the rules.
+    /// complete window, by the rules of the model.
     fn standing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         // Copies first: nothing of Python's is made while the stream is locked.
-        let (scores, losses, first_row, rest) = {
+        let (scores, losses, candidates, first_row, rest) = {
             let mut stream = self.locked(py)?;
             let first_row = stream.first_row();
             let at = stream.standing()?;
-            let rest = (at.margin, at.is_final, at.is_settled, at.is_sure, at.n_seen);
-            (at.scores.to_vec(), at.losses.to_vec(), first_row, rest)
+            let rest = (at.margin, at.is_final, at.is_settled, at.is_sure, at.n_seen, at.unknown);
+            (at.scores.to_vec(), at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
         };
         let pairs = ranking(&losses).into_iter().map(|class| (&self.labels[class], losses[class]));
         let pairs = PyTuple::new(py, pairs.collect::<Vec<_>>())?;
-        let (margin, is_final, is_settled, is_sure, n_seen) = rest;
-        let (candidates, unknown) = if is_final {
-            (self.rules.candidates(&losses), self.rules.is_unknown(&losses, &scores)?)
-        } else {
-            (Vec::new(), None)
-        };
+        let (margin, is_final, is_settled, is_sure, n_seen, unknown) = rest;
         let candidates = PyTuple::new(py, candidates.into_iter().map(|class| &self.labels[class]))?;
         let scores = PyArray1::from_vec(py, scores);
         (pairs, margin, is_final, is_settled, is_sure, n_seen, first_row, scores, candidates, unknown)

@@ -1,0 +1,48 @@
+"""Write a trained model with rules, pushes, and what plain numpy says of them by these rules.
+
+    python tests/data/make_rules_golden.py                       # tests/data/rules, small
+    python tests/data/make_rules_golden.py FOLDER SECONDS SPACE  # longer pushes, another space
+
+SYNTHETIC pushes: 60 of the six materials of the training, then 20 of two others. ``tests/model.rs`` lets the example
+of the Rust crate name them, ``tests/python/test_identifier_sure.py`` the package. Samples are little-endian float32,
+push by push; ``answers.txt`` has a line for each: label, candidates, unknown or not, tabs between. Made with numpy 2.4.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import granular_id as gid
+from granular_id.identifier.sure import Rules
+
+HERE = Path(__file__).resolve().parent
+KNOWN = ("rice", "wheat flour", "oat flakes", "sunflower seeds", "fine sugar", "macaroni")
+OTHERS = ("clay granules", "potting gravel")
+
+
+def main(folder=HERE / "rules", seconds=0.5, space="hfmh"):
+    folder.mkdir(parents=True, exist_ok=True)
+    of_pushes = {"duration_s": seconds, "rate_hz": 100.0}
+    training = gid.synthesize(KNOWN, 12, seed=1, **of_pushes)
+    model = gid.Identifier.fit(training, space, coverage=0.9, share_known=0.9, early=False, n_bins=20)
+    model.save(folder / "model.safetensors")
+    known, others = (
+        gid.synthesize(KNOWN, 10, seed=2, **of_pushes),
+        gid.synthesize(OTHERS, 10, seed=2, **of_pushes),
+    )
+    X = np.concatenate([known.X, others.X]).astype("<f4")
+    (folder / "wrench.f32").write_bytes(X.tobytes())
+    rules, scores = Rules.of(model.core), model.scores(X)
+    values = -model.core.losses(scores)
+    lines = [
+        f"{model.classes[row.argmax()]}\t{', '.join(rules.conformal.names(row, at_least_one=True))}\t"
+        f"{not rules.unknown.knows(row, of_learners)}\n"
+        for row, of_learners in zip(values, scores, strict=True)
+    ]
+    (folder / "answers.txt").write_text("".join(lines), encoding="utf-8")
+    print(f"{len(lines)} pushes in {folder}, {sum('True' in line for line in lines)} unknown")
+
+
+if __name__ == "__main__":
+    main(*(convert(text) for convert, text in zip((Path, float, str), sys.argv[1:], strict=False)))
