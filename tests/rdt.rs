@@ -127,6 +127,40 @@ fn a_stray_record_moves_nothing() {
 }
 
 #[test]
+fn a_stray_record_begins_no_stream() {
+    for stray in [(0xdead_beef, 0xcafe_babe), (0, 0), (3, 123), (0, 700), (1, 0)] {
+        let records = [vec![stray], run(1, 900_000, 14, 100)].concat();
+        let (rows, counts) = placed(&records);
+        let wanted = Counts { records: 101, rows: 100, implausible: 1, ..Counts::default() };
+        assert_eq!((rows[0], counts), ((0, 900_000), wanted), "{stray:?}");
+    }
+    // alone it is none, nor is it by coming twice
+    for times in [1, 2] {
+        let (rows, counts) = placed(&vec![(7, 98); times]);
+        assert_eq!((rows.len(), counts.implausible), (0, 1));
+    }
+}
+
+#[test]
+fn the_first_record_is_kept_until_the_second_confirms_it() {
+    let mut decoder = decoder(Variant::NetFt, f64::INFINITY);
+    let mut rows = Vec::new();
+    for (i, host_ns) in [(1, 100), (2, 200), (3, 300)] {
+        decoder.datagram(&record(i, 0, 0), host_ns, &mut |decoded| {
+            if let Decoded::Row(row) = decoded {
+                rows.push((row.ticks, row.host_ns));
+            }
+        });
+        assert_eq!((rows.len(), decoder.is_waiting()), if i == 1 { (0, true) } else { (i as usize, false) });
+    }
+    assert_eq!(rows, [(14, 100), (28, 200), (42, 300)]);
+    // in whatever order the two come, also as one sample under two numbers
+    assert_eq!(placed(&[(2, 28), (1, 14), (3, 42)]).0, [(0, 14), (0, 28), (0, 42)]);
+    let (rows, counts) = placed(&[(1, 14), (2, 14), (3, 42)]);
+    assert_eq!((rows, counts.stale, counts.lost), (vec![(0, 14), (0, 42)], 1, 0));
+}
+
+#[test]
 fn a_sample_under_a_new_number_is_stale() {
     let (rows, counts) = placed(&[(1, 14), (2, 28), (3, 28), (4, 42), (5, 56)]);
     assert_eq!(rows, [(0, 14), (0, 28), (0, 42), (0, 56)]);
@@ -234,9 +268,11 @@ proptest! {
         start in prop_oneof![Just(1_u32), Just(u32::MAX - 150), Just(500_000_000)],
         ft in any::<u32>(),
         step in 1..200_u32,
+        stray in prop::option::of(any::<(u32, u32)>()),
     ) {
         // Clean ends: what is missing there is known to nobody.
-        let fates = [vec![Fate::Fine; 2], fates, vec![Fate::Fine; 100]].concat();
+        let first = stray.map_or(Fate::Fine, |(rdt, ft)| Fate::StrayBefore { rdt, ft });
+        let fates = [vec![first, Fate::Fine], fates, vec![Fate::Fine; 100]].concat();
         let records = run(start, ft, step, u32::try_from(fates.len()).unwrap());
         let mut arriving = Vec::new();
         let mut wanted = Counts::default();

@@ -58,9 +58,9 @@ pub enum Fault {
         /// The port.
         port: u16,
     },
-    /// No record came.
+    /// No stream came.
     #[error(
-        "no record from {host}:{port} within {:.1} s of {requests} requests ({malformed} datagrams were no records): another \
+        "no stream from {host}:{port} within {:.1} s of {requests} requests ({datagrams} datagrams made none): another \
          client may own the stream, or a firewall stands between", .waited.as_secs_f64()
     )]
     Silent {
@@ -72,7 +72,7 @@ pub enum Fault {
         waited: Duration,
         /// How often the stream was asked for.
         requests: u32,
-        /// Datagrams of another length than records have.
-        malformed: u64,
+        /// Datagrams that came, and were no two records that continue one another.
+        datagrams: u64,
     },
 }

@@ -33,12 +33,12 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Asks the box for the stream and waits for its first record. The writer comes back with a fault.
+    /// Asks the box for the stream and waits for its first two records, which confirm each other. The writer comes back with a fault.
     ///
     /// Where the box is silent, blocks for a second, or thirty periods if that is longer.
-    pub fn start(settings: Settings, writer: Writer) -> Result<Self, Box<(Fault, Writer)>> {
+    pub fn start(settings: Settings, mut writer: Writer) -> Result<Self, Box<(Fault, Writer)>> {
         let mut decoder = Decoder::new(settings.variant, settings.scale, settings.limits);
-        match Self::connect(&settings, &mut decoder) {
+        match Self::connect(&settings, &mut decoder, &mut writer) {
             Ok((socket, incoming, shared, receive_buffer)) => {
                 let work = Work::new(incoming, decoder, settings.clone(), Arc::clone(&shared), writer);
                 let thread = Some(spawn(work, &settings)?);
@@ -52,13 +52,16 @@ impl Receiver {
     fn connect(
         settings: &Settings,
         decoder: &mut Decoder,
+        writer: &mut Writer,
     ) -> Result<(UdpSocket, UdpSocket, Arc<Shared>, usize), Fault> {
         settings.check()?;
         let (socket, receive_buffer) = socket::connected(settings)?;
         let incoming =
             socket.try_clone().map_err(|error| socket::system("sharing a socket to", settings, &error))?;
         let shared = Arc::new(Shared::default());
-        shared.requests.store(u64::from(socket::first_record(&socket, settings, decoder)?), Relaxed);
+        let requests = socket::first_rows(&socket, settings, decoder, writer)?;
+        shared.requests.store(u64::from(requests), Relaxed);
+        shared.publish(decoder.counts());
         shared.newest_host_ns.store(host_ns(), Relaxed);
         Ok((socket, incoming, shared, receive_buffer))
     }

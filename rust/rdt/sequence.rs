@@ -1,9 +1,9 @@
 //! Where a record stands in its stream: next, late, again, lost ones before it, or the first of a new stream.
 //!
 //! A record carries two numbers: its place in the stream (`rdt`) and the sensor's own count of samples (`ft`), both
-//! of 32 bits and both wrapping. A record that fits neither the next places nor the last ones is believed only when
-//! the record after it continues it, as RTP does (RFC 3550, appendix A.1): a stray datagram then costs nothing, and a
-//! restarted box is a new epoch, not 4 billion lost records.
+//! of 32 bits and both wrapping. The first record, and one that fits neither the next places nor the last ones, is
+//! believed only when the record after it continues it, as RTP does (RFC 3550, appendix A.1): a stray datagram then
+//! costs nothing, and a restarted box is a new epoch, not 4 billion lost records.
 
 use super::counts::Counts;
 
@@ -12,6 +12,9 @@ const WINDOW: u32 = 1024;
 
 /// How far apart two records that confirm each other may be.
 const NEIGHBOURS: u32 = 64;
+
+/// The most samples from one record to the next where no step is known yet: 9 s of a sensor's 7000 a second.
+const FIRST_STEP: u32 = 1 << 16;
 
 /// A gap's samples may differ from the usual number per record by this factor (a changed output rate) ...
 const STEP_FACTOR: u64 = 16;
@@ -95,7 +98,7 @@ impl<T: Copy> Sequence<T> {
     }
 
     fn place(&mut self, entry: Entry<T>, counts: &mut Counts, sink: &mut impl FnMut(Placed<T>)) {
-        let Some(newest) = self.newest else { return self.begin(entry, counts, sink) };
+        let Some(newest) = self.newest else { return self.doubt(entry, counts, sink) };
         let ahead = distance(newest.rdt, entry.rdt);
         let samples = distance(newest.ft, entry.ft);
         if ahead > 0 {
@@ -220,7 +223,7 @@ impl<T: Copy> Sequence<T> {
         if ahead == 0 && samples == 0 {
             counts.duplicates += 1;
             self.suspect = Some(suspect);
-        } else if ahead.unsigned_abs() > NEIGHBOURS || ahead.signum() * samples.signum() <= 0 {
+        } else if !self.confirms(ahead, samples) {
             counts.implausible += 1;
             self.suspect = Some(entry);
         } else {
@@ -228,6 +231,19 @@ impl<T: Copy> Sequence<T> {
             self.leap(first, counts, sink);
             self.place(second, counts, sink);
         }
+    }
+
+    /// Whether a record so far from a doubted one continues it, or comes before it.
+    fn confirms(&self, records: i32, samples: i32) -> bool {
+        if !(1..=NEIGHBOURS).contains(&records.unsigned_abs()) {
+            return false;
+        }
+        if self.newest.is_some() {
+            return records.signum() * samples.signum() > 0;
+        }
+        // A box may begin with one sample under two numbers; a counter that leaps is none.
+        let most = records.unsigned_abs() * FIRST_STEP;
+        records.signum() * samples.signum() >= 0 && samples.unsigned_abs() <= most
     }
 
     /// A record far from the last, and confirmed: after a long outage, or of a new stream.

@@ -8,9 +8,10 @@ use socket2::{Domain, Protocol, Socket, Type};
 
 use super::decoder::Decoder;
 use super::fault::Fault;
-use super::record::{records, ROOM};
+use super::record::ROOM;
 use super::settings::Settings;
 use super::work;
+use crate::buffer::{host_ns, Writer};
 
 /// Asked of the system for datagrams that wait: half a minute at 500 Hz, five seconds at 7000 Hz.
 const RECEIVE_BUFFER: usize = 4 << 20;
@@ -59,17 +60,18 @@ fn resolved(settings: &Settings) -> Result<SocketAddr, Fault> {
     addresses.first().copied().ok_or_else(|| fault("the name is known, but has none".to_owned()))
 }
 
-/// Asks for the stream until a record is there, which stays in the socket; what is no record, the decoder counts.
-/// Returns the number of requests.
-pub(super) fn first_record(
+/// Asks for the stream until two records confirm each other and the first rows are in the buffer. Returns the number of
+/// requests.
+pub(super) fn first_rows(
     socket: &UdpSocket,
     settings: &Settings,
     decoder: &mut Decoder,
+    writer: &mut Writer,
 ) -> Result<u32, Fault> {
     let started = Instant::now();
     let mut refused = false;
     let mut bytes = [0; ROOM];
-    // A box sends its first record one period after the request.
+    // A box sends its first records one and two periods after the request.
     let patience = PATIENCE.max(settings.alarm());
     for attempt in 1..=ATTEMPTS {
         for request in settings.start_requests() {
@@ -81,15 +83,13 @@ pub(super) fn first_record(
         }
         let until = Instant::now() + patience;
         while let Some(left) = until.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
-            let peeked = socket.set_read_timeout(Some(left)).and_then(|()| socket.peek(&mut bytes));
-            match peeked {
-                Ok(length) if records(bytes.get(..length).unwrap_or_default()).is_some() => {
-                    return Ok(attempt)
-                }
+            let received = socket.set_read_timeout(Some(left)).and_then(|()| socket.recv(&mut bytes));
+            match received {
                 Ok(length) => {
-                    decoder.datagram(bytes.get(..length).unwrap_or_default(), 0, &mut |_| ());
-                    // Peeking has said that it is there.
-                    drop(socket.recv(&mut bytes));
+                    work::write(decoder, bytes.get(..length).unwrap_or_default(), host_ns(), writer);
+                    if decoder.counts().rows > 0 {
+                        return Ok(attempt);
+                    }
                 }
                 Err(error) => match error.kind() {
                     ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
@@ -104,10 +104,10 @@ pub(super) fn first_record(
     }
     work::stop(socket, &mut bytes);
     let (host, port) = (settings.host.clone(), settings.port);
-    let malformed = decoder.counts().malformed;
-    Err(if refused && malformed == 0 {
+    let datagrams = decoder.counts().datagrams;
+    Err(if refused && datagrams == 0 {
         Fault::Refused { host, port }
     } else {
-        Fault::Silent { host, port, waited: started.elapsed(), requests: ATTEMPTS, malformed }
+        Fault::Silent { host, port, waited: started.elapsed(), requests: ATTEMPTS, datagrams }
     })
 }

@@ -91,14 +91,7 @@ impl Work {
         self.newest = now;
         self.stalled = false;
         let Self { decoder, writer, shared, .. } = self;
-        decoder.datagram(datagram, now_ns, &mut |decoded| match decoded {
-            Decoded::Row(row) => {
-                // What the buffer does with it, it counts itself. Restarts are told: a swapped datagram of forty records is
-                // late, and no restart.
-                writer.push_in_epoch(&row);
-            }
-            Decoded::NewEpoch => writer.new_epoch(),
-        });
+        write(decoder, datagram, now_ns, writer);
         shared.newest_host_ns.store(now_ns, Relaxed);
         shared.publish(decoder.counts());
         shared.set_state(State::Streaming);
@@ -154,6 +147,18 @@ impl Work {
         stop(&self.socket, bytes);
         self.shared.set_state(State::Stopped);
     }
+}
+
+/// Writes what a datagram makes certain into the buffer.
+pub(super) fn write(decoder: &mut Decoder, datagram: &[u8], now_ns: u64, writer: &mut Writer) {
+    decoder.datagram(datagram, now_ns, &mut |decoded| match decoded {
+        Decoded::Row(row) => {
+            // What the buffer does with it, it counts itself. Restarts are told: a swapped datagram of forty records is
+            // late, and no restart.
+            writer.push_in_epoch(&row);
+        }
+        Decoded::NewEpoch => writer.new_epoch(),
+    });
 }
 
 /// Asks for the end of a stream until nothing comes any more.
