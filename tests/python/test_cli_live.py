@@ -110,7 +110,7 @@ def interrupted(*words, after):
 def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
     words = ("live", "--source", "sim:rice?seed=3", "--speed", "10", "--model", str(model), "--quiet")
     out, error = interrupted(*words, after="final: margin")
-    assert error == ""
+    assert error == "Ended by SIGINT: the robot is stopped, no file was left half-written.\n"
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right \(\d+ %\)", out.splitlines()[-1])
 
 
@@ -243,7 +243,7 @@ def test_nobody_pushes(model):
 def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
     words = ("record", "--source", "sim:rice?seed=1", "--label", "rice", "--speed", "10", "--n", "500")
     _, error = interrupted(*words, "-o", str(tmp_path / "x"), after="1600 samples")
-    assert error == "Interrupted: no file was left half-written.\n"
+    assert error == "Ended by SIGINT: the robot is stopped, no file was left half-written.\n"
     assert len(gid.load(tmp_path / "x")) >= 2
     assert not list((tmp_path / "x").rglob(".*"))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import struct
 import threading
 import time
 from itertools import cycle
@@ -106,6 +107,36 @@ def test_a_box_that_never_answers():
         assert box.requests.count(START) == 10
         assert buffer.push([0] * 6)  # the buffer is free again
         assert not source.health().running
+
+
+@pytest.mark.parametrize("n_real", [0, 3])
+def test_a_first_datagram_of_junk_is_no_stream(n_real):
+    """What a box sends first may have the length of a record and be none; no row is lost by making sure."""
+    records = [struct.pack(">3I6i", i, 14 * i, 0, *[1000 * i] * 6) for i in range(1, n_real + 1)]
+
+    def answer(box):
+        asked = 0
+        while asked < 2:  # the period, then the stream
+            request, client = box.recvfrom(8)
+            asked += request[2:4] in (b"\0\x82", b"\0\x02")
+        for datagram in (b"\xde\xad\xbe\xef" * 9, *records):
+            box.sendto(datagram, client)
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
+        box.bind(("127.0.0.1", 0))
+        threading.Thread(target=answer, args=(box,), daemon=True).start()
+        source = RdtSource("127.0.0.1", box.getsockname()[1], variant="onrobot")
+        buffer = buffer_of(source)
+        if not n_real:
+            with pytest.raises(TimeoutError, match=r"no stream .* \(1 datagrams made none\)"):
+                source.start(buffer)
+            return
+        source.start(buffer)
+        until(lambda: source.health().counters["rows"] == n_real)
+        source.stop()
+        counters = source.health().counters
+        assert (counters["implausible"], counters["lost"], counters["restarts"]) == (1, 0, 0)
+        assert buffer.reader(from_oldest=True).read().wrench[:, 0].tolist() == [0.1, 0.2, 0.3]
 
 
 def test_nobody_listens():

@@ -12,12 +12,10 @@ from contextlib import contextmanager
 from typing import ParamSpec
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
-from granular_id.cli.interrupts import heeding_interrupts
+from granular_id.cli.interrupts import heeding_interrupts, say
 
-__all__ = ["DEBUG", "INTERRUPTED", "guarded", "in_options", "words_of"]
+__all__ = ["DEBUG", "guarded", "in_options", "words_of"]
 
 DEBUG = "GRANULAR_ID_DEBUG"
 """Environment variable: when set, an error ends in its traceback instead of one line."""
@@ -83,7 +81,8 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     """Turn the exceptions of a command into one line on standard error and an exit code.
 
     Bad input (ValueError, TypeError, OSError) exits with 2, a missing extra (an ImportError that says what to
-    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback. A warning is one line, too.
+    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback. A warning is one line, too. What moves a
+    robot also exits on SIGTERM with 143 and on SIGHUP with 129 (`stopping_the_robot`).
     """
 
     @functools.wraps(command)
@@ -92,13 +91,13 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             with heeding_interrupts(), _warnings_in_one_line():
                 command(*args, **kwargs)
         except KeyboardInterrupt as stop:
-            _say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
+            say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
             raise typer.Exit(INTERRUPTED) from None
         except (ValueError, TypeError, OSError, ImportError) as error:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if os.environ.get(DEBUG) or (isinstance(error, ImportError) and error.name is not None):
                 raise
-            _say(f"error: {in_options(words_of(error))}", "bold red")
+            say(f"error: {in_options(words_of(error))}", "bold red")
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
 
     return run
@@ -167,14 +166,10 @@ def _warnings_in_one_line() -> Iterator[None]:
     before = warnings.showwarning
 
     def show(message: Warning | str, *_: object, **__: object) -> None:
-        _say(f"warning: {in_options(str(message))}", "bold yellow")
+        say(f"warning: {in_options(str(message))}", "bold yellow")
 
     warnings.showwarning = show
     try:
         yield
     finally:
         warnings.showwarning = before
-
-
-def _say(line: str, style: str) -> None:
-    Console(stderr=True).print(Text(line, style=style), soft_wrap=True)

@@ -1,25 +1,38 @@
-"""Ctrl-C that is never lost."""
+"""Signals that end a command: never lost, the robot stopped, and said."""
 
 from __future__ import annotations
 
 import _thread
+import os
+import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, TextIO
+
+import typer
+from rich.console import Console
+from rich.text import Text
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-__all__ = ["heeding_interrupts"]
+__all__ = ["heeding_interrupts", "leave_lost_terminal", "say", "stopping_the_robot"]
 
 _AGAIN_S = 0.02
+
+_ENDINGS = {
+    128 + number: number
+    for number in signal.Signals
+    if number.name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+}
+"""Exit codes by which shells know these signals."""
 
 
 @contextmanager
 def heeding_interrupts() -> Iterator[None]:
-    """Repeat a Ctrl-C that Python drops.
+    """Repeat a Ctrl-C, or another signal that ends the program, that Python drops.
 
     One that arrives while an object is being deleted (`zipfile.ZipFile` closes itself then) is printed as "ignored",
     and the program would go on to its end. It is raised again a moment later, from outside the deletion.
@@ -27,8 +40,9 @@ def heeding_interrupts() -> Iterator[None]:
     before = sys.unraisablehook
 
     def hook(dropped: UnraisableHookArgs) -> None:
-        if dropped.exc_type is KeyboardInterrupt:
-            again = threading.Timer(_AGAIN_S, _thread.interrupt_main)
+        number = _signal_of(dropped.exc_value)
+        if number is not None:
+            again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
             again.daemon = True
             again.start()
         else:
@@ -39,3 +53,49 @@ def heeding_interrupts() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = before
+
+
+@contextmanager
+def stopping_the_robot() -> Iterator[None]:
+    """Stop the robot on every signal that ends a session, say so, and exit with the signal's code."""
+    from granular_id.live.stopping import stop_on_signals  # noqa: PLC0415 (--help must not wait for numpy)
+
+    with stop_on_signals():
+        try:
+            yield
+        except (KeyboardInterrupt, SystemExit) as end:
+            number = _signal_of(end)
+            if number is None:
+                raise
+            leave_lost_terminal()
+            say(f"Ended by {number.name}: the robot is stopped, no file was left half-written.", "yellow")
+            raise typer.Exit(128 + number) from None
+
+
+def leave_lost_terminal() -> None:
+    """Write to nowhere from now on where a terminal is gone: what ends a program also ends what it writes to."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(ValueError):  # no file
+            _leave_lost(stream)
+
+
+def _leave_lost(stream: TextIO) -> None:
+    descriptor = stream.fileno()
+    try:
+        stream.flush()
+        os.write(descriptor, b"")
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+
+
+def say(line: str, style: str) -> None:
+    """Print one line on standard error."""
+    Console(stderr=True).print(Text(line, style=style), soft_wrap=True)
+
+
+def _signal_of(error: BaseException | None) -> signal.Signals | None:
+    """Return the signal that an exception stands for."""
+    if isinstance(error, KeyboardInterrupt):
+        return signal.SIGINT
+    code = error.code if isinstance(error, SystemExit) else None
+    return _ENDINGS.get(code) if isinstance(code, int) else None

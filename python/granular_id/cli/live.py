@@ -9,12 +9,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
 from rich.console import Console
 
 from granular_id._words import counted
-from granular_id.cli.errors import INTERRUPTED, guarded
+from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
+from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.moving import Moving, Sensing
 from granular_id.cli.reading import ACCEPT, Accepted
 from granular_id.cli.session import check_targets
@@ -55,6 +55,7 @@ MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
 
 
 @guarded
+@stopping_the_robot()
 @taking(Sensing, Moving)
 def live(
     sensing: Sensing,
@@ -148,8 +149,9 @@ def live(
                 raise ValueError("the source came to its end before any push was answered")
         except CaptureError as error:
             raise ValueError(str(error)) from error
-        except KeyboardInterrupt:  # how a session without --n ends: the tally says all
-            raise typer.Exit(INTERRUPTED) from None
+        except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its tally
+            leave_lost_terminal()
+            raise
         finally:
             views.close()
             _sum_up(console, identifying, views, over=over)

@@ -12,6 +12,7 @@ from rich.console import Console
 from granular_id._words import counted
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
+from granular_id.cli.interrupts import stopping_the_robot
 from granular_id.cli.moving import Moving, Sensing
 from granular_id.cli.settings import at_least, names_in, positive
 
@@ -41,6 +42,7 @@ WHAT = "What to record"
 
 
 @guarded
+@stopping_the_robot()
 @taking(Sensing, Moving)
 def record(
     sensing: Sensing,
@@ -183,6 +185,8 @@ class _Prompt:
 def _wait_for(title: str) -> None:
     """Give a person time to change the material, and to bring an arm back to where its push begins."""
     if sys.stdin.isatty():
-        typer.prompt(
-            f"{title}: press Enter when material and tool are in place", default="", show_default=False
-        )
+        asked = f"{title}: press Enter when material and tool are in place"
+        try:
+            typer.prompt(asked, default="", show_default=False)
+        except typer.Abort:  # what a prompt makes of Ctrl-C
+            raise KeyboardInterrupt from None

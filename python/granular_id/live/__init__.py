@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from granular_id.live.sim import SimRobot, SimSource
     from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
     from granular_id.live.source_thread import ThreadedSource
+    from granular_id.live.stopping import stop_on_signals
     from granular_id.live.stream import Stream, opened
     from granular_id.live.terminal import TerminalView
     from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
@@ -51,6 +52,7 @@ _HOMES = {
     "live.sim": ("SimRobot", "SimSource"),
     "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
     "live.source_thread": ("ThreadedSource",),
+    "live.stopping": ("stop_on_signals",),
     "live.stream": ("Stream", "opened"),
     "live.terminal": ("TerminalView",),
     "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),
@@ -96,6 +98,7 @@ __all__ = [
     "open_source",
     "opened",
     "setup_of",
+    "stop_on_signals",
 ]
 
 

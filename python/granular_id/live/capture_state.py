@@ -57,7 +57,7 @@ class FailureReason(Enum):
     ROBOT = "robot"
     """The robot refused the motion, or it failed."""
     INTERRUPTED = "interrupted"
-    """Ended from outside: Ctrl-C, or the program went on to something else."""
+    """Ended from outside: Ctrl-C or another signal, or the program went on to something else."""
 
     @property
     def is_lasting(self) -> bool:

@@ -15,6 +15,7 @@ from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.rows import BlockLike, Rows
+from granular_id.live.stopping import InMotion
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import MotionTrigger, Trigger
 
@@ -73,7 +74,8 @@ def drive(
     """Feed a capture until it is over and the robot stands; it is set in motion as soon as the rest is there.
 
     Whenever this ends, the robot stands or was told to stop: on any failure, on Ctrl-C, where a motion does not
-    end by itself, and where you leave the loop early and close the generator (``contextlib.closing``).
+    end by itself, where you leave the loop early and close the generator (``contextlib.closing``), and at the end of
+    the interpreter. On SIGTERM and SIGHUP it ends within `stop_on_signals`.
 
     Parameters
     ----------
@@ -105,8 +107,10 @@ def drive(
     newest: BlockLike | None = None
     heard_s = time.monotonic()
     stands = False
+    moving = InMotion(robot)
     try:
-        while not capture.state.is_over:
+        moving.begin()
+        while not capture.state.is_over and moving.signum is None:
             reader.wait(_WAIT_S)
             block = reader.read()
             if len(block):
@@ -126,15 +130,19 @@ def drive(
         if capture.state is CaptureState.COMPLETE:
             stands = motion is None
             deadline_s = time.monotonic() + motion_duration_s(capture)
-            while motion is not None and not stands and time.monotonic() < deadline_s:
+            while (
+                motion is not None and not stands and moving.signum is None and time.monotonic() < deadline_s
+            ):
                 stands = motion.finished()
                 reader.wait(_WAIT_S)
                 yield Step(reader.read(), Rows.none().wrench, motion)
     finally:
-        if not stands:
-            capture.fail(FailureReason.INTERRUPTED, "ended from outside")
-            if robot is not None:
-                _stop(robot, capture)
+        try:
+            if not stands:
+                capture.fail(FailureReason.INTERRUPTED, "ended from outside")
+                _stop(moving, capture)
+        finally:
+            moving.over(stands=stands)
 
 
 def _set_in_motion(
@@ -158,11 +166,11 @@ def _set_in_motion(
     return motion
 
 
-def _stop(robot: Robot, capture: Capture) -> None:
+def _stop(moving: InMotion, capture: Capture) -> None:
     try:
-        robot.stop()
-    except KeyboardInterrupt:
-        robot.stop()  # a second Ctrl-C must not leave it moving
+        moving.end()
+    except (KeyboardInterrupt, SystemExit):
+        moving.end()  # a second Ctrl-C must not leave it moving
         raise
     except Exception as error:  # whatever the robot's library raises
         text = f"the robot could not be stopped: {type(error).__name__}: {error}"

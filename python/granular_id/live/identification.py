@@ -40,6 +40,8 @@ _SYNTHETIC_MODEL = (
 class LiveIdentifier:
     """Waits for a push, names the material while it lasts, and waits for the next one.
 
+    Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
+
     Parameters
     ----------
     stream : Stream

@@ -41,7 +41,8 @@ class Recorder:
     """Records one push after another into ``folder/label/label_<time>_<k>.npz``.
 
     `granular_id.load` reads the folder. A file appears under its name when it is whole; what a killed process
-    leaves is a hidden file that nothing reads. Nothing is ever overwritten.
+    leaves is a hidden file that nothing reads. Nothing is ever overwritten. Use it within
+    `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
 
     Parameters
     ----------

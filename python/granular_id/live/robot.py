@@ -43,7 +43,11 @@ class Motion(Protocol):
 
 @runtime_checkable
 class Robot(Protocol):
-    """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines."""
+    """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines.
+
+    In a program that moves one, stand within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP
+    (a closed terminal) end the program before `stop` is called.
+    """
 
     def tcp_pose(self) -> Pose | None:
         """Return where the tool is; None where the robot cannot tell."""
@@ -61,7 +65,11 @@ class Robot(Protocol):
         """
 
     def stop(self) -> None:
-        """Stop as soon as it is safe. Called on every failure and on Ctrl-C, also when nothing moves."""
+        """Stop as soon as it is safe.
+
+        Called on every failure and on Ctrl-C, also when nothing moves; a second time, and from another thread, where a
+        command may cross with the first call or the main thread is held up (`granular_id.live.stop_on_signals`).
+        """
 
 
 def checked_move(

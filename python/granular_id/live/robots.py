@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, TextIO
 
 from granular_id._numbers import non_negative_number
@@ -76,7 +77,8 @@ class ManualRobot:
             self._say(words)
 
     def _say(self, line: str) -> None:
-        print(line, file=sys.stderr if self._console is None else self._console, flush=True)
+        with suppress(OSError):  # stop() ends the motion also where the terminal is gone
+            print(line, file=sys.stderr if self._console is None else self._console, flush=True)
 
 
 class CallbackMotion(TimedMotion):

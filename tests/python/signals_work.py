@@ -1,0 +1,91 @@
+"""A session with a robot that notes when it is told what, in a process of its own, to be ended by a signal.
+
+Usage: signals_work.py LOG command|api|thread|nested|deaf|blocked|slow|exit FOLDER|words of a command
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import threading
+import time
+from pathlib import Path
+
+from granular_id.live import Recorder, opened, stop_on_signals
+from granular_id.live.sim import SimRobot, SimSource
+
+LOG, WHAT, *WORDS = Path(sys.argv[1]), *sys.argv[2:]
+
+
+def note(what):
+    with LOG.open("a", encoding="utf-8") as log:
+        log.write(f"{time.monotonic_ns()} {what}\n")
+
+
+class NotingRobot(SimRobot):
+    """Notes each call; with `blocked`, the call of the driver keeps the main thread in C for seconds."""
+
+    def move_line(self, direction, speed_m_s, duration_s):
+        motion = super().move_line(direction, speed_m_s, duration_s)
+        note("moving")
+        if WHAT == "blocked":
+            try:
+                hashlib.pbkdf2_hmac("sha256", b"", b"", 3_000_000)
+            finally:
+                note("driver returns")
+        return motion
+
+    def stop(self):
+        note("stop begins")
+        if WHAT == "slow":
+            time.sleep(0.5)  # a second signal comes meanwhile
+        super().stop()
+        note("stop")
+
+
+def robot(source):
+    return NotingRobot(source)
+
+
+SimSource.robot = robot
+
+
+def record(folder):
+    with opened("sim:rice?seed=1") as stream:
+        on_step = swallow if WHAT == "deaf" else None
+        Recorder(stream, stream.source.robot(), folder, on_step=on_step).record("rice")
+
+
+def swallow(step, capture):
+    try:
+        time.sleep(0.05)
+    except BaseException:
+        note("swallowed")
+
+
+def main():
+    if WORDS[0] in ("record", "live"):
+        from granular_id.cli import main as command
+
+        sys.argv = ["granular-id", *WORDS]
+        command()
+        return
+    folder = WORDS[0]
+    if WHAT == "exit":
+        threading.Thread(target=record, args=(folder,), daemon=True).start()
+        while not LOG.exists():
+            time.sleep(0.01)
+        return  # the program is over, and its thread with it
+    with stop_on_signals():
+        if WHAT == "thread":
+            worker = threading.Thread(target=record, args=(folder,))
+            worker.start()
+            worker.join()
+        elif WHAT == "nested":
+            with stop_on_signals():
+                record(folder)
+        else:
+            record(folder)
+
+
+main()

@@ -1,0 +1,161 @@
+"""A robot never moves on after its program: whatever ends it, `stop()` is called first."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+import granular_id as gid
+from granular_id.live import stop_on_signals
+
+pytestmark = pytest.mark.usefixtures("heeding_interrupts")
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SCRIPT = Path(__file__).with_name("signals_work.py")
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("model") / "m.safetensors"
+    data = gid.synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=3.2)
+    gid.Identifier.fit(data, "hfmh", estimate=False).save(path)
+    return path
+
+
+class Session:
+    """A session in a process of its own; `told` is what its robot has noted."""
+
+    def __init__(self, folder, what, *words, **options):
+        self.folder, self.log = folder / "data", folder / "log"
+        words = words or (self.folder,)
+        self.process = subprocess.Popen(
+            [sys.executable, SCRIPT, self.log, what, *map(str, words)],
+            stdout=options.pop("stdout", subprocess.PIPE),
+            stderr=options.pop("stderr", subprocess.PIPE),
+            text=True,
+            **options,
+        )
+
+    @property
+    def told(self):
+        return [line.split(" ", 1)[1] for line in self.log.read_text("utf-8").splitlines()]
+
+    def wait_for(self, what):
+        while not (self.log.exists() and what in self.told):
+            assert self.process.poll() is None, self.process.communicate()
+            time.sleep(0.005)
+
+    def end(self, *signals):
+        """Send signals while the robot moves; return the exit code and what was said."""
+        self.wait_for("moving")
+        for number in signals:
+            self.process.send_signal(number)
+            time.sleep(0.1)
+        out, err = self.process.communicate(timeout=60)
+        assert "stop" in self.told
+        assert not [path for path in self.folder.rglob("*") if path.is_file()]
+        return self.process.returncode, out, err
+
+
+def command(what, folder, model):
+    if what == "record":
+        return ("record", "--source", "sim:?seed=1", "--label", "rice", "-o", folder / "data")
+    return ("live", "--source", "sim:rice?seed=1", "--model", model, "--pre-s", "0.25", "-q")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("what", ["record", "live"])
+def test_the_command_line_stops_the_robot_and_says_so(tmp_path, model, what, number):
+    code, _, err = Session(tmp_path, "command", *command(what, tmp_path, model)).end(number)
+    assert code == 128 + number
+    assert err == f"Ended by {number.name}: the robot is stopped, no file was left half-written.\n"
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("what", ["api", "thread", "nested", "deaf"])
+def test_a_program_that_asks_for_it_stops_the_robot(tmp_path, what, number):
+    code, _, _ = Session(tmp_path, what).end(number)
+    assert code == (-number if number == signal.SIGINT else 128 + number)
+
+
+@pytest.mark.parametrize("what", ["command", "api"])
+def test_the_robot_is_stopped_while_its_driver_holds_the_main_thread(tmp_path, model, what):
+    words = command("record", tmp_path, model) if what == "command" else ()
+    session = Session(tmp_path, "blocked", *words)
+    assert session.end(signal.SIGTERM)[0] == 143
+    assert session.told.index("stop") < session.told.index("driver returns")
+    assert session.told.index("stop", session.told.index("driver returns")), "and again: commands may cross"
+
+
+@pytest.mark.parametrize("numbers", [(signal.SIGINT,) * 3, (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)])
+def test_further_signals_do_not_cut_stop_short(tmp_path, numbers):
+    session = Session(tmp_path, "slow")
+    session.end(*numbers)
+    assert session.told == ["moving", "stop begins", "stop"]
+
+
+def test_a_closed_terminal(tmp_path, model):
+    master, slave = pty.openpty()
+    words = command("live", tmp_path, model)
+    session = Session(
+        tmp_path, "command", *words[:-1], stdin=slave, stdout=slave, stderr=slave, preexec_fn=_own
+    )
+    os.close(slave)
+    session.wait_for("moving")
+    os.close(master)
+    assert session.end()[0] == 129
+
+
+def _own():
+    import fcntl
+    import termios
+
+    os.setsid()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
+def test_the_end_of_the_interpreter_stops_what_a_thread_would_leave_moving(tmp_path):
+    session = Session(tmp_path, "exit")
+    assert session.end()[0] == 0
+
+
+def test_what_is_ignored_stays_ignored_and_handlers_come_back():
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup does
+    try:
+        with stop_on_signals():
+            with stop_on_signals(), pytest.raises(SystemExit) as ended:
+                signal.raise_signal(signal.SIGTERM)
+            assert ended.value.code == 143
+            signal.raise_signal(signal.SIGHUP)
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before[signal.SIGHUP])
+    assert {number: signal.getsignal(number) for number in SIGNALS} == before
+    assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_other_threads_are_refused():
+    raised = []
+
+    def enter():
+        try:
+            with stop_on_signals():
+                raise AssertionError
+        except RuntimeError as error:
+            raised.append(str(error))
+
+    worker = threading.Thread(target=enter)
+    worker.start()
+    worker.join()
+    assert "main thread" in raised[0]
