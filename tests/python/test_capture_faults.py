@@ -10,8 +10,9 @@ import pytest
 
 from capture_cases import RATE_HZ, Line, N, capture, moving_at, run
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+from granular_id.live.robot import TimedMotion
 from granular_id.live.source import SourceInfo
-from granular_id.live.trigger import ManualTrigger
+from granular_id.live.trigger import ManualTrigger, MotionTrigger
 from granular_id.recording import SampleFlag
 
 
@@ -151,11 +152,40 @@ def test_rate_without_a_device_clock_is_measured_by_arrival():
     assert "measured 480 Hz" in taker.text
 
 
+@pytest.mark.parametrize("cuts", [[], range(700), [3, 310, 311]])
+def test_late_rows_move_no_trigger_and_are_told(cuts):
+    """Rows come in by 75 at once, the first of them 0.148 s late; the robot knows the host's clock only."""
+    line = Line.of(750)
+    due_ns = (5e9 + 1e9 * line.time_s).astype(np.int64)
+    line.host_ns = np.repeat(due_ns[74::75], 75).astype(np.uint64)
+    taker = capture(MotionTrigger(TimedMotion(int(due_ns[310]) - 800_000, 1.0)))
+    assert np.array_equal(run(taker, line, cuts), line.wrench[260 : 260 + N])
+    assert taker.recording().meta["late_s"] == pytest.approx(0.148)
+    by_arrival = capture(
+        MotionTrigger(TimedMotion(int(due_ns[310]) - 800_000, 1.0)),
+        info=SourceInfo("x", RATE_HZ, device_clock=False),
+        rate_tolerance=1,
+    )
+    run(by_arrival, line, cuts)
+    assert by_arrival.trigger_time_s == line.time_s[300], "when each was measured, nobody knows"
+
+
+def test_clocks_that_drift_move_no_trigger():
+    line = Line.of(15_000)
+    for drift in (-5e-5, 5e-5):
+        due_ns = (5e9 + 1e9 * (1 + drift) * line.time_s).astype(np.int64)
+        line.host_ns = due_ns.astype(np.uint64)
+        taker = capture(MotionTrigger(TimedMotion(int(due_ns[14_000]) - 800_000, 1.0)))
+        run(taker, line, range(0, 15_000, 100))
+        assert taker.trigger_time_s == line.time_s[14_000]
+
+
 def test_lag():
     line = Line.of(700)
+    info = SourceInfo("x", RATE_HZ, device_clock=False)
 
     def fed(lags, **options):
-        taker = capture(moving_at(line, 100), **options)
+        taker = capture(moving_at(line, 100), **{"info": info, **options})
         cuts = np.linspace(0, 700, len(lags) + 1)[1:-1].round()
         for block, lag_s in zip(line.blocks(cuts), lags, strict=True):
             taker.feed(block, lag_s)
@@ -169,6 +199,7 @@ def test_lag():
     assert fed([0.0] * 10 + [0.13] + [0.0] * 24).reason is FailureReason.LAG
     assert fed([0.0] * 10 + [0.021] + [0.0] * 24, lag_patience_s=0).reason is FailureReason.LAG
     assert fed([0.3] * 3 + [0.0] * 32).state is CaptureState.COMPLETE, "nothing was recorded yet"
+    assert fed([0.3] * 35, info=None).state is CaptureState.COMPLETE, "each row bears its own time"
 
 
 def test_nothing_triggers():

@@ -51,6 +51,17 @@ class Kept:
         pass
 
 
+def test_rows_that_come_late_are_warned_of(model):
+    source = SimSource(MATERIALS, seed=2)
+    source.inject(Fault("stall", after_s=0.1, stall_s=0.3))
+    with opened(source) as stream:
+        late, punctual = (LiveIdentifier(stream, model).push() for _ in range(2))
+    assert late.decision.final
+    assert late.decision.warnings == ("lag",)
+    assert late.decision.label == late.truth
+    assert punctual.decision.final
+
+
 def test_simulated_pushes_are_named_and_the_truth_is_told(model):
     source = SimSource(MATERIALS, seed=2, speed=20)
     with opened(source) as stream:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,8 +75,22 @@ def test_a_gap_that_may_be_filled(tmp_path):
     assert np.count_nonzero(loaded.flags == gid.SampleFlag.GAP_FILLED) == 3
 
 
-def test_lag(tmp_path):
+def test_rows_that_come_late_and_complete_are_a_good_recording_that_says_so(tmp_path):
     with bench(tmp_path, speed=1) as (source, robot, recorder):
+        source.inject(Fault("stall", after_s=0.1, stall_s=0.4))
+        recorded = recorder.record("rice")
+    assert robot.n_stops == 0
+    late = gid.load(recorded.path)[0]
+    assert late.meta["late_s"] > 0.2
+    with bench(tmp_path, speed=20) as (_, _, recorder):
+        punctual = recorder.record("rice").recording
+    assert "late_s" not in punctual.meta
+    assert np.array_equal(late.wrench, punctual.wrench), "neither rows nor trigger are moved"
+
+
+def test_lag_without_a_clock_of_the_sensor(tmp_path):
+    with bench(tmp_path, speed=1) as (source, robot, recorder):
+        source._info = replace(source.info, device_clock=False)
         source.inject(Fault("stall", after_s=0.1, stall_s=0.4))
         with pytest.raises(CaptureError, match="late; wanted at most 20 ms") as raised:
             recorder.record("rice")

@@ -119,16 +119,28 @@ class Moving:
             bool,
             option("--allow-saturated", LIMITS, "Take samples at the end of the sensor's range, flagged."),
         ] = False,
+        max_lag_s: Annotated[
+            float,
+            option(
+                "--max-lag-s",
+                LIMITS,
+                "Rows that come in later than this are late: noted in recordings and warned of in answers; refused "
+                "where the sensor has no clock of its own.",
+            ),
+        ] = 0.02,
         timeout_s: Annotated[float, option("--timeout-s", LIMITS, "How long to wait for the motion.")] = 30.0,
     ) -> None:
         positive("--threshold-n", threshold_n)
         positive("--timeout-s", timeout_s)
         positive("--speed-m-s", speed_m_s)
         at_least("--max-gap", max_gap, 0)
+        if not 0 <= max_lag_s < float("inf"):
+            raise ValueError(f"--max-lag-s must be at least 0 and finite, got {max_lag_s:g}")
         self.motion: dict[str, Any] = {"direction": direction_of(direction), "speed_m_s": speed_m_s}
         self.limits: dict[str, Any] = {
             "max_gap": max_gap,
             "allow_saturated": allow_saturated,
+            "max_lag_s": max_lag_s,
             "timeout_s": timeout_s,
         }
         self._robot, self._trigger, self._threshold_n = robot.value, trigger.value, threshold_n

@@ -158,7 +158,11 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int, console:
     one = recorded.recording
     begin = one.trigger_index or 0
     rise_n = float(one.wrench[begin:, 0].mean() - one.wrench[: begin or 1, 0].mean())
-    return refused, f"{title}: {one.n_samples} samples, mean fx {rise_n:+.2f} N over rest, {recorded.path}"
+    late = f", up to {1e3 * one.meta['late_s']:.0f} ms late" if "late_s" in one.meta else ""
+    return (
+        refused,
+        f"{title}: {one.n_samples} samples{late}, mean fx {rise_n:+.2f} N over rest, {recorded.path}",
+    )
 
 
 def _check_truth(console: Console, label: str, stream: Stream) -> None:

@@ -34,7 +34,7 @@ def identify(
 ) -> Iterator[Decision]:
     """Name the material of one push after another, live.
 
-    Where a robot moves, use it within `granular_id.live.stop_on_signals`: it is then also stopped on SIGTERM and SIGHUP.
+    Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
 
     Parameters
     ----------

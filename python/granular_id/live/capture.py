@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from granular_id._numbers import non_negative_number, whole_number
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import rate_complaint, recording_of
+from granular_id.live.clock import ArrivalClock, late_s
 from granular_id.live.lag import LagWatch
 from granular_id.live.rest import Rest
 from granular_id.live.rows import BlockLike, Rows, filled
@@ -46,13 +48,15 @@ class Capture:
     rate_tolerance : float, default 0.001
         How far the measured rate may be off, relative: HFMH moves with it.
     max_lag_s : float, default 0.02
-        Lag that is no cause for alarm.
+        Lag that is no cause for alarm. Rows of a sensor with its own clock that come in later are good nevertheless,
+        and the recording's ``meta["late_s"]`` tells how late at most. Without such a clock nobody knows when they
+        were measured, and the capture fails.
     lag_patience_s : float, default 0.1
-        So long may the lag be larger than that: a busy computer stumbles, and no sample is lost by it.
+        So long may the lag be larger than that before it fails: a busy computer stumbles, and no sample is lost by it.
     timeout_s : float, default 30
         From the first row to the trigger, counted in rows: those that are no rest too.
     info : SourceInfo, optional
-        Goes into the recording's metadata. Without a device clock the rate is measured by when rows come in.
+        Goes into the recording's metadata. Without a device clock, rate and lag are judged by when rows come in.
     utc_at_zero_s : float, optional
         Time of day at device time 0, for clocks that run at another speed than the host's. By default the start
         of the recording follows from when its rows came in.
@@ -109,6 +113,9 @@ class Capture:
         self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
         self._rest = Rest(self.n_pre, non_negative_number("timeout_s", timeout_s), self.rate_hz)
         self._utc_at_zero_s = utc_at_zero_s
+        self._device_clock = info is None or info.device_clock
+        self._speed = 1.0 if info is None else info.speed
+        self._arrival = ArrivalClock(self._speed)
 
         self.state = CaptureState.IDLE
         self.reason: FailureReason | None = None
@@ -147,6 +154,7 @@ class Capture:
         if self._epoch not in (None, block.epoch):
             self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
             self._last = Rows.none()
+            self._arrival = ArrivalClock(self._speed)
         self._epoch = block.epoch
         rows = filled(self._last, Rows.of(block), self._max_gap)
         first = not len(self._last)
@@ -202,7 +210,7 @@ class Capture:
         Returns
         -------
         Recording
-            Uniform, `trigger_index` = `n_pre`, `start_time` in UTC, flags.
+            Uniform, `trigger_index` = `n_pre`, `start_time` in UTC, flags; ``meta["late_s"]`` where rows came in late.
 
         Raises
         ------
@@ -215,8 +223,11 @@ class Capture:
         if self.state is not CaptureState.COMPLETE:
             raise RuntimeError(f"the capture is {self.state.value}: {self.n_rows} of {self.n_samples} rows")
         facts = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz, **(meta or {})}
+        rows = self.rows
+        if self._speed == 1 and (late := late_s(rows.time_s, rows.host_ns)) > self.max_lag_s:
+            facts["late_s"] = late
         return recording_of(
-            self.rows,
+            rows,
             facts,
             info=self.info,
             utc_at_zero_s=self._utc_at_zero_s,
@@ -266,7 +277,7 @@ class Capture:
             self._fail(rest.why_over())
             return rows
         looked = rows[: min(rest.n_left, rest.n_wanted) if arming else rest.n_left]
-        found = self.trigger.index(looked)
+        found = self.trigger.index(self._as_due(looked))
         if found is not None and arming:
             self._fail(rest.why_early(found))
             return rows
@@ -277,6 +288,12 @@ class Capture:
             self.trigger_time_s = float(looked.time_s[found])
             self._add(rest.rows, taken)
         return rows[len(resting) :]
+
+    def _as_due(self, rows: Rows) -> Rows:
+        """Give rows the host time at which they were due: a trigger by the host's clock is not moved by lateness."""
+        if not self._device_clock:
+            return rows
+        return replace(rows, host_ns=self._arrival.due_ns(rows.time_s, rows.host_ns))
 
     def _add(self, rows: Rows, taken: list[Rows]) -> None:
         self._taken.append(rows)
@@ -291,6 +308,8 @@ class Capture:
             self.state = CaptureState.COMPLETE
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
+        if self._device_clock:  # a complete recording is none the worse for it
+            return
         complaint = self._lag.complaint(n_rows, lag_s)
         if complaint is not None and self.state is CaptureState.TRIGGERED:
             self.fail(FailureReason.LAG, complaint)

@@ -47,7 +47,7 @@ class FailureReason(Enum):
     RATE = "rate"
     """The samples came at another rate than the source's."""
     LAG = "lag"
-    """Samples came in late for too long."""
+    """Samples without a time of the sensor's own came in late for too long."""
     NO_TRIGGER = "no trigger"
     """Nothing triggered within the time."""
     NO_ROWS = "no rows"

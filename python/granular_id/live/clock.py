@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from granular_id import _core
 
-__all__ = ["host_ns", "start_utc_s", "utc_at_origin_s"]
+__all__ = ["ArrivalClock", "host_ns", "late_s", "start_utc_s", "utc_at_origin_s"]
+
+_DRIFT = 1e-4
+"""So much faster or slower than the host's, relative, may a sensor's clock run."""
 
 
 def host_ns() -> int:
@@ -47,3 +50,45 @@ def start_utc_s(time_s: NDArray[np.float64], arrived_ns: NDArray[Any], origin_ut
     """
     offset_s = float(np.min(1e-9 * arrived_ns - time_s))
     return round(origin_utc_s + float(time_s[0]) + offset_s, 6)
+
+
+def late_s(time_s: NDArray[np.float64], arrived_ns: NDArray[Any]) -> float:
+    """Return how late rows came in at most, against the one that came soonest after its device time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.live.clock import late_s
+    >>> late_s(np.array([7.0, 7.002]), np.array([2_000_000_000, 2_152_000_000]))
+    0.15
+    """
+    return round(float(np.ptp(1e-9 * (arrived_ns - arrived_ns[0]) - (time_s - time_s[0]))), 6)
+
+
+class ArrivalClock:
+    """Tells when rows were due by the host's clock: rows that come late do not count, only those that came soonest.
+
+    Parameters
+    ----------
+    speed : float
+        Seconds of device time per second.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._per_second = 1e9 / speed
+        self._first: tuple[float, int] | None = None
+        self._offset = float("inf")
+
+    def due_ns(self, time_s: NDArray[np.float64], arrived_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return when the next rows were due, shape (n,): not later than they came, and the same in any pieces."""
+        if not len(time_s):
+            return arrived_ns
+        if self._first is None:
+            self._first = float(time_s[0]), int(arrived_ns[0])
+        device_ns = self._per_second * (time_s - self._first[0])
+        host_ns = arrived_ns - self._first[1]
+        # The offset of a clock that is slower grows: what is least of (offset - drift) follows it.
+        tilted = (1 + _DRIFT) * device_ns
+        offset = np.minimum.accumulate(np.concatenate([[self._offset], host_ns - tilted]))[1:]
+        self._offset = float(offset[-1])
+        return self._first[1] + np.rint(tilted + offset).astype(np.int64)

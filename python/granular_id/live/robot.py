@@ -45,8 +45,8 @@ class Motion(Protocol):
 class Robot(Protocol):
     """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines.
 
-    In a program that moves one, stand within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP
-    (a closed terminal) end the program before `stop` is called.
+    Use one within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed terminal) end
+    the program before `stop` is called.
     """
 
     def tcp_pose(self) -> Pose | None:

@@ -64,7 +64,7 @@ class ManualTrigger:
         self._fired_ns = host_ns() if at_ns is None else int(at_ns)
 
     def index(self, rows: Rows) -> int | None:
-        """Find the first row that came in at or after that moment."""
+        """Find the first row that was due at or after that moment."""
         return None if self._fired_ns is None else _first(rows.host_ns >= self._fired_ns)
 
 
@@ -105,7 +105,9 @@ class MotionTrigger:
     """Fires where the robot's motion begins.
 
     Where the robot shares the sensor's clock, that is the first row at or after the start in device time. Otherwise
-    it is the first row that came in at or after the start by the host's clock: as exact as rows come in.
+    it is the first row that was due at or after the start by the host's clock. When rows with device time were due,
+    `Capture` tells by those that came soonest: late ones do not move the start. Rows without are due when they come in.
+    A delay that all rows share is unknown: the start is early by it.
 
     Parameters
     ----------
