@@ -7,9 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
+from granular_id.recording._values import OVERRIDES
 
 _FINITE = st.floats(allow_nan=False, allow_infinity=False)
-_TEXT = st.text(st.characters(blacklist_categories=("Cc", "Cs", "Zl", "Zp")), max_size=8)
+_TEXT = st.text(
+    st.characters(blacklist_categories=("Cc", "Cs", "Zl", "Zp"), blacklist_characters=OVERRIDES), max_size=8
+)
 _LABEL = _TEXT.map(str.strip).filter(bool)
 _JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | _FINITE | st.text(max_size=5),

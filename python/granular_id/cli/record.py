@@ -81,9 +81,11 @@ def record(
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")
 
-    from granular_id.live.recorder import Recorder  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.recorder import Recorder, checked_label  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.live.stream import opened  # noqa: PLC0415
 
+    for name in labels:
+        checked_label(name)
     console = Console(highlight=False)
     # All of them before the first push: a misspelt material is found out now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.url).items()]

@@ -8,8 +8,10 @@ import os
 import re
 import secrets
 import shutil
+import unicodedata
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import dropwhile
 from pathlib import Path
 
 from granular_id._files import cannot_write
@@ -32,9 +34,10 @@ __all__ = [
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
 
-_UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
-_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
-_LONGEST = 60
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)
+_EDGES = "._-"
+_LONGEST, _LONGEST_BYTES = 60, 100
+"""A file system takes 255 bytes, some 143, and there is more to a name than its label."""
 
 
 def checked_dataset(dataset: object) -> Dataset:
@@ -126,7 +129,7 @@ def indexed_folder(
 ) -> Path:
     """Write a file per recording into ``label/``, with an ``index.csv`` and the history beside them.
 
-    File names are made from the labels with unsafe characters replaced; the labels themselves stand in the index.
+    File names are made from the labels (`safe_name`); the labels themselves stand in the index.
 
     Parameters
     ----------
@@ -171,11 +174,21 @@ def _index_row(file: str, recording: Recording) -> list[str]:
 
 
 def safe_name(label: str | None) -> str:
-    """Make a file name of a label that no system takes for anything else; it need not be unique."""
+    """Make a file name of a label that no system takes for anything else; it need not be unique.
+
+    Letters, digits and accents of every script stay, in the one form (NFC) in which systems agree on them.
+    """
     if label is None:
         return "unlabelled"
-    name = _UNSAFE.sub("_", label)[:_LONGEST].strip("._-") or "label"
+    kept = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", label))
+    name = re.sub(" +", "_", kept)[:_LONGEST].encode()[:_LONGEST_BYTES].decode(errors="ignore")
+    name = "".join(dropwhile(lambda c: c in _EDGES or unicodedata.category(c)[0] == "M", name))
+    name = name.rstrip(_EDGES) or "label"
     return f"label_{name}" if _RESERVED.fullmatch(name) else name
+
+
+def _is_safe(character: str) -> bool:
+    return character in _EDGES or unicodedata.category(character)[0] in "LMN"
 
 
 def refuse_other_axes(dataset: Dataset, what: str) -> None:

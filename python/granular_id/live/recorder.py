@@ -26,7 +26,7 @@ from granular_id.recording._values import checked_text, freeze, thaw
 if TYPE_CHECKING:
     from granular_id.live.capture import Capture
 
-__all__ = ["Recorded", "Recorder"]
+__all__ = ["Recorded", "Recorder", "checked_label"]
 
 
 @dataclass(frozen=True)
@@ -143,11 +143,7 @@ class Recorder:
         KeyboardInterrupt
             On Ctrl-C; the robot was stopped.
         """
-        label = checked_text(label, "label", spaced=False)
-        if len(label.encode()) > MAX_NAME_BYTES:
-            raise ValueError(
-                f"label must have at most {MAX_NAME_BYTES} bytes, as in models, got {len(label.encode())}"
-            )
+        label = checked_label(label)
         capture = self._new_capture()
         motion: Motion | None = None
         # The first one may begin with the first row there is: a replay does not wait.
@@ -197,6 +193,15 @@ class Recorder:
                 again += 1
                 path = place / f"{stem}-{again}.npz"
             return save_npz(Dataset([recording]), path)
+
+
+def checked_label(label: str) -> str:
+    """Return the label of a recording, or say what is wrong with it."""
+    checked_text(label, "label", spaced=False)
+    n_bytes = len(label.encode())
+    if n_bytes > MAX_NAME_BYTES:
+        raise ValueError(f"label must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}")
+    return label
 
 
 def _stamp(utc_s: float) -> str:

@@ -64,6 +64,11 @@ def thaw(value: Any) -> Any:
     return value
 
 
+_CONTROLS = ("Cc", "Cs", "Zl", "Zp")
+OVERRIDES = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""They turn the order of letters around, so that a text reads as another one."""
+
+
 def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool = True) -> str:
     """Return a str of printable, encodable characters, or say which argument is not one."""
     if not isinstance(value, str):
@@ -72,7 +77,7 @@ def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool 
     if not text and not empty:
         raise ValueError(f"{name} is empty; give a text or leave it out (None)")
     if not text.isprintable():  # asked of all texts; which character it is, of those few that are not
-        bad = next((c for c in text if unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp")), None)
+        bad = next((c for c in text if unicodedata.category(c) in _CONTROLS or c in OVERRIDES), None)
         if bad is not None:
             raise ValueError(f"{name} {text[:40]!r} holds the control character {bad!r}")
     if not spaced and text != text.strip():
