@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,6 +16,7 @@ __all__ = [
     "made_folder",
     "new_file",
     "whole_file",
+    "whole_lines",
     "write_json",
 ]
 
@@ -107,6 +108,53 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise FileExistsError(f"{os.fspath(path)}: there is something already; nothing is overwritten")
     with whole_file(path) as draft:
         yield draft
+
+
+@contextmanager
+def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
+    """Write lines as they come, each whole or not at all: what a full disk or an interrupt leaves of one is taken away.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write; what is in it is replaced. A new one is removed again where no line was written.
+
+    Yields
+    ------
+    callable
+        Takes a line without its end.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written, also from the callable; names it.
+    """
+    target = Path(path)
+    is_new = not target.exists()
+    try:
+        file = target.open("xb" if is_new else "wb", buffering=0)
+    except OSError as error:
+        raise cannot_write(target, error) from error
+
+    def write(line: str) -> None:
+        end, left = file.tell(), (line + "\n").encode()
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except BaseException as error:
+            file.truncate(end)
+            file.seek(end)
+            if isinstance(error, OSError):
+                raise cannot_write(target, error) from error
+            raise
+
+    try:
+        yield write
+    finally:
+        is_empty = not file.tell()
+        file.close()
+        if is_new and is_empty:
+            target.unlink(missing_ok=True)
 
 
 def write_json(path: str | os.PathLike[str], content: object) -> None:

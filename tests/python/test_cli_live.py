@@ -60,8 +60,40 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
         assert answer["truth"] in ("rice", "fine sugar")
         assert answer["decision"]["final"]
         assert answer["failure"] is None
-    ended_well("live", *words, "--n", 1, "--quiet", "--json", rows)
-    assert len(rows.read_text(encoding="utf-8").splitlines()) == 4  # added to what is there
+    before = rows.read_bytes()
+    line = refused("live", *words, "--n", 1, "--quiet", "--json", rows)
+    assert line == f"error: {rows}: there is something already; --force replaces answers"
+    assert rows.read_bytes() == before
+    ended_well("live", *words, "--n", 1, "--quiet", "--json", rows, "--force")
+    assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
+    other = tmp_path / "other.npz"
+    other.write_bytes(b"PK")
+    assert "holds no answers" in refused("live", *words, "--json", other, "--force")
+    assert "add --json" in refused("live", *words, "--force")
+    assert other.read_bytes() == b"PK"
+
+
+def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(model, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
+        "from granular_id.cli import main; main()"
+    )
+    words = ("live", "--source", "sim:rice?seed=3", "--speed", "20", "--model", model, "-q", "--json", rows)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == f"error: cannot write {rows}: File too large\n"
+    whole = rows.read_text("utf-8")
+    assert whole.endswith("}\n")
+    answers = [json.loads(line) for line in whole.splitlines()]
+    assert [answer["truth"] for answer in answers] == ["rice"] * len(answers)
+    assert len(whole) + len(whole) // len(answers) > 1500, "as many as there is room for"
 
 
 def test_live_without_a_terminal_prints_lines_of_what_changes(model):

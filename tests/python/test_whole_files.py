@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from granular_id._files import check_target, made_folder, whole_file, write_json
+from granular_id._files import check_target, made_folder, whole_file, whole_lines, write_json
 
 
 def names_in(folder):
@@ -90,3 +90,17 @@ def test_a_folder_made_in_vain_is_removed_again(tmp_path):
     for place in (tmp_path / "a" / "b" / "kept", tmp_path / "a" / "b" / "kept" / "deeper"):
         with pytest.raises(NotADirectoryError, match="is or lies in a file, wanted a folder"):
             fill(place, used=False)
+
+
+def test_lines_replace_what_was_there_and_none_leave_no_file(tmp_path):
+    target = tmp_path / "a.jsonl"
+    with whole_lines(target):
+        pass
+    assert names_in(tmp_path) == []
+    target.write_text("old\n")
+    with pytest.raises(KeyboardInterrupt), whole_lines(target) as write:
+        write("one")
+        assert target.read_text() == "one\n"
+        write("zwei ä")
+        raise KeyboardInterrupt
+    assert target.read_text("utf-8") == "one\nzwei ä\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_format
 import webbrowser
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -83,8 +83,11 @@ def live(
         Path | None, option("--rerun", VIEWS, "Log everything into a file for the Rerun viewer (.rrd).")
     ] = None,
     json: Annotated[
-        Path | None, option("--json", OUTPUT, "Append each answer to this file, one line of JSON each.")
+        Path | None, option("--json", OUTPUT, "Write each answer into this file, one line of JSON each.")
     ] = None,
+    force: Annotated[
+        bool, option("--force", OUTPUT, "Replace the answers that the file of --json holds.")
+    ] = False,
     quiet: Annotated[bool, option("--quiet -q", OUTPUT, "No screen: one line per push.")] = False,
 ) -> None:
     """Name pushes; see `TEXT`."""
@@ -95,8 +98,10 @@ def live(
         raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
     positive("--pre-s", pre_s)
     check_targets(json, rerun, source=model)
+    _check_answers(json, replace=force)
 
-    from granular_id.identifier import Identifier  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id._files import whole_lines  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.identifier import Identifier  # noqa: PLC0415
     from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
     from granular_id.live.identification import LiveIdentifier  # noqa: PLC0415
     from granular_id.live.stream import opened  # noqa: PLC0415
@@ -118,7 +123,6 @@ def live(
             soft_wrap=True,
         )
     with ExitStack() as stack:
-        answers = None if json is None else stack.enter_context(json.open("a", encoding="utf-8"))
         stream = stack.enter_context(opened(source, sensing.buffer_s))
         setup = moving.setup(source)
         views = stack.enter_context(Views([]))
@@ -136,12 +140,12 @@ def live(
             **moving.limits,
         )
         _warn(console, identifying.differences)
+        answer = stack.enter_context(nullcontext() if json is None else whole_lines(json))
         over = False
         try:
             for push in identifying.pushes(n):
-                if answers is not None:
-                    answers.write(json_format.dumps(_row(push, identifying)) + "\n")
-                    answers.flush()
+                if answer is not None:
+                    answer(json_format.dumps(_row(push, identifying)))
                 if quiet:
                     console.print(_line(push), soft_wrap=True, markup=False)
             over = n is None
@@ -158,6 +162,21 @@ def live(
 
 
 live.__doc__ = TEXT
+
+
+def _check_answers(path: Path | None, *, replace: bool) -> None:
+    """Refuse a file with something in it, unless it is answers that may be replaced."""
+    if path is None:
+        if replace:
+            raise ValueError("--force is about the file of answers: add --json")
+        return
+    if not path.exists() or not path.stat().st_size:
+        return
+    if not replace:
+        raise FileExistsError(f"{path}: there is something already; --force replaces answers")
+    with path.open("rb") as file:
+        if file.read(1) != b"{":
+            raise FileExistsError(f"{path}: holds no answers, nothing else is replaced: give another name")
 
 
 def _views(
