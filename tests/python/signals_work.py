@@ -1,6 +1,6 @@
 """A session with a robot that notes when it is told what, in a process of its own, to be ended by a signal.
 
-Usage: signals_work.py LOG command|api|thread|nested|deaf|blocked|slow|exit FOLDER|words of a command
+Usage: signals_work.py LOG command|api|thread|nested|deaf|blocked|slow|broken|exit FOLDER|words of a command
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ class NotingRobot(SimRobot):
             time.sleep(0.5)  # a second signal comes meanwhile
         super().stop()
         note("stop")
+        if WHAT == "broken":
+            raise ConnectionError("the arm does not answer")
 
 
 def robot(source):
@@ -73,7 +75,7 @@ def main():
     folder = WORDS[0]
     if WHAT == "exit":
         threading.Thread(target=record, args=(folder,), daemon=True).start()
-        while not LOG.exists():
+        while not (LOG.exists() and LOG.read_text("utf-8")):
             time.sleep(0.01)
         return  # the program is over, and its thread with it
     with stop_on_signals():

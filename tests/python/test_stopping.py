@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -102,6 +103,14 @@ def test_further_signals_do_not_cut_stop_short(tmp_path, numbers):
     assert session.told == ["moving", "stop begins", "stop"]
 
 
+@pytest.mark.parametrize("what", ["record", "live"])
+def test_a_robot_that_cannot_be_stopped_is_not_said_to_be(tmp_path, model, what):
+    code, _, err = Session(tmp_path, "broken", *command(what, tmp_path, model)).end(signal.SIGTERM)
+    assert code == 2
+    assert "the robot could not be stopped: ConnectionError: the arm does not answer" in err
+    assert "is stopped" not in err
+
+
 def test_a_closed_terminal(tmp_path, model):
     master, slave = pty.openpty()
     words = command("live", tmp_path, model)
@@ -143,6 +152,15 @@ def test_what_is_ignored_stays_ignored_and_handlers_come_back():
         signal.signal(signal.SIGHUP, before[signal.SIGHUP])
     assert {number: signal.getsignal(number) for number in SIGNALS} == before
     assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_signals_of_a_forked_child_do_not_stop_the_parents_robot():
+    with stop_on_signals(), warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads
+        child = os.fork()
+        if not child:
+            os._exit(signal.set_wakeup_fd(-1) != -1)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 
 
 def test_other_threads_are_refused():

@@ -98,9 +98,14 @@ def test_lines_replace_what_was_there_and_none_leave_no_file(tmp_path):
         pass
     assert names_in(tmp_path) == []
     target.write_text("old\n")
-    with pytest.raises(KeyboardInterrupt), whole_lines(target) as write:
-        write("one")
-        assert target.read_text() == "one\n"
-        write("zwei ä")
-        raise KeyboardInterrupt
+
+    def interrupted():
+        with whole_lines(target) as write:
+            write("one")
+            assert target.read_text() == "one\n"
+            write("zwei ä")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert target.read_text("utf-8") == "one\nzwei ä\n"

@@ -143,6 +143,7 @@ def drive(
                 _stop(moving, capture)
         finally:
             moving.over(stands=stands)
+        moving.raise_signal()  # not where it could not be stopped: that is the first thing to know
 
 
 def _set_in_motion(

@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import threading
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
@@ -65,7 +64,7 @@ class InMotion:
             self.signum = self.signum or signum
 
     def end(self) -> None:
-        """Stop the robot; what a signal raises waits for `over`."""
+        """Stop the robot; what a signal raises waits for `raise_signal`."""
         self.is_ending = True
         self.stop()
 
@@ -86,10 +85,13 @@ class InMotion:
                 self._lock.release()
 
     def over(self, *, stands: bool) -> None:
-        """Note that it stands or was stopped; raise what a signal has asked for meanwhile."""
+        """Note that it stands or was stopped."""
         if not (stands or self.was_stopped):  # the signal came right before
             self.stop()
         _IN_MOTION.discard(self)
+
+    def raise_signal(self) -> None:
+        """Raise what a signal has asked for meanwhile."""
         if self.signum is not None and self._in_main_thread:
             raise ending(self.signum)
 
@@ -140,14 +142,17 @@ def stop_on_signals() -> Iterator[None]:
         )
     with ExitStack() as undo:
         ear, bell = socket.socketpair()
-        undo.callback(bell.close)
         bell.setblocking(False)
         fd_before = signal.set_wakeup_fd(bell.fileno(), warn_on_full_buffer=False)
-        undo.callback(signal.set_wakeup_fd, fd_before)
+        leaving = threading.Event()
         watch = threading.Thread(
-            target=_watch, args=(ear, fd_before), name="granular_id signals", daemon=True
+            target=_watch, args=(ear, fd_before, leaving), name="granular_id signals", daemon=True
         )
         watch.start()
+        undo.callback(watch.join, _GRACE_S)  # so that it is not late to write where others write by then
+        undo.callback(bell.close)
+        undo.callback(leaving.set)
+        undo.callback(signal.set_wakeup_fd, fd_before)
         for number in SIGNALS:
             handler = signal.getsignal(number)
             if handler not in (signal.SIG_IGN, None):  # None: of another language, which cannot be put back
@@ -168,16 +173,16 @@ def _raise(signum: int, _frame: FrameType | None) -> None:
         raise ending(signum)
 
 
-def _watch(ear: socket.socket, fd_before: int) -> None:
+def _watch(ear: socket.socket, fd_before: int, leaving: threading.Event) -> None:
     """Hear signals at once, whatever the main thread does, and stop what it leaves moving."""
     with ear:
         while number := ear.recv(1):
-            if fd_before != -1:
+            if fd_before != -1 and not leaving.is_set():
                 with suppress(OSError):  # whoever listened before is not deaf meanwhile
                     os.write(fd_before, number)
             if number[0] in SIGNALS and signal.getsignal(number[0]) is _raise:
                 moving = tuple(_IN_MOTION)
-                time.sleep(_GRACE_S)
+                leaving.wait(_GRACE_S)
                 left = [one for one in moving if one in _IN_MOTION and not (one.is_ending or one.was_stopped)]
                 for one in left:
                     one.tell(number[0])
