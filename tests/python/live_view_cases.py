@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from granular_id.live.push import Push
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
@@ -87,9 +88,13 @@ def listening(seconds=3.2, *, final=None, step=25, classes=CLASSES, **options):
         builder.rows(block(piece, rest + start))
         builder.captured(piece)
         now = (start + len(piece)) / RATE_HZ
+        over = final and now >= seconds
+        decision = answer(now, final=over, classes=classes)
+        if over:
+            builder.end_capture(Push(decision))
         snapshot = builder.build(
-            "complete" if final and now >= seconds else "triggered",
-            answer(now, final=final and now >= seconds, classes=classes),
+            "complete" if over else "triggered",
+            decision,
             **({"lag_s": 0.0012, "counters": {"written": n}, "n_captures": 12, "n_correct": 12} | options),
         )
     return builder, snapshot

@@ -1,9 +1,13 @@
 """Pushes named while they happen: the same answers as from whole recordings, and honest failures."""
 
+import io
+import json
 from dataclasses import replace
+from itertools import takewhile
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import granular_id as gid
 from granular_id.identifier import Decision
@@ -18,8 +22,10 @@ from granular_id.live import (
     opened,
     setup_of,
 )
+from granular_id.live.monitor.frame import frame
 from granular_id.live.replay import ReplaySource
 from granular_id.live.sim_faults import Fault
+from granular_id.live.terminal_screen import screen
 from granular_id.live.wording import state_of
 from granular_id.recording import Dataset
 
@@ -178,6 +184,61 @@ def test_views_see_every_state_and_the_last_answer(model):
     assert (last.n_captures, last.n_correct) == (1, 1)
 
 
+def shown(snapshot):
+    """What page and terminal show: kind and title of the answer, which is drawn on both."""
+    answer = json.loads(frame(snapshot, 1).decode().partition("data: ")[2])["answer"]
+    console = Console(file=io.StringIO(), width=100, height=40, color_system=None)
+    console.print(screen(snapshot, 100, 40))
+    text = console.file.getvalue()
+    title = answer["title"]
+    assert (f"{title} so far" if answer["kind"] == "provisional" else f" {title.upper()} ") in text
+    return answer["kind"], title
+
+
+def test_every_answer_stands_on_page_and_terminal_until_the_next_push_is_triggered(model):
+    kept, pushes = Kept(), []
+    source = SimSource((*MATERIALS, "macaroni"), seed=3, speed=4)
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model, views=Views([kept]))
+        for k in range(10):
+            if k == 6:
+                source.inject(Fault("gap", after_s=0.3))
+            pushes.append(live.push())
+    assert pushes[6].decision is None
+    ends = [i for i, s in enumerate(kept.snapshots) if s.state in ("complete", "failed")]
+    assert len(ends) == len(pushes)
+    for k, (push, end, until) in enumerate(zip(pushes, ends, [*ends[1:], None], strict=True)):
+        after = kept.snapshots[end:until]
+        stands = list(takewhile(lambda snapshot: snapshot.state != "triggered", after))
+        title = "no answer" if push.decision is None else push.decision.label
+        assert {shown(snapshot) for snapshot in stands} == {
+            ("failed" if push.decision is None else "final", title)
+        }
+        assert k == 9 or {"arming", "armed"} & {snapshot.state for snapshot in stands}
+        for snapshot in after:
+            assert [outcome.push for outcome in snapshot.history] == pushes[: k + 1]
+            assert np.array_equal(snapshot.counts, after[0].counts) or snapshot not in stands
+        under_way = {shown(snapshot)[0] for snapshot in after[len(stands) :]}
+        assert under_way <= {"none", "provisional"}
+
+
+def test_what_is_like_no_known_material_stands_and_nobody_pushing_changes_nothing(pushes):
+    strict = gid.Identifier.fit(pushes, "hfmh", share_known=0.01)  # refuses nearly everything
+    kept = Kept()
+    source = SimSource("rice", seed=3, speed=5)
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, strict, views=Views([kept]))
+        assert live.push().decision.unknown
+        live._setup, live._limits = setup_of(source, None), {"timeout_s": 0.5}
+        waited = [push.reason for push, _ in zip(live.pushes(), range(3), strict=False)]
+    assert waited == [FailureReason.NO_TRIGGER] * 3
+    end = next(i for i, s in enumerate(kept.snapshots) if s.state == "complete")
+    after = kept.snapshots[end:]
+    assert len(after) > 3
+    assert {shown(snapshot) for snapshot in after} == {("unknown", "like no known material")}
+    assert len(after[-1].history) == 1
+
+
 def test_identify_yields_one_decision_per_push(model, tmp_path):
     path = tmp_path / "m.safetensors"
     model.save(path)
@@ -297,7 +358,11 @@ def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(m
             else:
                 with pytest.raises(CaptureError, match="cable"):
                     list(live.pushes())
-        assert (kept.snapshots[-1].state, state_of(kept.snapshots[-1])) == (state, state.capitalize())
+        last = kept.snapshots[-1]
+        assert (last.state, state_of(last)) == (state, state.capitalize())
+        named = ("final", pushes[0].label)
+        assert shown(last) == (named if state == "ended" else ("failed", "no answer"))
+        assert last.history[0].push.decision.label == pushes[0].label
 
 
 def test_no_machine_moves_unasked():

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular_id import FeatureSpec, extract_features
+from granular_id.live.push import Push
 from granular_id.live.recent_rows import RecentRows, outline
 from granular_id.live.snapshot import Snapshot
 from granular_id.live.snapshot_builder import SnapshotBuilder
@@ -170,15 +171,19 @@ def test_fresh_rows_of_all_snapshots_are_all_rows():
     assert builder.build("armed").fresh_lost == len(ROWS) - 500
 
 
-def test_the_ranking_over_time_begins_with_the_capture():
+def test_histogram_and_ranking_stand_until_rows_of_the_next_capture_come():
     builder, seen = listening(1.0, step=50)
     times, losses = seen.ranking_history
     assert times.tolist() == pytest.approx(np.arange(1, 11) / 10)
     assert dict(zip(CLASSES, losses[-1].tolist(), strict=True)) == dict(seen.decision.ranking)
     builder.begin_capture()
-    again = builder.build("armed")
+    armed = builder.build("armed")
+    assert len(armed.ranking_history[0]) == 10
+    assert np.array_equal(armed.counts, seen.counts)
+    builder.captured(WRENCH[:1])
+    again = builder.build("triggered")
     assert len(again.ranking_history[0]) == 0
-    assert again.counts.sum() == 0
+    assert again.counts.sum() <= 6
     assert len(seen.ranking_history[0]) == 10  # snapshots do not change
     assert seen.counts.sum() > 0
 
@@ -189,6 +194,21 @@ def test_a_ranking_that_grows_for_ever_stays_small():
         seen = builder.build("triggered", answer(i / 10))
     assert len(seen.ranking_history[0]) <= 240
     assert seen.ranking_history[0][-1] == pytest.approx(69.9)
+
+
+def test_the_history_is_short_and_counts_all():
+    builder = SnapshotBuilder(500.0, classes=CLASSES)
+    assert builder.build("armed").held is None
+    pushes = [Push(answer(3.2, final=True)) for _ in range(100)]
+    for one in pushes:
+        builder.end_capture(one)
+    seen = builder.build("armed")
+    assert [outcome.push for outcome in seen.history] == pushes[-40:]
+    assert [outcome.number for outcome in seen.history] == list(range(61, 101))
+    for state in ("idle", "arming", "armed", "ended"):
+        assert builder.build(state).held.push is pushes[-1]
+    for state in ("triggered", "complete", "failed"):
+        assert builder.build(state).held is None
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,15 @@ import io
 from dataclasses import replace
 
 import pytest
+from rich.cells import cell_len
 from rich.console import Console
 
+from granular_id.live.capture_state import FailureReason
+from granular_id.live.push import Push
 from granular_id.live.snapshot import Snapshot
 from granular_id.live.terminal import TerminalView, line_of
 from granular_id.live.terminal_screen import screen
-from granular_id.live.wording import answer_of
+from granular_id.live.wording import answer_of, state_of
 from live_view_cases import CLASSES, answer, listening
 
 MIDDLE = listening(1.7)[1]
@@ -36,7 +39,8 @@ def test_what_matters_is_on_the_screen_at_any_size(snapshot, width, height):
     assert max(map(len, lines)) <= width
     text = "\n".join(lines)
     assert "SYNTHETIC" in lines[0]
-    assert snapshot.decision.label.upper() in text
+    label = snapshot.decision.label
+    assert (label.upper() if snapshot.decision.final else f"{label} so far ...") in text
     assert ("final" in text) == snapshot.decision.final
     assert f"lag {1e3 * snapshot.lag_s:.1f} ms" in text
     assert f"lost {snapshot.lost}" in text
@@ -174,4 +178,61 @@ def test_an_early_answer_that_was_given_is_not_called_provisional():
 def test_a_single_class_has_no_runner_up():
     one = listening(1.0, classes=("rice",))[1]
     assert "ahead" not in drawn(one)
-    assert "RICE" in drawn(one)
+    assert "rice so far" in drawn(one)
+
+
+def session(n=12, names=CLASSES):
+    """Return a builder behind `n` pushes: every third one is like none, every fourth one failed."""
+    builder, _ = listening(1.0, classes=names)
+    for k in range(n):
+        decision = answer(3.2, final=True, classes=names, warnings=("gap",), unknown=k % 3 == 2)
+        failed = Push(None, FailureReason.GAP, "12 rows are missing")
+        builder.end_capture(failed if k % 4 == 3 else Push(decision, truth=names[2]))
+    return builder
+
+
+@pytest.mark.parametrize("state", ["arming", "armed", "ended"])
+@pytest.mark.parametrize(
+    ("n", "title", "detail"),
+    [
+        (1, "FINE SUGAR", "margin"),
+        (3, "LIKE NO KNOWN MATERIAL", "nearest: fine sugar"),
+        (4, "NO ANSWER", "12 rows"),
+    ],
+)
+def test_what_came_of_a_push_stays_and_the_hint_is_seen_too(state, n, title, detail):
+    text = drawn(session(n).build(state, hint="push now"))
+    assert title in text
+    assert detail in text
+    assert f"{state_of(Snapshot(state))}: push now" in text
+    assert ("! gap: missing rows" in text.partition("last seconds")[0]) == (n != 4)
+
+
+@pytest.mark.parametrize(("width", "height", "least"), [(80, 24, 2), (110, 44, 8), (40, 24, 1)])
+def test_the_history_has_the_last_pushes(width, height, least):
+    lines = drawn(session().build("triggered", answer(1.7)), width, height).splitlines()
+    assert len(lines) <= height
+    begin = next(i for i, line in enumerate(lines) if line.startswith("push at"))
+    numbers = [int(line.split()[0]) for line in lines[begin + 1 :]]
+    assert numbers == list(range(12, 12 - len(numbers), -1))
+    assert len(numbers) >= least
+    assert "no answer" in lines[begin + 1]
+    if width == 110:
+        assert f"like no known material wrong, it was {CLASSES[2]}, nearest: fine sugar" in lines[begin + 4]
+        assert f"wrong, it was {CLASSES[2]}, margin" in lines[begin + 3]
+
+
+def test_names_of_any_script_leave_room_for_numbers():
+    names = ("日本の玄米とうもろこし粉小麦粉大豆粉黒砂糖白砂糖塩胡椒", "W" * 60, "rice")
+    builder = session(names=names)
+    decision = answer(3.2, final=True, classes=names)
+    for width in (60, 100):
+        text = drawn(builder.build("complete", decision), width)
+        for _, loss in decision.ranking:
+            assert f" {loss:.3f} " in text
+        assert max(map(cell_len, text.splitlines())) <= width
+
+
+def test_a_crowd_of_candidates_is_cut():
+    text = line_of(replace(END, decision=replace(END.decision, candidates=CLASSES)))
+    assert f"or {CLASSES[5]} or {len(CLASSES) - 6} more" in text

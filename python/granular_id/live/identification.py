@@ -172,6 +172,11 @@ class LiveIdentifier:
         Push
             Also where the capture failed: `Push.reason` says why.
         """
+        return self._push(on_decision)
+
+    def _push(
+        self, on_decision: Callable[[Decision], object] | None = None, *, patient: bool = False
+    ) -> Push:
         capture, warned = self.new_capture(), set[str]()
         self._answer.reset()
         for difference in self.differences:
@@ -190,7 +195,7 @@ class LiveIdentifier:
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
                     self._show(capture, decision)
-        return self._finished(capture, decision)
+        return self._finished(capture, decision, patient=patient)
 
     def pushes(self, n: int | None = None) -> Iterator[Push]:
         """Name the material of one push after another.
@@ -211,11 +216,11 @@ class LiveIdentifier:
             A failure that the next push would share: nobody delivers or moves; the end of a source before `n` answers.
         """
         while n is None or self.n_answered < n:
-            push = self.push()
+            push = self._push(patient=n is None)
             if n is None and self._at_end(push):
                 return
-            patient = n is None and push.reason is FailureReason.NO_TRIGGER
-            if push.reason is not None and push.reason.is_lasting and not patient:
+            waits = n is None and push.reason is FailureReason.NO_TRIGGER
+            if push.reason is not None and push.reason.is_lasting and not waits:
                 raise CaptureError(push.reason, push.text)
             yield push
 
@@ -248,7 +253,7 @@ class LiveIdentifier:
         is_due, self._n_moments = moment > self._n_moments, moment
         return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
 
-    def _finished(self, capture: Capture, decision: Decision | None) -> Push:
+    def _finished(self, capture: Capture, decision: Decision | None, *, patient: bool) -> Push:
         truth = self.stream.truth
         answered_early = self._early and decision is not None and capture.reason is FailureReason.INTERRUPTED
         failed = capture.state is CaptureState.FAILED and not answered_early
@@ -264,9 +269,13 @@ class LiveIdentifier:
             self.knows_truth |= truth is not None
             self.n_right += bool(push.is_right)
             self.n_unknown += bool(push.decision.unknown)
-        # A replay that is over is no failure: there was no push.
+        # A replay that is over is no failure, and where nobody pushes there is nothing to tell: there was no push.
+        nobody = push.reason is FailureReason.NO_TRIGGER
         state = "ended" if self._at_end(push) else "failed" if failed else "complete"
-        self._show(capture, push.decision, hint=push.text, state=state)
+        if not nobody and state != "ended":
+            self._builder.end_capture(push)
+        if not (nobody and patient):
+            self._show(capture, push.decision, hint=push.text, state=state)
         return push
 
     def _show(

@@ -27,10 +27,10 @@ class Push:
         The material, where the source knows it: simulations and recordings played again.
     """
 
-    decision: Decision | None
-    reason: FailureReason | None
-    text: str
-    truth: str | None
+    decision: Decision | None = None
+    reason: FailureReason | None = None
+    text: str = ""
+    truth: str | None = None
 
     @property
     def is_right(self) -> bool | None:

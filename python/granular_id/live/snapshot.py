@@ -15,8 +15,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from granular_id.identifier.decision import Decision
+    from granular_id.live.push import Push
 
-__all__ = ["Snapshot"]
+__all__ = ["Outcome", "Snapshot"]
+
+_WAITING = frozenset(("idle", "arming", "armed", "ended"))
+"""States in which no push is under way."""
 
 
 def _no_rows() -> NDArray[np.float64]:
@@ -33,6 +37,25 @@ def _no_axis_values() -> NDArray[np.float64]:
 
 def _no_history() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.empty(0), np.empty((0, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One line of the history of a session.
+
+    Parameters
+    ----------
+    number : int
+        Of the outcome, counted from 1 since the session began.
+    utc_s : float
+        When the push was over, by the clock of this machine.
+    push : Push
+        Its answer, or why there is none.
+    """
+
+    number: int
+    utc_s: float
+    push: Push
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +102,8 @@ class Snapshot:
         Seconds of signal, and the mean loss of each of `classes` then.
     decision : Decision or None
         The latest answer of this capture.
+    history : tuple of Outcome
+        What came of the last pushes, the oldest first; its last number counts all of the session.
     lag_s, max_lag_s : float
         Age of the newest row when it was looked at (NaN: unknown), and from where on that is an alarm.
     counters : mapping of str to int
@@ -125,6 +150,7 @@ class Snapshot:
     classes: tuple[str, ...] = ()
     ranking_history: tuple[NDArray[np.float64], NDArray[np.float64]] = field(default_factory=_no_history)
     decision: Decision | None = None
+    history: tuple[Outcome, ...] = ()
     lag_s: float = math.nan
     max_lag_s: float = 0.02
     counters: Mapping[str, int] = field(default_factory=dict)
@@ -151,6 +177,11 @@ class Snapshot:
             got = np.shape(value)
             if got != shape:
                 raise ValueError(f"{name} has shape {got}, wanted {shape} for {n_axes} axes")
+
+    @property
+    def held(self) -> Outcome | None:
+        """What views go on showing: the last outcome, until the next push is triggered."""
+        return self.history[-1] if self.history and self.state in _WAITING else None
 
     @property
     def lost(self) -> int:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -12,26 +14,29 @@ from granular_id._core import AXES, UNITS
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
-from granular_id.live.snapshot import Snapshot
+from granular_id.live.snapshot import Outcome, Snapshot
 from granular_id.recording._values import as_floats, checked_index, checked_number, checked_rate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from granular_id.identifier.decision import Decision
+    from granular_id.live.push import Push
     from granular_id.live.rows import BlockLike
 
 __all__ = ["SnapshotBuilder"]
 
 _MOST_ROWS = 600  # more than a trace on any screen has columns of its own
 _MOST_ANSWERS = 240  # eight seconds at thirty answers a second; thinned beyond
+_MOST_OUTCOMES = 40  # sent to each page thirty times a second
 
 
 class SnapshotBuilder:
     """Keeps what views show, at the cost of a filter per block; a snapshot is made only when one is wanted.
 
     Give every block to `rows` as it is read. For the histogram and the ranking over time, say `begin_capture`
-    when a capture is armed, and give `captured` the rows that belong to it.
+    when a capture is armed, and give `captured` the rows that belong to it. Tell `end_capture` what came of it: views
+    hold that until rows of the next capture come in, and list it in their history.
 
     Parameters
     ----------
@@ -126,6 +131,8 @@ class SnapshotBuilder:
         self._fresh = 0
         self._counted = {"rows": 0, "missing": 0, "missed": 0, "epochs": 0}
         self._answers: list[tuple[float, tuple[float, ...]]] = []
+        self._anew = False  # with its first rows, not before: the last result stays in sight until then
+        self._history: deque[Outcome] = deque(maxlen=_MOST_OUTCOMES)
 
     def rows(self, block: BlockLike) -> None:
         """Take the next block of the stream.
@@ -169,9 +176,8 @@ class SnapshotBuilder:
         self._counted["missed"] += int(block.missed)
 
     def begin_capture(self) -> None:
-        """Empty the histogram and the ranking: the next rows of `captured` belong to another capture."""
-        self._histogram.restart()
-        self._answers.clear()
+        """Say that the next rows of `captured` belong to another capture: they empty the histogram and the ranking."""
+        self._anew = True
 
     def captured(self, rows: NDArray[np.float64]) -> None:
         """Take rows that belong to the capture, shape (k, C), in order and each once.
@@ -181,7 +187,17 @@ class SnapshotBuilder:
         ValueError
             As for `rows`.
         """
-        self._histogram.add(self._checked(rows, "rows"))
+        checked = self._checked(rows, "rows")
+        if self._anew and len(checked):
+            self._histogram.restart()
+            self._answers.clear()
+            self._anew = False
+        self._histogram.add(checked)
+
+    def end_capture(self, push: Push) -> None:
+        """Add what came of the capture to the history; ``Push()`` is a recording that nobody names."""
+        number = self._history[-1].number + 1 if self._history else 1
+        self._history.append(Outcome(number, time.time(), push))
 
     def build(
         self,
@@ -245,6 +261,7 @@ class SnapshotBuilder:
                 ),
             ),
             decision=decision,
+            history=tuple(self._history),
             lag_s=lag_s,
             counters={**self._counted, **(counters or {})},
             warnings=tuple(dict.fromkeys((*own, *warnings))),

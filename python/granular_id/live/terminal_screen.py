@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich import box
 from rich.align import Align
+from rich.cells import cell_len
 from rich.console import Console, Group
 from rich.panel import Panel
 from rich.table import Table
@@ -17,12 +18,11 @@ from rich.text import Text
 from granular_id.live.wording import (
     GIVEN,
     SYNTHETIC,
-    answer_of,
     figures_of,
+    history_of,
     printable,
     score_of,
-    state_of,
-    warnings_of,
+    shown_of,
 )
 from granular_id.plotting.style import AXIS_COLOURS, short
 
@@ -30,21 +30,25 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.console import RenderableType
 
+    from granular_id.identifier.decision import Decision
     from granular_id.live.snapshot import Snapshot
+    from granular_id.live.wording import Shown
 
 __all__ = ["screen"]
 
 _LEVELS = "▁▂▃▄▅▆▇█"
 _ASCII_LEVELS = "_.-~=+*#"
-_STYLES = {"none": "white", "provisional": "yellow", "final": "green", "unknown": "yellow", "failed": "red"}
+_STYLES = {"none": "white", "provisional": "cyan", "final": "green", "unknown": "yellow", "failed": "red"}
 _NARROW = 64  # below this many columns there is one trace per axis, not two
+_MOST_OUTCOMES = 8
 
 
 def screen(snapshot: Snapshot, width: int, height: int, *, ascii_only: bool = False) -> RenderableType:
     """Draw a snapshot for a terminal of so many columns and lines.
 
     What must not be missed stands on top: the mark of synthetic sources, the answer, the health of the stream and
-    warnings. Where lines are few the ranking is cut, where columns are few the high-passed traces are left out.
+    warnings. Where lines are few, ranking and history are cut; where columns are few, the high-passed traces are left
+    out.
 
     Parameters
     ----------
@@ -58,13 +62,19 @@ def screen(snapshot: Snapshot, width: int, height: int, *, ascii_only: bool = Fa
     if snapshot.synthetic:
         mark = SYNTHETIC if width >= len(SYNTHETIC) else SYNTHETIC.partition(":")[0]
         parts.append(Text(mark, style="bold black on yellow", justify="center"))
-    parts += [_head(snapshot), _answer(snapshot, ascii_only=ascii_only), _health(snapshot)]
-    parts += [Text(f"! {text}", style="bold yellow") for text in warnings_of(snapshot)]
+    shown = shown_of(snapshot)
+    parts += [_head(snapshot), _answer(shown, ascii_only=ascii_only), _health(snapshot)]
+    parts += [Text(f"! {text}", style="bold yellow") for text in shown.warnings]
     parts += [Text(), _axes(snapshot, width, ascii_only=ascii_only)]
     used = len(Console(width=width, file=StringIO()).render_lines(Group(*parts)))
-    lines = height - used - 2  # below an empty line and a heading
-    if snapshot.decision is not None and lines >= 2:
-        parts += [Text(), _ranking(snapshot, width, lines, ascii_only=ascii_only)]
+    lines = height - used
+    wanted = 2 + min(len(snapshot.history), _MOST_OUTCOMES) if snapshot.history else 0
+    below = min(wanted, lines // 2) if shown.decision is not None else min(wanted, lines)
+    # Below an empty line and a heading.
+    if shown.decision is not None and lines - below >= 4:
+        parts += [Text(), _ranking(shown.decision, width, lines - below - 2, ascii_only=ascii_only)]
+    if below >= 3:
+        parts += [Text(), _history(snapshot, below - 2)]
     return Group(*parts)
 
 
@@ -77,20 +87,22 @@ def _head(snapshot: Snapshot) -> RenderableType:
     return line
 
 
-def _answer(snapshot: Snapshot, *, ascii_only: bool) -> RenderableType:
-    answer = answer_of(snapshot)
+def _answer(shown: Shown, *, ascii_only: bool) -> RenderableType:
+    answer = shown.answer
     style = _STYLES[answer.kind]
-    strong = f"bold reverse {style}" if answer.kind in GIVEN else f"bold {style}"
+    provisional = answer.kind == "provisional"
+    strong = f"bold reverse {style}" if answer.kind in GIVEN and not provisional else style
+    title = f"{answer.title} so far ..." if provisional else f"  {answer.title.upper()}  "
     words = Group(
-        Align.center(Text(f"  {answer.title.upper()}  ", style=strong)),
+        Align.center(Text(title, style=strong)),
         Text(answer.stage, style="bold", justify="center"),
         Text(answer.detail, justify="center"),
     )
     return Panel(
         words,
-        title=Text(state_of(snapshot)),
+        title=Text(shown.state),
         border_style=style,
-        box=box.ASCII if ascii_only else box.HEAVY,
+        box=box.ASCII if ascii_only else box.SQUARE if provisional else box.HEAVY,
         padding=(0, 1),
     )
 
@@ -154,9 +166,8 @@ def _bars(values: NDArray[np.float64], room: int, *, ascii_only: bool) -> str:
     )
 
 
-def _ranking(snapshot: Snapshot, width: int, lines: int, *, ascii_only: bool) -> RenderableType:
-    assert snapshot.decision is not None
-    ranking = snapshot.decision.ranking
+def _ranking(decision: Decision, width: int, lines: int, *, ascii_only: bool) -> RenderableType:
+    ranking = decision.ranking
     shown = ranking if len(ranking) <= lines else ranking[: lines - 1]
     largest = max((loss for _, loss in ranking if math.isfinite(loss)), default=1.0) or 1.0
     room = max(6, min(60, width - 38))
@@ -168,10 +179,30 @@ def _ranking(snapshot: Snapshot, width: int, lines: int, *, ascii_only: bool) ->
         style = "bold green" if place == 0 else "default" if place == 1 else "dim"
         bar = round(room * min(loss, largest) / largest)
         table.add_row(
-            Text(short(printable(name)), style=style),
+            Text(_fitted(printable(name)), style=style),
             Text(f"{loss:.3f}", style=style),
             Text(("#" if ascii_only else "━") * bar, style=style),
         )
     if len(shown) < len(ranking):
         table.add_row(Text(f"and {len(ranking) - len(shown)} more", style="dim"))
     return table
+
+
+def _history(snapshot: Snapshot, lines: int) -> RenderableType:
+    table = Table.grid(padding=(0, 1), expand=True)
+    for justify in ("right", "left", "left"):
+        table.add_column(justify=justify, no_wrap=True)
+    table.add_column(no_wrap=True, ratio=1)
+    table.add_row(*(Text(head, style="dim") for head in ("push", "at", "answer")))
+    for entry in history_of(snapshot)[:lines]:
+        more = Text(entry.detail)
+        for text in entry.warnings:
+            more.append(f"  ! {text}", style="bold yellow")
+        name = Text(_fitted(entry.title), style=f"bold {_STYLES[entry.kind]}")
+        table.add_row(str(entry.number), entry.clock, name, more)
+    return table
+
+
+def _fitted(name: str, room: int = 24) -> str:
+    """Shorten a name to so many columns: letters of some scripts take two."""
+    return next(text for most in range(room, 0, -1) if cell_len(text := short(name, most)) <= room)

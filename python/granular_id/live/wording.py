@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from granular_id._words import counted
+from granular_id.live.snapshot import Snapshot
 
 if TYPE_CHECKING:
     from granular_id.identifier.decision import Decision
-    from granular_id.live.snapshot import Snapshot
+    from granular_id.live.snapshot import Outcome
 
 __all__ = [
     "GIVEN",
     "SYNTHETIC",
     "Answer",
+    "Entry",
     "Figure",
+    "Shown",
     "answer_of",
     "figures_of",
+    "history_of",
     "printable",
     "score_of",
+    "shown_of",
     "state_of",
     "warnings_of",
 ]
@@ -59,6 +66,8 @@ _WARNINGS = {
 }
 """Warnings of a decision, and what they mean."""
 
+_MOST_CANDIDATES = 6  # more are no help to anybody, and hide the rest of a screen
+
 Kind = Literal["none", "provisional", "final", "unknown", "failed"]
 
 GIVEN: frozenset[Kind] = frozenset(("provisional", "final", "unknown"))
@@ -86,6 +95,26 @@ class Answer:
     title: str
     stage: str
     detail: str
+
+
+class Entry(NamedTuple):
+    """A line of the history in words: which push, when it was over, its answer, and warnings."""
+
+    number: int
+    clock: str
+    kind: Kind
+    title: str
+    detail: str
+    warnings: tuple[str, ...]
+
+
+class Shown(NamedTuple):
+    """What a view of one instant shows, in words; `decision` is what the answer rests on."""
+
+    answer: Answer
+    state: str
+    warnings: tuple[str, ...]
+    decision: Decision | None
 
 
 class Figure(NamedTuple):
@@ -118,7 +147,8 @@ def answer_of(snapshot: Snapshot) -> Answer:
         return Answer("none", "no more pushes", hint, "")
     decision = snapshot.decision
     if decision is None:
-        return Answer("none", "no answer yet", hint or state_of(snapshot).lower(), "")
+        title = "recorded" if snapshot.state == "complete" else "no answer yet"
+        return Answer("none", title, hint or state_of(snapshot).lower(), "")
     seconds = f"{decision.seconds:.2f} s"
     given = decision.final or snapshot.state == "complete"
     if decision.final:
@@ -135,6 +165,66 @@ def answer_of(snapshot: Snapshot) -> Answer:
     return Answer(kind, printable(decision.label), stage, _lead(decision))
 
 
+def shown_of(snapshot: Snapshot) -> Shown:
+    """Put into words what a view of one instant shows: until the next push is triggered, the last outcome.
+
+    Examples
+    --------
+    >>> from granular_id.live.push import Push
+    >>> from granular_id.live.snapshot import Outcome, Snapshot
+    >>> from granular_id.live.wording import shown_of
+    >>> waiting = Snapshot("armed", hint="push now", history=(Outcome(1, 0.0, Push()),))
+    >>> shown_of(waiting).answer.title, shown_of(waiting).state
+    ('recorded', 'Armed: push now')
+    """
+    held, state, warnings = snapshot.held, state_of(snapshot), warnings_of(snapshot)
+    if held is None:
+        return Shown(answer_of(snapshot), state, warnings, snapshot.decision)
+    then = _then(held, snapshot.n_samples, snapshot.rate_hz)
+    answer = answer_of(then)
+    return Shown(
+        replace(answer, stage=f"{answer.stage}, at {_clock(held.utc_s)}"),
+        f"{state}: {printable(snapshot.hint)}" if snapshot.hint else state,
+        tuple(dict.fromkeys((*warnings_of(then), *warnings))),
+        then.decision,
+    )
+
+
+def history_of(snapshot: Snapshot) -> tuple[Entry, ...]:
+    """Put the history into words, the newest first."""
+    return tuple(_entry(one, snapshot.n_samples, snapshot.rate_hz) for one in reversed(snapshot.history))
+
+
+@lru_cache(maxsize=128)  # views ask thirty times a second
+def _entry(outcome: Outcome, n_samples: int, rate_hz: float) -> Entry:
+    then, push = _then(outcome, n_samples, rate_hz), outcome.push
+    answer, decision = answer_of(then), push.decision
+    verdict = {True: "right", False: "wrong", None: ""}[push.is_right]
+    if decision is not None and verdict and (decision.unknown or not push.is_right):
+        verdict += f", it was {printable(push.truth or '')}"
+    stage = "" if decision is None or decision.final else answer.stage
+    detail = ", ".join(part for part in (verdict, stage, answer.detail) if part)
+    clock = _clock(outcome.utc_s)
+    return Entry(outcome.number, clock, answer.kind, answer.title, detail, warnings_of(then))
+
+
+def _then(outcome: Outcome, n_samples: int, rate_hz: float) -> Snapshot:
+    """Return a snapshot of the instant at which a push was over, as far as words need it."""
+    push, decision = outcome.push, outcome.push.decision
+    return Snapshot(
+        "complete" if push.reason is None else "failed",
+        hint=push.text,
+        decision=decision,
+        warnings=() if decision is None else decision.warnings,
+        n_samples=n_samples,
+        rate_hz=rate_hz,
+    )
+
+
+def _clock(utc_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(utc_s))
+
+
 def _lead(decision: Decision) -> str:
     parts = [f"nearest: {printable(decision.label)}"] if decision.unknown else []
     if len(decision.ranking) > 1:
@@ -142,7 +232,9 @@ def _lead(decision: Decision) -> str:
     if decision.probability is not None:
         parts.append(f"probability {100 * decision.probability:.0f} %")
     if len(decision.candidates) > 1:
-        parts.append(f"may be {' or '.join(map(printable, decision.candidates))}")
+        shown = [printable(name) for name in decision.candidates[:_MOST_CANDIDATES]]
+        others = len(decision.candidates) - len(shown)
+        parts.append(f"may be {' or '.join([*shown, *[f'{others} more'] * bool(others)])}")
     return ", ".join(parts)
 
 

@@ -32,6 +32,11 @@ export function roundUp(x) {
   return [1, 2, 5, 10].map((f) => f * power).find((f) => f >= x * (1 - 1e-9));
 }
 
+// So many decimals, but no row of digits that nothing has room for.
+export function fixed(x, decimals) {
+  return Math.abs(x) < 1e7 ? x.toFixed(decimals) : x.toPrecision(3);
+}
+
 export function node(name, attributes = {}, ...children) {
   const made = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import json
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id.live.wording import SYNTHETIC, answer_of, figures_of, score_of, state_of, warnings_of
+from granular_id.live.wording import SYNTHETIC, figures_of, history_of, score_of, shown_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,24 +40,19 @@ def frame(snapshot: Snapshot, number: int) -> bytes:
     bytes
         One event of type ``snapshot`` of a stream of server-sent events.
     """
-    answer = answer_of(snapshot)
+    shown = shown_of(snapshot)
     times, losses = snapshot.ranking_history
-    decision = snapshot.decision
     return event(
         "snapshot",
         {
             "number": number,
             "state": snapshot.state,
-            "state_name": state_of(snapshot),
-            "answer": {
-                "kind": answer.kind,
-                "title": answer.title,
-                "stage": answer.stage,
-                "detail": answer.detail,
-            },
+            "state_name": shown.state,
+            "answer": asdict(shown.answer),
+            "history": [entry._asdict() for entry in history_of(snapshot)],
             "figures": [[figure.name, figure.value, figure.alarm] for figure in figures_of(snapshot)],
             "score": score_of(snapshot),
-            "warnings": list(warnings_of(snapshot)),
+            "warnings": list(shown.warnings),
             "source": snapshot.source,
             "synthetic": SYNTHETIC if snapshot.synthetic else "",
             "rate_hz": snapshot.rate_hz,
@@ -75,8 +71,8 @@ def frame(snapshot: Snapshot, number: int) -> bytes:
             "history_s": _packed(times),
             "history_losses": _packed(losses.T),
             "ranking": []
-            if decision is None
-            else [[name, *_numbers([loss])] for name, loss in decision.ranking],
+            if shown.decision is None
+            else [[name, *_numbers([loss])] for name, loss in shown.decision.ranking],
         },
     )
 

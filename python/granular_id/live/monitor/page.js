@@ -6,6 +6,7 @@ import { Axes } from "./traces.js";
 
 const WORDS_MS = 160;  // numbers that change faster cannot be read
 const SPEECH_MS = 1500;  // a screen reader must be able to end its sentence
+const LONG = 26;  // letters; more are set smaller
 const SILENCE_MS = 4000;  // the server says something every second: after this the line is dead
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 const $ = (id) => document.getElementById(id);
@@ -13,7 +14,8 @@ const $ = (id) => document.getElementById(id);
 const axes = new Axes($("axes"));
 const ranking = new Ranking($("ranking"), $("ranking-list"));
 let newest = null, frame = null, scheduled = false, paused = false, ended = false;
-let words = 0, drawings = 0, spoken = 0, heard = 0, stream = null;
+let spoken = { number: 0, at: 0, state: "" };
+let words = 0, drawings = 0, heard = 0, stream = null;
 
 function link(state, text) {
   if (document.body.dataset.link !== state) document.body.dataset.link = state;
@@ -42,19 +44,40 @@ function warnings(list) {
   place.replaceChildren(...list.map((text) => node("li", {}, text)));
 }
 
+function history(list) {
+  const place = $("history"), newest = list[0]?.number ?? 0;
+  if (Number(place.dataset.newest ?? 0) === newest) return;
+  place.dataset.newest = newest;
+  write($("history-note"), `The newest is on top${newest > list.length ? `; the last ${list.length} of ${newest}` : ""}.`);
+  place.replaceChildren(...list.map(({ number, clock, kind, title, detail, warnings }) => {
+    const line = node("li", { value: number, "data-kind": kind },
+      node("span", { class: "when" }, node("b", {}, number), " ", node("time", {}, clock)),
+      node("bdi", { class: "name" }, title),
+      node("span", { class: "more" }, detail));
+    for (const text of warnings) line.append(node("span", { class: "warned" }, text));
+    return line;
+  }));
+}
+
+// What came of a push is spoken as it comes; states as slowly as a sentence takes; provisional answers never.
 function speak(now) {
-  const { kind, title, detail } = frame.answer;
-  const given = kind === "final" || kind === "unknown";
-  const text = given ? `Final answer: ${title}, ${detail}` : kind === "none" ? frame.state_name : `${title}, ${kind}`;
-  if ($("spoken").textContent === text || (now - spoken < SPEECH_MS && !given && kind !== "failed")) return;
-  spoken = now;
-  write($("spoken"), text);
+  const last = frame.history[0];
+  if (last && last.number !== spoken.number) {
+    const { kind, title, detail } = last;
+    const begin = kind === "final" || kind === "unknown" ? "Final answer: " : "";
+    write($("spoken"), `Push ${last.number}. ${begin}${[title, detail, ...last.warnings].filter(Boolean).join(", ")}`);
+    spoken = { number: last.number, at: now, state: "" };
+  } else if (frame.state_name !== spoken.state && now - spoken.at >= SPEECH_MS && frame.state !== "complete") {
+    write($("spoken"), frame.state_name);
+    spoken = { ...spoken, at: now, state: frame.state_name };
+  }
 }
 
 function tell(now) {
   const { kind, title, stage, detail } = frame.answer;
   $("top").dataset.kind = kind;
   write($("title"), title);
+  $("title").classList.toggle("long", title.length > LONG);
   write($("stage"), stage);
   write($("detail"), detail);
   write($("state"), frame.state_name);
@@ -63,10 +86,11 @@ function tell(now) {
   write($("synthetic"), frame.synthetic);
   $("synthetic").hidden = !frame.synthetic;
   const seen = frame.history_s.length ? frame.history_s[frame.history_s.length - 1] : 0;
-  $("progress").style.transform = `scaleX(${kind === "none" || kind === "failed" ? 0 : Math.min(1, seen / frame.capture_s)})`;
-  document.title = `${frame.synthetic ? "SYNTHETIC: " : ""}${title} \u00b7 granular_id live`;
+  $("progress").style.transform = `scaleX(${kind !== "provisional" ? Number(frame.state === "complete") : Math.min(1, seen / frame.capture_s)})`;
+  document.title = `${frame.synthetic ? "SYNTHETIC: " : ""}${title}${kind === "provisional" ? " so far" : ""} \u00b7 granular_id live`;
   figures(frame.figures);
   warnings(frame.warnings);
+  history(frame.history);
   speak(now);
   if (!paused) {
     axes.values(frame);

@@ -1,6 +1,6 @@
 // One row per axis: its value, its last seconds, what the high-pass leaves, and the histogram of that.
 
-import { node, roundUp, write } from "./frame.js";
+import { fixed, node, roundUp, write } from "./frame.js";
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -44,7 +44,7 @@ function symmetric(values, least) {
   return [-end, end];
 }
 
-const label = (x) => Number(x.toPrecision(3)).toString().replace("-", "\u2212");
+const label = (x) => (Math.abs(x) < 1e7 ? Number(x.toPrecision(3)).toString() : x.toPrecision(3)).replace("-", "\u2212");
 
 function drawTrace(canvas, ages, values, [low, high], span, ink) {
   const { pen, width, height } = surface(canvas);
@@ -136,7 +136,7 @@ export class Axes {
     this.rows.forEach((row, i) => {
       const value = frame.latest[i], unit = frame.units[i];
       row.value.setAttribute("value", value ?? "");
-      write(row.value, value === null ? "\u2013" : value.toFixed(decimals(unit)).replace("-", "\u2212"));
+      write(row.value, value === null ? "\u2013" : fixed(value, decimals(unit)).replace("-", "\u2212"));
       write(row.unit, unit.replace(" ", "\u00a0"));
     });
   }
