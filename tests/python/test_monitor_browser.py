@@ -6,17 +6,26 @@ from urllib.parse import urlsplit
 import pytest
 
 from browser_cases import CONTRAST, watch
+from granular_id.live.capture_state import FailureReason
 from granular_id.live.monitor import MonitorServer
+from granular_id.live.push import Push
 from granular_id.live.snapshot import Snapshot
-from live_view_cases import CLASSES, listening
+from live_view_cases import CLASSES, answer, listening
 
 HOSTILE = (
     '<script>document.title = "owned"</script>',
     "<img src=x onerror=alert(1)>",
     "a name " * 20,
     "süß 糖",
+    "日本の玄米とうもろこし粉小麦粉大豆粉黒砂糖白砂糖塩胡椒唐辛子山椒",
+    "W" * 60,
+    "رمل ناعم مغسول من الشاطئ الشمالي للمدينة القديمة",
 )
-FINISHED = listening(3.2)[1]
+BUILDER, FINISHED = listening(3.2)
+for k in range(50):
+    failed = Push(None, FailureReason.GAP, "12 rows are missing")
+    decision = replace(FINISHED.decision, unknown=k % 3 == 2, warnings=("lag",) * (k % 2))
+    BUILDER.end_capture(failed if k % 7 == 0 else Push(decision, truth="rice"))
 CASES = {
     "idle": Snapshot("idle", source="rdt://192.168.1.1", classes=CLASSES),
     "listening": listening(1.7)[1],
@@ -27,6 +36,7 @@ CASES = {
         lag_s=0.043,
         counters={"missing": 14, "gaps": 2, "saturated": 3},
     ),
+    "waiting": BUILDER.build("armed", hint="push now"),
     "stranger": replace(FINISHED, decision=replace(FINISHED.decision, unknown=True)),
     "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
     "hostile names": replace(listening(3.2, classes=HOSTILE)[1], source=HOSTILE[0], warnings=HOSTILE),
@@ -140,11 +150,28 @@ def test_answer_lag_and_loss_are_always_in_sight(opened, width, case):
 
 
 @pytest.mark.parametrize("width", [360, 768, 1280])
-@pytest.mark.parametrize("case", ["idle", "hostile names"])
+@pytest.mark.parametrize("case", ["idle", "hostile names", "waiting"])
 def test_nothing_sticks_out(opened, width, case):
     page = opened(CASES[case], width)
     page.wait_for_selector("#axes .axis")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize("longest", range(len(HOSTILE)))
+def test_long_names_leave_room_for_their_values_and_for_the_rest_of_the_page(opened, width, longest):
+    shown = CASES["hostile names"]
+    ranking = sorted(shown.decision.ranking, key=lambda pair: pair[0] != HOSTILE[longest])
+    decision = replace(shown.decision, label=HOSTILE[longest], ranking=tuple(ranking), candidates=HOSTILE)
+    page = opened(replace(shown, decision=decision, warnings=()), width)
+    page.wait_for_selector("#ranking text.first")
+    assert page.locator("#top").bounding_box()["height"] < 300
+    texts = page.locator("#ranking text:not(.tick)").all()
+    boxes = [(text.text_content(), text.bounding_box()) for text in texts]
+    for (name, left), (value, right) in zip(boxes[::2], boxes[1::2], strict=True):
+        assert float(value) >= 0
+        assert left["x"] + left["width"] <= right["x"], name
+        assert right["x"] + right["width"] <= width
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -155,20 +182,68 @@ def test_text_stands_out_from_its_ground(opened, scheme, case):
     assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, data, dt'")) == []
 
 
-def test_the_decision_is_spoken(opened, monitor):
+SPOKEN = """() => { window.spoken = [];
+    const place = document.getElementById('spoken');
+    new MutationObserver(() => window.spoken.push(place.textContent)).observe(place, { childList: true }); }"""
+
+
+def test_what_came_of_a_push_is_spoken_once_and_provisional_answers_never(opened, monitor):
     page = opened(CASES["idle"])
     assert page.get_attribute("#spoken", "aria-live") == "polite"
-    monitor.publish(CASES["finished"])
-    page.wait_for_function("() => document.getElementById('spoken').textContent.startsWith('Final answer: ')")
-    assert CASES["finished"].decision.label in page.text_content("#spoken")
+    page.evaluate(SPOKEN)
+    builder, _ = listening(1.0)
+    label = FINISHED.decision.label
+    for number in (1, 2):
+        for k in range(40):  # two seconds: longer than states are silent
+            monitor.publish(builder.build("triggered", answer(1.0 + k / 20)))
+            page.wait_for_timeout(50)
+        assert page.inner_text("#title") == label
+        assert "italic" in page.eval_on_selector("#title", "(n) => getComputedStyle(n).fontStyle")
+        builder.end_capture(Push(FINISHED.decision))  # the same answer twice is news
+        for _ in range(2):
+            monitor.publish(builder.build("complete", FINISHED.decision))
+            page.wait_for_function(f"() => window.spoken.some((s) => s.startsWith('Push {number}. Final'))")
+    said = page.evaluate("window.spoken")
+    assert [text for text in said if label in text] == [
+        f"Push {number}. Final answer: {label}, margin {FINISHED.decision.margin:.3f} ahead of cat litter"
+        for number in (1, 2)
+    ]
+    assert set(said) - {text for text in said if label in text} <= {"Listening"}
     assert page.evaluate(
         "[...document.querySelectorAll('canvas, svg')].every((n) => n.getAttribute('aria-label'))"
     )
 
 
+def test_the_answer_stays_and_the_history_grows_while_the_next_push_is_awaited(opened, monitor):
+    builder, finished = listening(3.2)
+    page = opened(finished)
+    page.wait_for_selector("#history li")
+    number = 1
+    for state in ("arming", "armed"):
+        builder.begin_capture()
+        monitor.publish(builder.build(state, hint="push now"))
+        number += 1
+        shows(page, number)
+        assert page.inner_text("#title") == FINISHED.decision.label
+        assert page.get_attribute("#top", "data-kind") == "final"
+        assert page.inner_text("#state").endswith(": push now")
+        assert page.locator("#ranking-list li").count() == len(CLASSES)
+        assert page.locator("#ranking polyline.first").count() == 1
+        assert page.locator("#history li").count() == 1
+    monitor.publish(CASES["waiting"])
+    page.wait_for_function("() => document.querySelectorAll('#history li').length === 40")
+    assert "the last 40 of 51" in page.inner_text("#history-note")
+    first = page.locator("#history li").nth(0).inner_text().split("\n")
+    assert first[0].startswith("51 ")
+    assert first[1:] == ["no answer", "12 rows are missing"]
+    assert page.get_attribute("#top", "data-kind") == "failed"
+    kinds = page.eval_on_selector_all("#history li", "all => all.map((n) => n.dataset.kind)")
+    assert set(kinds) == {"final", "unknown", "failed"}
+    assert "lag: rows were read late" in page.locator("#history li").nth(2).inner_text()
+
+
 def test_a_stranger_is_not_called_by_the_nearest_name(opened):
     page = opened(CASES["stranger"])
-    page.wait_for_function("() => document.getElementById('spoken').textContent.startsWith('Final answer: ')")
     assert page.inner_text("#title") == "like no known material"
     assert page.inner_text("#detail").startswith(f"nearest: {FINISHED.decision.label}, margin ")
     assert page.get_attribute("#top", "data-kind") == "unknown"
