@@ -1,5 +1,15 @@
 //! Everything that can go wrong with a caller's input.
 
+/// A number for a message. `Display` alone writes 1e300 as a row of 301 digits.
+pub(crate) fn brief(value: f64) -> String {
+    let size = value.abs();
+    if size == 0.0 || (1e-6..1e16).contains(&size) {
+        value.to_string()
+    } else {
+        format!("{value:e}")
+    }
+}
+
 /// An input that cannot be used, with the numbers that say why.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -11,13 +21,13 @@ pub enum Error {
         order: usize,
     },
     /// A sampling rate that is not a positive finite number.
-    #[error("rate_hz must be positive and finite, got {rate_hz}")]
+    #[error("rate_hz must be positive and finite, got {}", brief(*.rate_hz))]
     Rate {
         /// The rate asked for, in hertz.
         rate_hz: f64,
     },
     /// A critical frequency outside the open interval (0, rate / 2).
-    #[error("cutoff_hz must be in (0, rate_hz / 2) = (0, {}), got {cutoff_hz} at rate_hz = {rate_hz}", .rate_hz / 2.0)]
+    #[error("cutoff_hz must be in (0, rate_hz / 2) = (0, {}), got {} at rate_hz = {}", brief(.rate_hz / 2.0), brief(*.cutoff_hz), brief(*.rate_hz))]
     Cutoff {
         /// The frequency asked for, in hertz.
         cutoff_hz: f64,
@@ -25,7 +35,7 @@ pub enum Error {
         rate_hz: f64,
     },
     /// Band edges that are equal or reversed.
-    #[error("band edges must satisfy low < high, got low = {low_hz} and high = {high_hz}")]
+    #[error("band edges must satisfy low < high, got low = {} and high = {}", brief(*.low_hz), brief(*.high_hz))]
     Band {
         /// The lower edge, in hertz.
         low_hz: f64,
@@ -46,7 +56,7 @@ pub enum Error {
         value: f64,
     },
     /// A section whose `a0` is not one.
-    #[error("sos[:, 3] (a0) should be all ones, got {a0} in section {section}")]
+    #[error("sos[:, 3] (a0) should be all ones, got {} in section {section}", brief(*.a0))]
     LeadingCoefficient {
         /// Row of the section.
         section: usize,
@@ -55,7 +65,8 @@ pub enum Error {
     },
     /// A section with a pole outside the unit circle: any input would grow without bound.
     #[error(
-        "sos must be stable, got section {section} with a pole of radius {radius} (at most 1 is wanted)"
+        "sos must be stable, got section {section} with a pole of radius {} (at most 1 is wanted)",
+        brief(*.radius)
     )]
     Unstable {
         /// Row of the section.
@@ -141,7 +152,7 @@ pub enum Error {
         got: (usize, usize),
     },
     /// A scale by which nothing can be divided.
-    #[error("{what} must be from 1e-150 to 1e150, got {value} for band {band}, axis {axis}")]
+    #[error("{what} must be from 1e-150 to 1e150, got {} for band {band}, axis {axis}", brief(*.value))]
     Scale {
         /// The argument.
         what: &'static str,
@@ -299,7 +310,7 @@ pub enum Error {
         value: f64,
     },
     /// A device clock slower than the rows, or no clock at all.
-    #[error("tick_hz must be finite and at least rate_hz = {rate_hz}, got {tick_hz}")]
+    #[error("tick_hz must be finite and at least rate_hz = {}, got {}", brief(*.rate_hz), brief(*.tick_hz))]
     TickRate {
         /// The ticks per second asked for.
         tick_hz: f64,
@@ -313,7 +324,7 @@ pub enum Error {
         reorder_depth: usize,
     },
     /// A buffer of no rows, or of more than there is room for.
-    #[error("seconds must be positive and give at most {} rows, with memory for them, got {seconds} at rate_hz = {rate_hz}", crate::buffer::MAX_ROWS)]
+    #[error("seconds must be positive and give at most {} rows, with memory for them, got {} at rate_hz = {}", crate::buffer::MAX_ROWS, brief(*.seconds), brief(*.rate_hz))]
     BufferSize {
         /// The time asked for, in seconds.
         seconds: f64,
@@ -359,3 +370,27 @@ impl Error {
 
 /// Result of an operation on a caller's input.
 pub type Result<T> = std::result::Result<T, Error>;
+
+#[cfg(test)]
+mod tests {
+    use super::{brief, Error};
+
+    #[test]
+    fn numbers_are_written_as_they_are_unless_that_is_a_row_of_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (500.0, "500"),
+            (-0.25, "-0.25"),
+            (1e15, "1000000000000000"),
+            (1e300, "1e300"),
+            (-1.5e300, "-1.5e300"),
+            (2e-300, "2e-300"),
+            (f64::NAN, "NaN"),
+            (f64::NEG_INFINITY, "-inf"),
+        ] {
+            assert_eq!(brief(value), text);
+        }
+        let error = Error::Cutoff { cutoff_hz: f64::MAX, rate_hz: f64::MIN_POSITIVE };
+        assert!(error.to_string().len() < 160, "{error}");
+    }
+}

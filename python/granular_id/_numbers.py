@@ -7,6 +7,8 @@ from numbers import Integral, Real
 
 import numpy as np
 
+from granular_id._words import fixed
+
 __all__ = [
     "finite_number",
     "non_negative_number",
@@ -121,5 +123,5 @@ def whole_number(name: str, value: object, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise TypeError(f"{name} must be a whole number, got {value!r:.60}")
     if value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}")
+        raise ValueError(f"{name} must be at least {least}, got {fixed(int(value))}")
     return int(value)

@@ -27,6 +27,7 @@ import numpy as np
 
 from granular_id import _core
 from granular_id._histogram import histogram
+from granular_id._words import fixed
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -262,9 +263,9 @@ def _order(N: Any) -> int:
         order = int(N) if isinstance(N, float) and N.is_integer() else operator.index(N)
     except TypeError:
         kind = ValueError if isinstance(N, float) else TypeError
-        raise kind(f"N must be an integer from 1 to {_MAX_ORDER}, got {N!r}") from None
+        raise kind(f"N must be an integer from 1 to {_MAX_ORDER}, got {N!r:.60}") from None
     if not 1 <= order <= _MAX_ORDER:
-        raise ValueError(f"N must be an integer from 1 to {_MAX_ORDER}, got {order}")
+        raise ValueError(f"N must be an integer from 1 to {_MAX_ORDER}, got {fixed(order)}")
     return order
 
 
@@ -282,7 +283,7 @@ def _edges(Wn: Any, band: str, rate: float, limit: str) -> list[float]:
     wanted = 1 if band in {"lowpass", "highpass"} else 2
     frequencies = np.asarray(Wn)
     if frequencies.dtype.kind not in "fiu":
-        raise TypeError(f"Wn must be real, got {Wn!r}")
+        raise TypeError(f"Wn must be real, got {Wn!r:.60}")
     if frequencies.size != wanted or frequencies.ndim > 1:
         count = "a single frequency" if wanted == 1 else "two frequencies, low and high,"
         raise ValueError(f"Wn must be {count} for btype {band!r}, got {Wn!r}")

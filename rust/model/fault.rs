@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::error::brief;
 use crate::Error;
 
 /// Why parts make no model, or bytes no model file.
@@ -135,7 +136,7 @@ pub enum Fault {
         value: f64,
     },
     /// A code that is none.
-    #[error("coding_matrix[{class}, {learner}] must be -1, 0 or 1, got {value}")]
+    #[error("coding_matrix[{class}, {learner}] must be -1, 0 or 1, got {}", brief(*.value))]
     Code {
         /// Row.
         class: usize,
@@ -194,7 +195,7 @@ pub enum Fault {
         name: String,
     },
     /// A range of raw samples that is reversed.
-    #[error("raw_low[{index}] must not be above raw_high[{index}], got {low} and {high}")]
+    #[error("raw_low[{index}] must not be above raw_high[{index}], got {} and {}", brief(*.low), brief(*.high))]
     Reversed {
         /// Place.
         index: usize,
@@ -204,7 +205,7 @@ pub enum Fault {
         high: f64,
     },
     /// A row of the rule for early answers that makes no sense.
-    #[error("early[{row}] must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({seen}, {margin})")]
+    #[error("early[{row}] must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({}, {})", brief(*.seen), brief(*.margin))]
     Early {
         /// Row.
         row: usize,

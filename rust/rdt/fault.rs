@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use crate::error::brief;
+
 /// Why there is no stream.
 ///
 /// Not a variant of [`Error`](crate::Error), which is about arguments: most of these are about the world.
@@ -9,7 +11,7 @@ use std::time::Duration;
 #[non_exhaustive]
 pub enum Fault {
     /// A scale that no sensor has.
-    #[error("{what} must be from {least} to {most:e}, got {value}")]
+    #[error("{what} must be from {least} to {most:e}, got {}", brief(*.value))]
     Scale {
         /// Which one.
         what: &'static str,
@@ -21,7 +23,7 @@ pub enum Fault {
         most: f64,
     },
     /// A number among the settings outside its range.
-    #[error("{what} must be {wanted}, got {value}")]
+    #[error("{what} must be {wanted}, got {}", brief(*.value))]
     Setting {
         /// Which one.
         what: &'static str,

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 from browser_cases import CONTRAST, watch
@@ -38,6 +39,15 @@ CASES = {
     ),
     "waiting": BUILDER.build("armed", hint="push now"),
     "stranger": replace(FINISHED, decision=replace(FINISHED.decision, unknown=True)),
+    "unearthly": replace(
+        FINISHED,
+        latest=np.full(6, -1e300),
+        wrench=FINISHED.wrench * 1e300,
+        residual=FINISHED.residual * 1e300,
+        ranking_history=(FINISHED.ranking_history[0], FINISHED.ranking_history[1] * 1e300),
+        decision=replace(FINISHED.decision, margin=1e300, ranking=tuple((n, 1e300) for n in CLASSES)),
+        lag_s=1e300,
+    ),
     "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
     "hostile names": replace(listening(3.2, classes=HOSTILE)[1], source=HOSTILE[0], warnings=HOSTILE),
 }
@@ -150,7 +160,7 @@ def test_answer_lag_and_loss_are_always_in_sight(opened, width, case):
 
 
 @pytest.mark.parametrize("width", [360, 768, 1280])
-@pytest.mark.parametrize("case", ["idle", "hostile names", "waiting"])
+@pytest.mark.parametrize("case", ["idle", "hostile names", "waiting", "unearthly"])
 def test_nothing_sticks_out(opened, width, case):
     page = opened(CASES[case], width)
     page.wait_for_selector("#axes .axis")

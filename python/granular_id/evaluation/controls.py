@@ -19,7 +19,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id._words import listed
+from granular_id._words import fixed, listed
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram_engine import GramBank
 from granular_id.evaluation.partition import Partition
@@ -211,7 +211,7 @@ def _rest(data: Dataset, classifier: BaseEstimator) -> PlannedControl:
     known = [trigger for trigger in triggers if trigger is not None]
     if len(known) == len(triggers):
         n_rest = min(known)
-        what = f"the {n_rest / data.rate_hz:.2f} s before the motion only"
+        what = f"the {fixed(n_rest / data.rate_hz, 2)} s before the motion only"
         above = "can be answered above chance before anything moves"
         why_not = "a motion begins at the first sample" if n_rest == 0 else ""
     else:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES, UNITS
+from granular_id._words import fixed
 from granular_id.spaces.band_columns import BandColumn, BandColumns
 
 __all__ = ["moments", "said"]
@@ -151,7 +152,7 @@ def _size(ratio: float) -> str:
 def _stretch(low: float, high: float) -> str:
     """Give both ends in seconds: to hundredths, or what the stretch holds two of."""
     digits = max(2, math.ceil(math.log10(2 / (high - low)) - 1e-9))
-    return f"from {low:.{digits}f} to {high:.{digits}f} s"
+    return f"from {fixed(low, digits)} to {fixed(high, digits)} s"
 
 
 def _ordinal(number: int) -> str:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from granular_id._core import AXES
 from granular_id._numbers import whole_number
+from granular_id._words import fixed
 from granular_id.explanation.findings import Finding, findings_of
 from granular_id.explanation.result import Explanation
 from granular_id.spaces.band_columns import BandColumns
@@ -186,7 +187,7 @@ class BandExplanation(Explanation):
         if self.difference <= 0:
             return super()._share(contribution)
         share = 100 * contribution / self.difference
-        return f"{share:.0f} %" if abs(share) >= 9.95 else f"{round(share, 1) + 0.0:.1f} %"
+        return f"{fixed(share, 0)} %" if abs(share) >= 9.95 else f"{round(share, 1) + 0.0:.1f} %"
 
     def _of_axes(self, spread: FloatArray) -> dict[str, float]:
         return dict(zip(self.columns.axes, spread.sum(axis=0).tolist(), strict=True))

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES, UNITS
+from granular_id._words import fixed
 from granular_id.spaces import FeatureBlock
 
 __all__ = ["Region", "regions_of"]
@@ -60,7 +61,7 @@ class Region:
     def __str__(self) -> str:
         """Describe the stretch, for instance ``fx of hfmh, 0.09 .. 0.30 N of either sign``."""
         digits = max(0, math.ceil(-math.log10(self.step) - 1e-9)) if self.step > 0 else 3
-        low, high = (f"{value:.{digits}f}" for value in (self.low, self.high))
+        low, high = (fixed(value, digits) for value in (self.low, self.high))
         where = low if low == high else f"{low} .. {high}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.axis} of {self.block}, {where}{unit}{' of either sign' if self.either_sign else ''}"

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._numbers import whole_number
+from granular_id._words import fixed
 from granular_id.explanation.regions import Region, regions_of
 from granular_id.spaces import FeatureBlock
 
@@ -179,4 +180,4 @@ class Explanation:
         """Per cent of the difference; in units of the score where there is none to speak of."""
         if self.difference <= 0:
             return f"{contribution:+.3g}"
-        return f"{100 * contribution / self.difference:.0f} %"
+        return f"{fixed(100 * contribution / self.difference, 0)} %"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import whole_file
-from granular_id._words import counted
+from granular_id._words import counted, fixed
 from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint, marks_in, marks_of
@@ -110,7 +110,7 @@ class Batch:
         """Return answers, margins and truth as a table with notes."""
         title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
         columns = {"recording": [n.name for n in self.each], "answer": [n.label for n in self.each]}
-        columns["margin"] = [f"{n.margin:.3f}" for n in self.each]
+        columns["margin"] = [fixed(n.margin, 3) for n in self.each]
         if any(n.probability is not None for n in self.each):
             columns["probability"] = [percent(n.probability) for n in self.each]
         # There wherever the model has the rule: that it has nothing to say is an answer.

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, overload
 
+from granular_id._words import fixed
+
 __all__ = ["Decision"]
 
 
@@ -95,7 +97,7 @@ class Decision:
         stage = (
             "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
         )
-        line = f"{self.label} after {self.seconds:.2f} s, {stage}: margin {self.margin:.3f}"
+        line = f"{self.label} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
         if len(self.ranking) > 1:
             line += f" ahead of {self.ranking[1][0]}"
         if self.probability is not None:

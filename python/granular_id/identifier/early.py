@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._words import fixed
 from granular_id.identifier.held_out import HeldOut
 from granular_id.recording._values import checked_number
 
@@ -184,8 +185,8 @@ def outcome_text(answered: float, mean_seconds: float, error: float, target_erro
     '3.2 % of them wrong (of fresh ones a little more; aim: at most 5 %)'
     """
     return (
-        f"{100 * answered:.0f} % of held-out recordings after {mean_seconds:.2f} s on average, {100 * error:.2g} % of "
-        f"them wrong (of fresh ones a little more; aim: at most {100 * target_error:g} %)"
+        f"{100 * answered:.0f} % of held-out recordings after {fixed(mean_seconds, 2)} s on average, "
+        f"{100 * error:.2g} % of them wrong (of fresh ones a little more; aim: at most {100 * target_error:g} %)"
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._progress import ProgressCallback
+from granular_id._words import fixed
 from granular_id.identifier.early import EarlyRule, outcome_text
 from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
@@ -73,7 +74,7 @@ class OverTime:
         """Say in a line or two what the figures show."""
         whole = f"{100 * self.accuracy[-1]:.1f} % of whole recordings right ({self.seconds[-1]:g} s)"
         near = np.flatnonzero(self.accuracy >= self.accuracy[-1] - 0.01)
-        first = f"within 1 % of that from {self.seconds[near[0]]:.2f} s on"
+        first = f"within 1 % of that from {fixed(self.seconds[near[0]], 2)} s on"
         lines = [f"{self.n_answers} answers, {self.held_out}: {whole}; {first}"]
         if self.target_error is not None and self.answered[-1] > 0:
             outcome = outcome_text(
@@ -89,7 +90,7 @@ class OverTime:
         places = np.unique(np.linspace(0, len(self.seconds) - 1, _PRINTED).round().astype(int))
         rows = [
             {
-                "seconds": f"{self.seconds[i]:.2f}",
+                "seconds": fixed(self.seconds[i], 2),
                 "accuracy": f"{100 * self.accuracy[i]:.1f} %",
                 "answered early": f"{100 * self.answered[i]:.1f} %",
                 "of these wrong": "" if math.isnan(self.error[i]) else f"{100 * self.error[i]:.1f} %",

@@ -7,7 +7,7 @@ from textwrap import shorten
 from typing import Any
 
 from granular_id import _core
-from granular_id._words import counted
+from granular_id._words import counted, fixed
 from granular_id.evaluation.describe import SEVERE, of_check
 from granular_id.features import FeatureSpec
 from granular_id.identifier.about import begins_at_first
@@ -199,7 +199,7 @@ def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
         why = "" if known is None else known.get("why_not", "")
         return f"none{': ' + why if why else _why_none(model.trained)}"
     n_seen, margin = table[0].tolist()
-    first = f"from {n_seen / model.rate_hz:.2f} s on, with a margin of {margin:.3g} or more"
+    first = f"from {fixed(n_seen / model.rate_hz, 2)} s on, with a margin of {margin:.3g} or more"
     if not known:
         return first
     figures = (known[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))

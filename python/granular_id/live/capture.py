@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._numbers import non_negative_number, whole_number
+from granular_id._words import fixed
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import rate_complaint, recording_of
 from granular_id.live.clock import ArrivalClock, late_s
@@ -101,7 +102,7 @@ class Capture:
         self.n_pre = round(non_negative_number("pre_s", pre_s) * self.rate_hz)
         if self.n_pre >= self.n_samples:
             raise ValueError(
-                f"pre_s={pre_s:g} is {self.n_pre} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
+                f"pre_s={pre_s:g} is {fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
             )
         if isinstance(trigger, type) or not callable(getattr(trigger, "arm", None)):
             raise TypeError(f"trigger must be a trigger like ForceTrigger(), got {trigger!r:.60}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from granular_id._numbers import non_negative_number
+from granular_id._words import fixed
 
 __all__ = ["LagWatch"]
 
@@ -43,4 +44,4 @@ class LagWatch:
         if self._n_late < self._patience_s * self._rate_hz and lag_s <= self.max_lag_s + self._patience_s:
             return None
         wanted = f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
-        return f"rows came in {1e3 * lag_s:.0f} ms late; wanted {wanted}"
+        return f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granular_id._words import counted, verb
+from granular_id._words import counted, fixed, verb
 from granular_id.live.capture_state import FailureReason
 from granular_id.live.rows import Rows
 from granular_id.recording import SampleFlag
@@ -52,7 +52,7 @@ def runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> I
     for at in np.flatnonzero(gap | saturated).tolist():
         if at > start:
             yield rows[start:at]
-        when = f"at {rows.time_s[at]:.3f} s of the sensor's time"
+        when = f"at {fixed(rows.time_s[at], 3)} s of the sensor's time"
         if gap[at]:
             n = int(rows.missing_before[at])
             yield Break(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._core import AXES, UNITS
+from granular_id._words import fixed
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
@@ -102,7 +103,7 @@ class SnapshotBuilder:
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
         if checked_index(n_samples, "n_samples") < 1:
-            raise ValueError(f"n_samples must be at least 1, got {n_samples}")
+            raise ValueError(f"n_samples must be at least 1, got {fixed(n_samples)}")
         self._fixed: dict[str, Any] = {
             "source": source,
             "synthetic": synthetic,

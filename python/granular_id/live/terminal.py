@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from granular_id._words import fixed
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
 from granular_id.live.wording import (
@@ -122,7 +123,7 @@ def line_of(snapshot: Snapshot) -> str:
         said = f"{state}: {printable(snapshot.hint)}" if snapshot.hint else state
     begin = [SYNTHETIC.partition(" ")[0]] if snapshot.synthetic else []
     if snapshot.time_s is not None:
-        begin.append(f"{snapshot.time_s:.3f} s")
+        begin.append(f"{fixed(snapshot.time_s, 3)} s")
     health = ", ".join(f"{name} {value}{' (!)' * alarm}" for name, value, alarm in figures_of(snapshot))
     parts = ["  ".join([*begin, said]), health, score_of(snapshot)]
     parts += [f"warning: {text}" for text in warnings_of(snapshot)]

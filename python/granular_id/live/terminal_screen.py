@@ -15,6 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from granular_id._words import fixed
 from granular_id.live.wording import (
     GIVEN,
     SYNTHETIC,
@@ -129,7 +130,7 @@ def _axes(snapshot: Snapshot, width: int, *, ascii_only: bool) -> RenderableType
         colour = AXIS_COLOURS[i % len(AXIS_COLOURS)]
         cells = [
             Text(axis, style="bold"),
-            Text("-" if math.isnan(value) else f"{value:.{3 if unit == 'N' else 4}f}", style="bold"),
+            Text("-" if math.isnan(value) else fixed(value, 3 if unit == "N" else 4), style="bold"),
             Text(unit, style="dim"),
             Text(_bars(snapshot.wrench[:, i], room, ascii_only=ascii_only), style=colour),
         ]
@@ -180,7 +181,7 @@ def _ranking(decision: Decision, width: int, lines: int, *, ascii_only: bool) ->
         bar = round(room * min(loss, largest) / largest)
         table.add_row(
             Text(_fitted(printable(name)), style=style),
-            Text(f"{loss:.3f}", style=style),
+            Text(fixed(loss, 3), style=style),
             Text(("#" if ascii_only else "━") * bar, style=style),
         )
     if len(shown) < len(ranking):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from granular_id._words import counted
+from granular_id._words import counted, fixed
 from granular_id.live.snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -149,12 +149,12 @@ def answer_of(snapshot: Snapshot) -> Answer:
     if decision is None:
         title = "recorded" if snapshot.state == "complete" else "no answer yet"
         return Answer("none", title, hint or state_of(snapshot).lower(), "")
-    seconds = f"{decision.seconds:.2f} s"
+    seconds = f"{fixed(decision.seconds, 2)} s"
     given = decision.final or snapshot.state == "complete"
     if decision.final:
         stage = f"final, after {seconds}"
     else:
-        stage = f"{'early' if given else 'provisional'}, {seconds} of {snapshot.capture_s:.2f} s"
+        stage = f"{'early' if given else 'provisional'}, {seconds} of {fixed(snapshot.capture_s, 2)} s"
         if decision.settled:
             stage += ", can no longer change (forces as in training)"
         elif decision.sure:
@@ -228,7 +228,7 @@ def _clock(utc_s: float) -> str:
 def _lead(decision: Decision) -> str:
     parts = [f"nearest: {printable(decision.label)}"] if decision.unknown else []
     if len(decision.ranking) > 1:
-        parts.append(f"margin {decision.margin:.3f} ahead of {printable(decision.ranking[1][0])}")
+        parts.append(f"margin {fixed(decision.margin, 3)} ahead of {printable(decision.ranking[1][0])}")
     if decision.probability is not None:
         parts.append(f"probability {100 * decision.probability:.0f} %")
     if len(decision.candidates) > 1:
@@ -248,7 +248,7 @@ def figures_of(snapshot: Snapshot) -> tuple[Figure, ...]:
     >>> figures_of(Snapshot("idle", lag_s=0.0342, counters={"missing": 3, "gaps": 1}))[:2]
     (Figure(name='lag', value='34.2 ms', alarm=True), Figure(name='lost', value='3', alarm=True))
     """
-    lag = "-" if math.isnan(snapshot.lag_s) else f"{1e3 * snapshot.lag_s:.1f} ms"
+    lag = "-" if math.isnan(snapshot.lag_s) else f"{fixed(1e3 * snapshot.lag_s, 1)} ms"
     always = (
         Figure("lag", lag, snapshot.lagging),
         Figure("lost", f"{snapshot.lost:,}", snapshot.lost > 0),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._words import fixed
 from granular_id.plotting.style import (
     INK,
     axis_line,
@@ -187,7 +188,7 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
         if near[seen]:
             panels[1].plot(times[seen] - zero_s, strongest, "o", **style)
     if index is not None:
-        panels[1].set_title(f"{times[index]:.3f} s", fontsize=8, color=mark.colour, loc="right", pad=2)
+        panels[1].set_title(f"{fixed(times[index], 3)} s", fontsize=8, color=mark.colour, loc="right", pad=2)
 
 
 def _key(shown: list[Recording], kinds: set[str]) -> list[Any]:

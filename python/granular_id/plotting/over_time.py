@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Any
 
+from granular_id._words import fixed
 from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, new_figure, quiet, save
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
         _fill(panel, seconds, wrong, _WRONG, "of these wrong", alpha=0.9)
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
         panel.annotate(
-            f"mean {course.mean_seconds:.2f} s",
+            f"mean {fixed(course.mean_seconds, 2)} s",
             (course.mean_seconds, 0.5),
             xytext=(-4, 0),
             textcoords="offset points",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES
 from granular_id._files import whole_file
+from granular_id._words import fixed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -167,7 +168,7 @@ def number_text(value: float, digits: int) -> str:
     >>> number_text(-0.04, 1), number_text(12.345, 1)
     ('0.0', '12.3')
     """
-    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
+    return fixed(round(value, digits) + 0.0, digits).replace("-", "\N{MINUS SIGN}")
 
 
 def axis_line(axis: str, place: int = 0) -> dict[str, Any]:

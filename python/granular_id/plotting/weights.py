@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._words import fixed
 from granular_id.plotting.style import AXIS_COLOURS, FAINT, INK, TICKS, new_figure, pretty, quiet, save
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def _name_edges(panel: Any, block: WeightBlock) -> None:
         [*places[~octaves], *at],
         [
             *("all" for _ in places[~octaves]),
-            *(f"{edge:.0f}" if edge >= 9.5 else f"{edge:.2g}" for edge in edges),
+            *(fixed(edge, 0) if edge >= 9.5 else f"{edge:.2g}" for edge in edges),
         ],
         fontsize=7.5,
     )

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._words import counted, verb
+from granular_id._words import counted, fixed, verb
 from granular_id.recording._values import checked_index, checked_number
 from granular_id.recording.axes import common_axes
 from granular_id.recording.one import Recording
@@ -150,17 +150,17 @@ def _length(
         what = "n_samples='shortest'"
     else:
         n = checked_index(n_samples, "n_samples")
-        what = f"n_samples={n}"
+        what = f"n_samples={fixed(n)}"
     if n < 1:
-        raise ValueError(f"{what} gives {n} samples; at least one is wanted")
+        raise ValueError(f"{what} gives {fixed(n)} samples; at least one is wanted")
     return n
 
 
 def _missing(recording: Recording, start: int, n: int) -> str:
     if start < 0:
-        return f"begins {-start} samples too late for the lead before its trigger"
-    after = f" after sample {start}" if start else ""
-    return f"is too short: {recording.n_samples - start} samples{after}, {n} wanted"
+        return f"begins {fixed(-start)} samples too late for the lead before its trigger"
+    after = f" after sample {fixed(start)}" if start else ""
+    return f"is too short: {fixed(recording.n_samples - start)} samples{after}, {fixed(n)} wanted"
 
 
 def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rate_hz: float) -> str:
@@ -168,7 +168,7 @@ def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rat
     room = [r.n_samples - start if start >= 0 else 0 for r, start in zip(recordings, starts, strict=True)]
     skip = "pass on_short='skip' to leave such recordings out"
     said = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room"
-    if min(room) == 0:
+    if min(room) <= 0:
         return f"{said}; ask for less lead, or {skip}"
     return f"{said}, n_samples={min(room)} ({min(room) / rate_hz:g} s) fits all; ask for that, or {skip}"
 

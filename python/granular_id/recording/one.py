@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from granular_id._columns import by_name, column_names
 from granular_id._core import AXES
+from granular_id._words import fixed
 from granular_id.recording._values import (
     FloatArray,
     as_floats,
@@ -114,7 +115,7 @@ class Recording:
         if self.trigger_index is not None:
             index = checked_index(self.trigger_index, "trigger_index")
             if not 0 <= index < n_samples:
-                raise ValueError(f"trigger_index={index} is outside the {n_samples} samples")
+                raise ValueError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
             checked["trigger_index"] = index
         if not isinstance(self.meta, Mapping):
             raise TypeError(f"meta must be a mapping, got {type(self.meta).__name__}")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._words import counted
+from granular_id._words import counted, fixed
 from granular_id.recording._values import FloatArray, checked_number, checked_rate
 from granular_id.recording.flags import SampleFlag
 from granular_id.recording.one import Recording
@@ -111,7 +111,7 @@ def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: f
     largest = np.ceil(1000 * max(gaps)) / 1000
     return (
         f"recording {recording.name!r} has a gap of {largest_gap_s(recording):.3g} s after sample {first} (at "
-        f"{recording.times()[first]:.3f} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
+        f"{fixed(recording.times()[first], 3)} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
         f"recordings {such}, the largest {largest:g} s: raise max_gap_s (None: no limit) to interpolate over "
         "it, or pass on_gap='skip' to leave such recordings out"
     )

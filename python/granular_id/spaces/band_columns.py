@@ -12,6 +12,7 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
+from granular_id._words import fixed
 from granular_id.spaces.base import RecordingFilter, real_steps
 from granular_id.spaces.blocks import FeatureBlock
 
@@ -200,4 +201,4 @@ def _bands(given: Sequence[Any]) -> tuple[Band, ...]:
 
 
 def _hertz(value: float) -> str:
-    return f"{value:.0f}" if value >= 9.5 else f"{value:.2g}"
+    return fixed(value, 0) if value >= 9.5 else f"{value:.2g}"

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._numbers import whole_number
+from granular_id._words import fixed
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import _checks
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
@@ -161,8 +162,8 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
     nearest_m = rig.wall_distance_m - CUT_SD * sum(nuisance.wall_m)
     if travel_m >= nearest_m:
         raise ValueError(
-            f"duration_s = {duration_s:g} moves the tool up to {travel_m:.3f} m, and the wall may stand at "
-            f"{nearest_m:.3f} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m"
+            f"duration_s = {duration_s:g} moves the tool up to {fixed(travel_m, 3)} m, and the wall may stand at "
+            f"{fixed(nearest_m, 3)} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m"
         )
     if rig.depth_m <= CUT_SD * sum(nuisance.depth_m):
         raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")

@@ -149,7 +149,7 @@ class Nuisance:
             levels = getattr(self, field.name)
             if not isinstance(levels, tuple) or len(levels) != 3:
                 raise ValueError(
-                    f"{field.name} must be (per recording, per fill, per session), got {levels!r}"
+                    f"{field.name} must be (per recording, per fill, per session), got {levels!r:.60}"
                 )
             for level in levels:
                 _checks.non_negative(field.name, level)

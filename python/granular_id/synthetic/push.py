@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._numbers import whole_number
+from granular_id._words import fixed
 from granular_id.synthetic import _checks
 from granular_id.synthetic.contacts import contact_breaks
 from granular_id.synthetic.drag import N_LAYERS, drag_profile, layers, mean_drag_n
@@ -131,8 +132,8 @@ def simulate_push(
     if travel_m[-1] >= rig.wall_distance_m:
         raise ValueError(
             # No argument's name for the length: a robot is told it by whoever commands the push.
-            f"a push of {duration_s:g} s at speed_m_s = {rig.speed_m_s:g} moves the tool {travel_m[-1]:.3f} m, "
-            f"into the wall at wall_distance_m = {rig.wall_distance_m:.3f}; a shorter push or a lower speed_m_s "
+            f"a push of {duration_s:g} s at speed_m_s = {rig.speed_m_s:g} moves the tool {fixed(travel_m[-1], 3)} m, "
+            f"into the wall at wall_distance_m = {fixed(rig.wall_distance_m, 3)}; a shorter push or a lower speed_m_s "
             "is wanted"
         )
     load = _wrench_on_tool(material, rig, conditions, travel_m, step_s=step_s, parts=parts, seed=seed)

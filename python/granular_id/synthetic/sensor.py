@@ -90,9 +90,9 @@ class Sensor:
             values = np.asarray(getattr(self, field), dtype=np.float64)
             if values.shape != (6,) or not np.all(np.isfinite(values)) or np.any(values < low):
                 wanted = "6 finite numbers, " + ("at least 0" if low == 0 else "positive")
-                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r}")
+                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
         if isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 2 <= self.bits <= 32:
-            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r}")
+            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
 
     def resolution(self) -> NDArray[np.float64]:
         """Step of the converter per axis, shape (6,), N and N m."""

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use super::super::scalars::{count, number};
 use super::block::{Columns, PyBlock};
 use crate::buffer::Reader;
+use crate::error::brief;
 
 /// Longest time without a look at signals: Ctrl-C ends a wait.
 const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
@@ -74,7 +75,8 @@ impl PyWrenchReader {
     fn wait(&self, py: Python<'_>, timeout_s: &Bound<'_, PyAny>) -> PyResult<bool> {
         let timeout_s = number(timeout_s, "timeout_s")?;
         if timeout_s.is_nan() || timeout_s < 0.0 {
-            return Err(PyValueError::new_err(format!("timeout_s must not be negative, got {timeout_s}")));
+            let message = format!("timeout_s must not be negative, got {}", brief(timeout_s));
+            return Err(PyValueError::new_err(message));
         }
         let start = Instant::now();
         loop {

@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use super::super::arrays::{contiguous_real, readable, tuple, Held};
 use super::super::scalars::{shown, whole};
 use crate::buffer;
+use crate::error::brief;
 use crate::memory::{collected, reserved};
 use crate::wrench::KNOWN_FLAGS;
 
@@ -105,7 +106,7 @@ pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyRes
     }
     let place = row.map_or_else(String::new, |row| format!(" at row {row}"));
     let most = MOST_TICKS / tick_hz;
-    Err(PyValueError::new_err(format!("t must be from 0 to {most:e} seconds, got {t}{place}")))
+    Err(PyValueError::new_err(format!("t must be from 0 to {most:e} seconds, got {}{place}", brief(t))))
 }
 
 fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>> {

@@ -10,6 +10,7 @@ use self::arguments::{blocks_of, given_scales};
 use super::arrays::{self, contiguous_real, copied, readable, writable, zeros};
 use super::pool::{threads_for, work_on};
 use super::scalars::{count, number};
+use crate::error::brief;
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
@@ -200,7 +201,7 @@ impl PyMultiBandExtractor {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), self.rate_hz());
+        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), brief(self.rate_hz()));
         let blocks = self.blocks(py)?.repr()?;
         Ok(format!(
             "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"

@@ -87,4 +87,5 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 def _packed(values: ArrayLike) -> str:
-    return base64.b64encode(np.asarray(values).astype("<f4").tobytes()).decode()
+    with np.errstate(over="ignore"):  # beyond float32 nothing is drawn
+        return base64.b64encode(np.asarray(values).astype("<f4").tobytes()).decode()

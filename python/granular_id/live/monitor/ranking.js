@@ -82,6 +82,7 @@ export class Ranking {
         if (loss > high && loss < Infinity) high = loss;
       }
     }
+    if (low > high) [low, high] = [0, 1];  // none that can be drawn
     const span = Math.max(high - low, 1e-6);
     const x = (s) => LEFT + (right - LEFT) * (s / until);
     const y = (loss) => TOP + (bottom - TOP) * Math.min(1, (loss - low) / span);  // the smallest loss on top

@@ -9,6 +9,7 @@ import socket
 import time
 from typing import TYPE_CHECKING
 
+from granular_id._words import fixed
 from granular_id.live.monitor.frame import event, frame
 from granular_id.live.monitor.request import answer, busy
 from granular_id.live.view import MAX_HZ, checked_max_hz
@@ -70,7 +71,7 @@ class MonitorServer(ViewThread):
         super().__init__("monitor", patience_s=_PATIENCE_S)
         self._period_s = 1.0 / checked_max_hz(max_hz)
         if not 0 <= checked_index(port, "port") <= 65535:
-            raise ValueError(f"port must be between 0 and 65535, got {port}")
+            raise ValueError(f"port must be between 0 and 65535, got {fixed(port)}")
         self._token = secrets.token_urlsafe(24)
         self._socket = _listening(port)
         self.port: int = self._socket.getsockname()[1]

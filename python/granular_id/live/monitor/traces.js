@@ -23,6 +23,7 @@ function surface(canvas) {
 function extremes(values) {
   let low = Infinity, high = -Infinity;
   for (const value of values) {
+    if (!Number.isFinite(value)) continue;
     if (value < low) low = value;
     if (value > high) high = value;
   }

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtr
 
-from granular_id._words import counted
+from granular_id._words import counted, fixed
 from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
 from granular_id.recording.checking.finding import Finding, found
@@ -135,8 +135,8 @@ def _report(
     large = change.share >= LARGE
     message = (
         f"the rest level of {change.axis} {words} {abs(change.size):.2g} {unit} {change.where} "
-        f"({counted(len(change.indices))}): {100 * change.share:.0f} % of the signal, {change.noise:.0f} times the "
-        "noise; subtract it"
+        f"({counted(len(change.indices))}): {100 * change.share:.0f} % of the signal, "
+        f"{fixed(change.noise, 0)} times the noise; subtract it"
     )
     concerned = [resting[row] for row in change.indices] if large else []
     values = {"axis": change.axis, "change": change.size, "of_signal": change.share, "of_noise": change.noise}
