@@ -73,7 +73,7 @@ BAD_TREES = {
     "stamps of NaN": ({"X": X[0], "t": np.full(50, np.nan)}, "stamp of sample 0 is nan"),
     "stamps of text": ({"X": X[0], "t": np.array(["a"] * 50)}, "variable t: does not hold numbers"),
     "rate of text": ({"X": X, "fs": "fast"}, "variable fs: is no sampling rate"),
-    "rate of zero": ({"X": X, "fs": np.array(0)}, r"rate_hz\[0\].* is 0.0"),
+    "rate of zero": ({"X": X, "fs": np.array(0)}, "variable fs: is no sampling rate"),
     "rates": ({"X": X, "fs": np.array([1, 2, 3])}, "variable fs: has 3 values for 4 recordings"),
     "sessions": ({"X": X, "session": ["a", "b"]}, "variable session: has 2 values for 4 recordings"),
     "trigger": ({"X": X, "trigger_index": np.array(50)}, r"trigger_index\[0\].* is 50"),

@@ -100,7 +100,12 @@ BAD = {
         "milliseconds or nanoseconds?",
     ),
     "nanoseconds since 1970": (HEADER + b"1581072654215425827,1,2,3,4,5,6\n", 2, "time", "wanted seconds"),
-    "endless time": (HEADER + b"-1e11,1,2,3,4,5,6\n1.79e308,1,2,3,4,5,6\n", None, None, "last for ever"),
+    "endless time": (
+        HEADER + b"-1e11,1,2,3,4,5,6\n1.79e308,1,2,3,4,5,6\n",
+        None,
+        "time",
+        "stamps lie 1.79e+308 apart",
+    ),
     "huge header": (b"a" * 100_000, 1, None, "longer than 4096 bytes"),
     "huge line": (HEADER + ROW1 + b"1" * 100_000 + b"\n", 3, None, "longer than 4096 bytes"),
     "flags out of range": (

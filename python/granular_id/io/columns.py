@@ -21,9 +21,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
+from granular_id.io.units import NAMED, factor
 from granular_id.recording import AXES
 
-__all__ = ["FLAGS", "TIME", "ColumnError", "axis_of", "columns_of", "refusal"]
+__all__ = ["FLAGS", "TIME", "ColumnError", "axis_of", "columns_of", "refusal", "split_unit"]
 
 TIME, FLAGS = "time", "flags"
 
@@ -34,19 +35,12 @@ _WORDS = {
     "flags": FLAGS,
 }
 
-_UNITS = {
-    "N": ("n", "newton", "newtons"),
-    "N m": ("nm", "newtonmetre", "newtonmetres", "newtonmeter", "newtonmeters"),
-    "s": ("s", "sec", "secs", "second", "seconds"),
-}
-"""The units wanted, and how they are written without case and separators."""
-
 _OTHER_UNITS = (
-    *("mn", "kn", "lb", "lbs", "lbf", "ozf", "g", "gf", "kg", "kgf", "v", "mv", "counts"),
-    *("mnm", "knm", "nmm", "ncm", "lbfin", "lbin", "lbfft", "lbft", "ozin", "kgm", "kgfm"),
-    *("ms", "us", "\N{MICRO SIGN}s", "\N{GREEK SMALL LETTER MU}s", "ns", "min", "h", "msec", "usec", "nsec"),
+    *("lb", "lbs", "ozf", "g", "gf", "kg", "v", "mv", "counts"),
+    *("knm", "ncm", "lbin", "lbfft", "lbft", "ozin", "kgm", "kgfm"),
+    *("\N{MICRO SIGN}s", "min", "h"),
 )
-"""Units that may follow a name after ``_`` and must not be taken for a part of it."""
+"""Units besides those of ``units`` that may follow a name after ``_`` and must not be taken for a part of it."""
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
@@ -55,14 +49,11 @@ _NAMED = 9
 """Columns to leave out that an error names."""
 
 _SEPARATORS = r"[\s_./-]+"
-_DOTS = re.compile(r"[\s_.*\N{MIDDLE DOT}\N{DOT OPERATOR}-]+")
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
     rf"(.+?){_SEPARATORS}("
-    + "|".join(
-        sorted({*_OTHER_UNITS, *(u for names in _UNITS.values() for u in names)}, key=len, reverse=True)
-    )
+    + "|".join(sorted({*_OTHER_UNITS, *NAMED}, key=len, reverse=True))
     + r"|n[\s_.*-]m)",
     re.IGNORECASE,
 )
@@ -101,7 +92,7 @@ class _Meaning:
         """Whether the axis is known and the unit, if there is one, is right."""
         if self.axis is None or self.unit is None:
             return self.axis is not None
-        return _DOTS.sub("", self.unit).lower() in _UNITS.get(self.wanted or "", ())
+        return self.wanted is not None and factor(self.unit, self.wanted) == 1
 
 
 def axis_of(name: str) -> str | None:
@@ -120,6 +111,19 @@ def axis_of(name: str) -> str | None:
     """
     meaning = _meaning(name)
     return meaning.axis if meaning.holds else None
+
+
+def split_unit(name: str) -> tuple[str | None, str | None]:
+    """Return what a column holds as `axis_of` does, whatever its unit, and the unit that its name states.
+
+    Examples
+    --------
+    >>> from granular_id.io.columns import split_unit
+    >>> split_unit("Fx [mN]"), split_unit("time_ms"), split_unit("tz")
+    (('fx', 'mN'), ('time', 'ms'), ('tz', None))
+    """
+    meaning = _meaning(name)
+    return meaning.axis, meaning.unit
 
 
 def refusal(name: str) -> str:

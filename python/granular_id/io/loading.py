@@ -14,10 +14,19 @@ from granular_id._words import counted
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of
+from granular_id.io.hdf5.file import read_hdf5
+from granular_id.io.matlab.mat import read_mat
+from granular_id.io.npz.npy import read_npy
+from granular_id.io.npz.npz import read_npz
 from granular_id.io.options import LoadOptions
+from granular_id.io.parquet.read import read_parquet
 from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource, completed
 from granular_id.recording import Dataset, Recording, StepReport
+
+_ARRAYS = (read_npy, read_npz, read_mat, read_hdf5)
+_OF_FORMATS = {"topic": (read_ros,), "array": _ARRAYS, "label": (*_ARRAYS, read_parquet)}
+"""Which formats have what an option names."""
 
 
 def load(
@@ -28,6 +37,9 @@ def load(
     on_time_error: Literal["raise", "repair"] = "raise",
     max_file_bytes: int | None = None,
     topic: str | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = None,
+    array: str | None = None,
+    label: str | None = None,
     progress: bool | ProgressCallback = False,
 ) -> Dataset:
     r"""Read recordings from a file or folder.
@@ -58,6 +70,14 @@ def load(
         file that is no recording is refused within a second and 256 MB.
     topic : str, optional
         Which topic of a bag holds the wrench, where there are several. Refused where no file is a bag or MCAP.
+    time_unit : {"s", "ms", "us", "ns", "sample"}, optional
+        What stamps count, where the file does not state it; "sample": they are an index, and a rate is stated. By
+        default stamps are seconds, and refused where samples would lie 1 s or more, or 10 us or less apart.
+    array : str, optional
+        Which array (variable, data set or group) holds the samples, where there are several that may: its name,
+        with the names of the groups around it or without. It counts whatever it is called.
+    label : str, optional
+        Which array, or column of a Parquet table, holds the labels.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 
@@ -88,7 +108,9 @@ def load(
     >>> data[0]
     Recording('rice_1.csv', label='rice', 2 samples at 500 Hz)
     """
-    options = LoadOptions(rate_hz, on_error, on_time_error, max_file_bytes, topic)
+    options = LoadOptions(
+        rate_hz, on_error, on_time_error, max_file_bytes, topic, time_unit=time_unit, array=array, label=label
+    )
     place = check_source(path)
     known = format_of(place)
     with showing(progress) as callback:
@@ -111,8 +133,7 @@ def _read(
     alone: bool = False,
 ) -> Dataset:
     """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
-    if options.topic is not None:
-        _refuse_topic(found.sources)
+    _refuse_unused(found.sources, options)
     if options.on_error == "raise" and found.problems:
         raise _skippable(found.problems[0]) if found.sources else found.problems[0]
     contents: list[FileContent] = []
@@ -135,12 +156,14 @@ def _read(
     return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])
 
 
-def _refuse_topic(sources: Sequence[FileSource]) -> None:
-    """Refuse a topic where it would change nothing: no file has any."""
-    known = [format_of(source.path) for source in sources]
-    if sources and not any(one is not None and one.read is read_ros for one in known):
-        came = f"{counted(len(sources), 'file')}, the first is {sources[0].path}"
-        raise ValueError(f"topic must be left out where no file is a bag or MCAP: {came}")
+def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:
+    """Refuse options that would change nothing, as no file is of a format that has what they name."""
+    for name, wanted in _OF_FORMATS.items():
+        known = {one.read for source in sources if (one := format_of(source.path)) is not None}
+        if sources and getattr(options, name) is not None and known.isdisjoint(wanted):
+            came = f"{counted(len(sources), 'file')}, the first is {sources[0].path}"
+            what = "a bag or MCAP" if name == "topic" else "of named arrays"
+            raise ValueError(f"{name} must be left out where no file is {what}: {came}")
 
 
 def _read_one(source: FileSource, options: LoadOptions) -> FileContent:
@@ -168,6 +191,9 @@ def _report(
         "on_error": options.on_error,
         "on_time_error": options.on_time_error,
         "topic": options.topic,
+        "time_unit": options.time_unit,
+        "array": options.array,
+        "label": options.label,
     }
     rows: list[dict[str, Any]] = [row for content in contents for row in content.rows]
     totals = {

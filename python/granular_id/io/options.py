@@ -17,6 +17,9 @@ MIN_LINE_BYTES = 40
 """A line counts as at least this many bytes towards the cap: short lines take as long as others to parse."""
 
 
+TIME_UNITS = ("s", "ms", "us", "ns", "sample")
+
+
 @dataclass(frozen=True)
 class LoadOptions:
     """Settings of :func:`granular_id.io.load`, where they are described."""
@@ -26,6 +29,9 @@ class LoadOptions:
     on_time_error: Literal["raise", "repair"] = "raise"
     max_file_bytes: int | None = None
     topic: str | None = None
+    time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = None
+    array: str | None = None
+    label: str | None = None
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
@@ -38,8 +44,13 @@ class LoadOptions:
                 raise TypeError(f"max_file_bytes must be an int, got {type(self.max_file_bytes).__name__}")
             if self.max_file_bytes < 1:
                 raise ValueError(f"max_file_bytes must be positive, got {self.max_file_bytes}")
-        if self.topic is not None:
-            checked_text(self.topic, "topic")
+        if self.time_unit not in (None, *TIME_UNITS):
+            raise ValueError(
+                f"time_unit={self.time_unit!r}; wanted one of {', '.join(map(repr, TIME_UNITS))}"
+            )
+        for name in ("topic", "array", "label"):
+            if getattr(self, name) is not None:
+                checked_text(getattr(self, name), name)
 
     @property
     def max_text_bytes(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
 
@@ -15,7 +15,12 @@ from granular_id.recording import AXES
 from granular_id.recording._values import FloatArray
 
 _CLEARLY_LONGER = 4
-"""Where only length can tell, the time axis is at least this many times as long as the one of recordings."""
+"""Where only length can tell, the time axis is at least this many times as long as the one of recordings.
+
+Where the axes come last, the one of recordings is at most this many times as long as the time axis.
+"""
+
+_DIMS = "['recording', 'time', 'axis']"
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,23 @@ class Known:
         Lengths of what there is one of per recording: labels, sessions, names.
     n_samples : frozenset of int
         Lengths of time vectors.
+    units : mapping
+        See ``stated.Units``.
+    dimensions : tuple of int
+        Which dimension counts recordings (0), samples (1) and axes (2), where that is stated.
     """
 
     axes: tuple[str, ...] = AXES
     n_recordings: frozenset[int] = field(default_factory=frozenset)
     n_samples: frozenset[int] = field(default_factory=frozenset)
+    units: Mapping[str, tuple[str, tuple[str, ...]]] = field(default_factory=dict)
+    dimensions: tuple[int, ...] = ()
+
+    def order(self, n_dimensions: int) -> tuple[int, ...] | None:
+        """Return the stated order of an array's dimensions, for ``array.transpose(...)``."""
+        if len(self.dimensions) != n_dimensions:
+            return None
+        return tuple(self.dimensions.index(place) for place in sorted(self.dimensions))
 
 
 def recordings_samples_axes(
@@ -67,7 +84,11 @@ def recordings_samples_axes(
         which = (
             f"which of the axes of length {n_axes} is which" if several else "which axis counts recordings"
         )
-        raise origin.unclear(f"{origin.describe} {name} has the shape {shape}: it cannot be told {which}")
+        problem = f"{origin.describe} {name} has the shape {shape}: it cannot be told {which}"
+        beside = (
+            "" if origin.single else f"; save labels, lengths or stamps beside it, or dims, such as {_DIMS}"
+        )
+        raise origin.unclear(problem + beside)
     return orders[0]
 
 
@@ -75,7 +96,8 @@ def _by_convention(
     shape: tuple[int, ...], orders: list[tuple[int, int, int]], sensor: int
 ) -> list[tuple[int, int, int]]:
     if sensor == 2:  # (recordings, samples, axes) is what everybody writes who puts the axes last
-        return [order for order in orders if order == (0, 1, 2)]
+        few = shape[0] <= _CLEARLY_LONGER * shape[1]
+        return [order for order in orders if order == (0, 1, 2)] if few else orders
     return [order for order in orders if shape[order[1]] >= _CLEARLY_LONGER * shape[order[0]]]
 
 

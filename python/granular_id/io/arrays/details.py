@@ -11,9 +11,14 @@ from numpy.typing import NDArray
 
 from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.labels import labels_of, whole_numbers
-from granular_id.io.arrays.names import Role
+from granular_id.io.arrays.names import Role, plain_name
+from granular_id.io.arrays.stated import Units, single_unit
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
+from granular_id.io.columns import TIME, split_unit
 from granular_id.io.flat_checks import NO_TRIGGER
+from granular_id.io.options import LoadOptions
+from granular_id.io.stamped import RATE_TOLERANCE, unlikely_step
+from granular_id.io.units import factor
 
 Entries = dict[Role, dict[str, Any]]
 """What the entries of a level are for, by their names: role, then name to node."""
@@ -22,8 +27,21 @@ _LONGEST_TEXT = 1000
 """Characters of a text that is kept in ``meta``."""
 
 
+_TELLS_APART = (
+    *("trial", "trials", "trialid", "run", "runs", "runid", "recordingid", "push", "pushid", "segment"),
+    *("episode", "episodes", "episodeid", "episodeindex"),
+)
+"""Names of what tells, sample by sample, which recording a sample belongs to."""
+
+
 def add_details(
-    found: Found, entries: Entries, rest: Mapping[str, Any], origin: Origin, notes: list[str]
+    found: Found,
+    entries: Entries,
+    rest: Mapping[str, Any],
+    origin: Origin,
+    notes: list[str],
+    units: Units,
+    options: LoadOptions,
 ) -> None:
     """Put onto recordings what their level of the file says, where no inner level said it already.
 
@@ -35,10 +53,23 @@ def add_details(
         What is known by name.
     rest : mapping
         Everything else: single values go into ``meta``, what is not used is said.
+    units : mapping
+        See ``stated.Units``.
+    options : LoadOptions
     """
-    n = len(found)
-    if not n:
+    if not len(found):
         return
+    for name, node in entries.get("scaling", {}).items():
+        single = _single(node)
+        if single not in ((0, "0") if plain_name(name).endswith("offset") else (1, "1")):
+            raise origin.fault(
+                name, f"is {single}: samples are counts; save them in N and N m, and leave it out"
+            )
+    for role in _PADDING:
+        for name, node in entries.get(role, {}).items():
+            if not _cut(found, role, name, node, origin, notes):
+                rest = {**rest, name: node}
+    n = len(found)
     _add_labels(found, entries, origin, notes)
     for role, (attribute, read) in _READERS.items():
         for name, node in entries.get(role, {}).items():
@@ -46,16 +77,128 @@ def add_details(
                 rest = {**rest, name: node}  # it is about the file
             else:
                 found.fill(attribute, _spread(read(node, name, origin), n, name, origin))
-    for name, node in entries.get("rate", {}).items():
-        rates = numbers(node)
-        if rates is None or not len(rates):
-            raise origin.fault(name, "is no sampling rate; wanted a number in Hz, or one per recording")
-        found.fill("rate", _spread([float(rate) for rate in rates], n, name, origin))
-    for name, node in entries.get("time", {}).items():
-        found.fill("stamps", _rows(node, found, name, origin))
+    rates = stated_rates(entries, n, units, origin, options)
+    if rates is not None:
+        found.fill("rate", rates)
+    _add_stamps(found, entries.get("time", {}), units, origin)
     for name, node in entries.get("flags", {}).items():
         found.fill("flags", _rows(node, found, name, origin))
-    _add_meta(found, rest, notes)
+    _add_meta(found, rest, origin, notes)
+
+
+_PADDING: tuple[Role, ...] = ("lengths", "mask")
+
+
+def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: list[str]) -> bool:
+    """Leave out what is stated to be no samples; False where an entry is not about that."""
+    n, n_padded = len(found), found.n_padded
+    if role == "mask":
+        if n_values(node) == 1:
+            return False
+        lengths = _masked(found, name, node, origin)
+    else:
+        listed = numbers(node)
+        if listed is None or (len(listed) == 1 and (listed != np.floor(listed)).any()):
+            return False  # the length of something else, in mm
+        lengths = whole_numbers(node, name, origin)
+        if len(lengths) == 1 and n > 1:
+            if lengths == [n] and n not in n_padded:  # as many recordings
+                return False
+            lengths *= n
+        if len(lengths) > 1 and n == 1 and sum(lengths) == n_padded[0] and min(lengths) > 0:
+            found.split(lengths)
+            notes.append(
+                f"{found.places[0]}: {len(lengths)} recordings one behind the other, of the lengths in {name}"
+            )
+            return True
+    if len(lengths) != n:
+        raise origin.fault(name, f"has {len(lengths)} values for {n} recordings; wanted one for each")
+    for i, (wrench, length) in enumerate(zip(found.wrench, lengths, strict=True)):
+        if not 0 < length <= len(wrench):
+            problem = f"gives recording {i} {length} samples; wanted 1 to {len(wrench)}, which are there"
+            raise origin.fault(name, problem)
+        if (wrench[length:] != wrench[-1]).any():
+            problem = (
+                f"gives recording {i} {length} samples of {len(wrench)}, but those behind are no padding"
+            )
+            raise origin.fault(
+                name, f"{problem} (their values change); wanted zeros, NaN or one value again and again"
+            )
+    if lengths != found.lengths:
+        notes.append(f"recordings cut to the samples that {name} states")
+        found.cut(lengths)
+    return True
+
+
+def _masked(found: Found, name: str, node: Any, origin: Origin) -> list[int]:
+    """Return how many samples of each recording a mask marks."""
+    rows = _rows(values(node).astype(np.uint8) if is_leaf(node) else node, found, name, origin)
+    kept = [(row == 0) if "pad" in name.lower() else (row != 0) for row in rows]
+    if any((np.diff(row.astype(np.int8)) > 0).any() for row in kept):
+        problem = "marks samples behind others that are none"
+        raise origin.fault(name, f"{problem}; wanted those of a recording, and then its padding")
+    return [int(row.sum()) for row in kept]
+
+
+def stated_rates(
+    entries: Entries, n: int, units: Units, origin: Origin, options: LoadOptions
+) -> list[float] | None:
+    """Return the rate of each recording as one level states it: in Hz, or as a step in seconds."""
+    said: dict[str, list[float]] = {}
+    for role, unit in (("rate", "Hz"), ("step", "s")):
+        for name, node in entries.get(role, {}).items():  # type: ignore[call-overload]
+            found = numbers(node)
+            if found is None or not len(found) or not (found > 0).all():
+                wanted = (
+                    "sampling rate; wanted a number in Hz"
+                    if role == "rate"
+                    else "sampling period; wanted seconds"
+                )
+                came = "" if found is None else f" ({found[:3].tolist()})"
+                raise origin.fault(name, f"is no {wanted}, or one per recording{came}")
+            asked = options.time_unit if role == "step" else None
+            stated = split_unit(name)[1] if factor(split_unit(name)[1] or "", unit) else None
+            stated = single_unit(units.get(role)) or stated or asked
+            scale = factor(stated or unit, unit)
+            if scale is None:
+                raise origin.fault(name, f"is in {stated!r:.40}; wanted {unit}")
+            found = found.astype(np.float64) * scale
+            unlikely = unlikely_step(float(found.max())) if role == "step" and stated is None else None
+            if unlikely:
+                raise origin.fault(name, f"states a step of {found.max():g}: {unlikely}")
+            if role == "step":
+                found = np.array([float(f"{1 / step:.12g}") for step in found])
+            said[name] = _spread(found.tolist(), n, name, origin)
+    if not said:
+        return None
+    first = next(iter(said))
+    for name, rates in said.items():
+        for rate, other in zip(said[first], rates, strict=True):
+            if abs(rate - other) > RATE_TOLERANCE * rate:
+                problem = f"{first} states a rate of {rate:g} Hz, {name} one of {other:g} Hz"
+                raise origin.unclear(f"{problem}; save the one that is true")
+    return said[first]
+
+
+def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: Origin) -> None:
+    """Put down the stamps that a level has, with their unit where that is stated."""
+    first: tuple[str, list[NDArray[Any]]] | None = None
+    for name, node in clocks.items():
+        rows = _rows(node, found, name, origin)
+        unit = split_unit(name.rpartition("/")[2])[1]
+        unit = None if factor(unit or "", "s") == 1 else unit  # time_s is also what people call any clock
+        unit = single_unit(units.get(TIME)) or unit
+        scaled = [(row - row[0]) * (factor(unit or "s", "s") or math.nan) for row in rows]
+        if first is None:
+            first = name, scaled
+            found.fill("stamps", rows)
+            found.fill("time_unit", [unit] * len(found))
+        elif any(
+            not np.allclose(one, other, rtol=RATE_TOLERANCE, atol=RATE_TOLERANCE * one[-1] / len(one))
+            for one, other in zip(first[1], scaled, strict=True)
+        ):
+            problem = f"{first[0]} and {name} are two clocks that do not agree"
+            raise origin.unclear(f"{problem}; save the one that is true")
 
 
 def _add_labels(found: Found, entries: Entries, origin: Origin, notes: list[str]) -> None:
@@ -128,6 +271,10 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
         raise origin.fault(name, "does not hold numbers")
     elif n_values(node) is not None:
         rows = [values(node).reshape(-1)] * n
+        if (
+            n > 1 and len(rows[0]) == sum(found.n_padded) and found.sizes == [n]
+        ):  # they lie one behind the other
+            rows = np.split(rows[0], np.cumsum(found.n_padded)[:-1])
     else:
         matrix = values(node)
         if matrix.ndim == 2 and matrix.shape[0] != n and matrix.shape[1] == n:
@@ -147,7 +294,7 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
     return [row[:n_samples] for row, n_samples in zip(rows, lengths, strict=True)]
 
 
-def _add_meta(found: Found, rest: Mapping[str, Any], notes: list[str]) -> None:
+def _add_meta(found: Found, rest: Mapping[str, Any], origin: Origin, notes: list[str]) -> None:
     kept: dict[str, Any] = {}
     unread: dict[str, Any] = {}
     for name, node in rest.items():
@@ -160,6 +307,15 @@ def _add_meta(found: Found, rest: Mapping[str, Any], notes: list[str]) -> None:
     if unread:
         notes.append(f"not used: {contents(unread)}")
     for name, node in unread.items():
+        if plain_name(name.rpartition("/")[2]) in _TELLS_APART and n_values(node) == found.lengths[
+            0
+        ] > 1 == len(found):
+            listed = texts(node) or values(node).reshape(-1).tolist() if is_leaf(node) else []
+            if len(set(listed)) > 1:
+                problem = f"{name} tells recordings apart sample by sample"
+                raise origin.unclear(
+                    f"{problem}; save them in one array each, or their lengths beside the samples"
+                )
         if len(texts(node) or ()) == len(found) > 1 and not any(found.get("label")):
             notes.append(f"{name} holds a text per recording: if it names the materials, save it as labels")
 

@@ -28,7 +28,8 @@ class Found:
     sizes : list of int
         How many of them stood in each array, cell or struct; they add up to n.
     about : dict
-        Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, flags, meta.
+        Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, time_unit,
+        flags, meta.
 
     Examples
     --------
@@ -89,6 +90,28 @@ class Found:
         if isinstance(self.wrench, np.ndarray):
             return [self.wrench.shape[1]] * len(self)
         return [len(wrench) for wrench in self.wrench]
+
+    def cut(self, lengths: Sequence[int]) -> None:
+        """Keep the first samples of each."""
+        self.wrench = [wrench[:n] for wrench, n in zip(self.wrench, lengths, strict=True)]
+        for name in ("stamps", "flags"):
+            if name in self.about:
+                rows = zip(self.about[name], lengths, strict=True)
+                self.about[name] = [None if row is None else row[:n] for row, n in rows]
+
+    def split(self, lengths: Sequence[int]) -> None:
+        """Make several recordings of one, in which they lie one behind the other."""
+        ends = np.cumsum(lengths)[:-1]
+        each = {name: [column[0]] * len(lengths) for name, column in self.about.items()}
+        for name in ("stamps", "flags"):
+            if self.about.get(name, [None])[0] is not None:
+                each[name] = np.split(self.about[name][0], ends)
+        self.wrench, self.n_padded, self.about = np.split(self.wrench[0], ends), list(lengths), each
+        self.axes, self.places, self.sizes = (
+            self.axes * len(lengths),
+            self.places * len(lengths),
+            [len(lengths)],
+        )
 
     def fill(self, attribute: str, column: Sequence[Any]) -> None:
         """Put down what is now known, where nothing was known before."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+from granular_id.io.arrays.names import is_other_thing
 from granular_id.io.arrays.parts import THREE, is_half
 from granular_id.io.arrays.tree import MAX_DEPTH, as_tree, is_numbers
 from granular_id.recording import AXES
@@ -41,6 +42,12 @@ def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, 
             yield from _arrays(item, f"{name}[{i}]", depth - 1)
     elif is_numbers(node) and len(node.shape) in (2, 3):
         yield name[:200], tuple(node.shape)
+
+
+def _other_thing(name: str, shape: tuple[int, ...]) -> str | None:
+    if 0 in shape or _N not in shape or not is_other_thing(name.rpartition("/")[2]):
+        return None
+    return f"{name} {shape} is no wrench by its name; if it is one, pass array={name!r}"
 
 
 def _empty(name: str, shape: tuple[int, ...]) -> str | None:
@@ -80,6 +87,7 @@ def _flattened(name: str, shape: tuple[int, ...]) -> str | None:
 
 
 _HINTS: tuple[Callable[[str, tuple[int, ...]], str | None], ...] = (
+    _other_thing,
     _empty,
     _one_side,
     _with_time,

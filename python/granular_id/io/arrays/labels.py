@@ -47,7 +47,7 @@ def labels_of(
     named = {k: v for k, v in words.items() if len(v) == n and not (coded and role_of(k) == "class_names")}
     if len({tuple(labels) for labels in named.values()}) > 1 or len(coded) > 1:
         both = ", ".join(named if len(named) > 1 else coded)
-        raise origin.unclear(f"{both}: more than one list of labels for {n} recordings")
+        raise origin.unclear(f"{both}: more than one list of labels for {n} recordings; pass label= with one")
     if named:
         return [label or None for label in next(iter(named.values()))]
     if not coded:

@@ -87,8 +87,12 @@ def recordings_of(
     ['X (2, 1600, 6) taken as recordings, samples, axes', 'labels are the numbers in y, counted from 1 in materials']
     """
     origin = Origin(source.path, describe, arrays, single)
-    search = Search(origin)
+    search = Search(origin, options)
     found = search.level(arrays, "", Known(), {}, 0)
+    if options.label is not None and not search.label_found:
+        raise origin.unclear(f"label={options.label!r} is not there")
+    if not len(found) and options.array is not None:
+        raise origin.unclear(f"array={options.array!r} names no recordings")
     if not len(found):
         raise origin.unclear(f"no recordings are recognised: {nothing_found(origin.tree)}")
     if len(set(found.axes)) > 1:
@@ -136,7 +140,7 @@ def _share_stamps(found: Found, source: FileSource, options: LoadOptions, notes:
     shared = stamps[0] - stamps[0][0]  # one vector cannot say when each of several recordings began
     recording, _ = _read_stamped(found, 0, {**found.one(0), "stamps": shared}, source, options)
     if recording.rate_hz is not None and len(recording.wrench) == len(found.wrench[0]):
-        del found.about["stamps"]
+        del found.about["stamps"], found.about["time_unit"]
         found.about["rate"] = [recording.rate_hz] * len(found)
         notes.append(f"the stamps that all recordings share are even: {recording.rate_hz:g} Hz")
 
@@ -148,7 +152,7 @@ def _stamped(found: Found, source: FileSource, options: LoadOptions) -> FileCont
     for i in range(len(found)):
         about = found.one(i)
         named = about.get("name") or (source.name if len(found) == 1 else f"{source.name}[{i}]")
-        own = replace(source, name=named, rate_hz=about.get("rate", source.rate_hz))
+        own = replace(source, name=named)
         recording, remarks = _read_stamped(found, i, about, own, options)
         labels = {key: about[key] for key in ("label", "session") if key in about}
         try:
@@ -184,6 +188,8 @@ def _read_stamped(
         axes=found.axes[i],
         meta=about.get("meta"),
         locate=locate,
+        time_unit=about.get("time_unit"),
+        file_rate_hz=about.get("rate"),
     )
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Any, Literal
 
 from granular_id.io.arrays.tree import is_leaf
-from granular_id.io.columns import FLAGS, TIME, axis_of
+from granular_id.io.columns import FLAGS, TIME, split_unit
 
-Role = Literal[
-    "labels", "class_names", "sessions", "names", "rate", "time", "start", "trigger", "axes", "flags"
-]
+Role = (
+    Literal["labels", "class_names", "sessions", "names", "rate", "step", "time", "start", "trigger", "flags"]
+    | Literal["axes", "units", "dimensions", "lengths", "mask", "scaling"]
+)
 
 _NAMES: dict[Role, str] = {
     "labels": "y label labels target targets material class classlabel classlabels materiallabel materiallabels",
@@ -18,11 +20,19 @@ _NAMES: dict[Role, str] = {
     "sessions": "session sessions sessionid sessionids",
     "names": "name names recordingname recordingnames file files filename filenames id ids",
     "rate": "fs ratehz rate samplingrate samplerate samplingratehz sampleratehz samplingfrequency frequency freq hz",
+    "step": "dt timestep samplingperiod sampleperiod samplingtime sampletime samplinginterval sampleinterval",
     "time": "times timestamps stamps",
     "start": "starttime starttimes",
     "trigger": "triggerindex triggerindices",
-    "axes": "axes axisnames channels channelnames",
+    "axes": "axes axisnames axislabels channels channelnames columns columnnames colnames featurenames block0items",
+    "units": "unit units",
+    "dimensions": "dims dimnames dimensions dimensionnames dimensionlabels dimorder",
+    "lengths": "length lengths nsamples numsamples nsteps numsteps seqlen seqlens seqlengths sequencelengths",
+    "mask": "mask masks valid validmask paddingmask padmask",
+    "scaling": "scalefactor addoffset countsperforce countspertorque countspernewton cpf cpt",
 }
+
+ROLES = frozenset({*_NAMES, "flags"})
 
 _ROLES: dict[str, Role] = {name: role for role, names in _NAMES.items() for name in names.split()}
 
@@ -32,6 +42,32 @@ _GENERAL = (
     "traindata testdata"
 )
 _GENERAL_NAMES = frozenset(_GENERAL.split())
+
+
+_SIGNALS_WORDS = (
+    "wrench wrenches ft force forces torque torques sensor sensors ati signal signals raw filtered obs"
+)
+_SIGNALS = frozenset(_SIGNALS_WORDS.split())
+"""Words for what a sensor gave: arrays called so beside others are no materials, but may each be the wrench."""
+
+_COUNTED_WORDS = (
+    "recording recordings rec trial trials run runs push pushes demo demos episode episodes sample samples test tests "
+    "experiment exp measurement meas trajectory traj sequence seq segment take rep repetition day session batch"
+)
+_COUNTED = frozenset(_COUNTED_WORDS.split())
+"""Words that stand before the number of a recording and are no material."""
+
+_OTHER_THINGS_WORDS = (
+    "joint joints q qd qdd qpos qvel qacc dq ddq pos position positions pose poses vel velocity velocities speed "
+    "speeds twist twists acc accel acceleration accelerations gyro gyroscope imu action actions command commands cmd "
+    "setpoint setpoints quat quaternion orientation euler rpy angle angles jacobian effort efforts gauge gauges strain "
+    "voltage voltages volts counts adc encoder encoders"
+)
+_OTHER_THINGS = frozenset(_OTHER_THINGS_WORDS.split())
+"""Words for what is never a wrench."""
+
+_WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_NUMBER = re.compile(r"[\W_]*\d+$")
 
 
 @lru_cache(256)  # thousands of structs ask for the names of their few fields over and over
@@ -49,11 +85,12 @@ def role_of(name: str) -> Role | None:
     >>> role_of("sampling_rate"), role_of("Labels"), role_of("rice")
     ('rate', 'labels', None)
     """
-    # columns like "t", "time_s", "timestamp [s]" and "flags" have a table of their own
-    meaning = axis_of(name)
+    # columns like "t", "time_ms", "timestamp [s]" and "flags" have a table of their own
+    meaning, unit = split_unit(name)
     if meaning in (TIME, FLAGS):
         return "time" if meaning == TIME else "flags"
-    return _ROLES.get(plain_name(name))
+    plain = plain_name(name)
+    return _ROLES.get(plain) or (_ROLES.get(plain.removesuffix(plain_name(unit))) if unit else None)
 
 
 def is_general(name: str) -> bool:
@@ -61,16 +98,51 @@ def is_general(name: str) -> bool:
     return plain_name(name) in _GENERAL_NAMES
 
 
+@lru_cache(256)
+def is_signal(name: str) -> bool:
+    """Tell whether a name, whatever its number, is one for what a sensor gave: ``wrench``, ``ft_left``, ``X2``."""
+    return is_general(_NUMBER.sub("", name)) or not _SIGNALS.isdisjoint(_words(name))
+
+
+@lru_cache(256)
+def is_other_thing(name: str) -> bool:
+    """Tell whether what is called so is never a wrench.
+
+    Examples
+    --------
+    >>> is_other_thing("robot0_joint_pos"), is_other_thing("tcpSpeed"), is_other_thing("ee_wrench")
+    (True, True, False)
+    """
+    return not _OTHER_THINGS.isdisjoint(_words(name))
+
+
+def is_no_label(name: str) -> bool:
+    """Tell whether a name, whatever its number, is that of a signal or of a count: ``ft``, ``trial_01``, ``day 2``."""
+    return is_signal(name) or (name[-1:].isdecimal() and _NUMBER.sub("", name.lower()) in _COUNTED)
+
+
+def is_counted_group(name: str) -> bool:
+    """Tell whether a struct or group called so is one recording of several: ``demo_0``, ``rice/3``, ``data[7]``."""
+    last = name.rpartition("/")[2]
+    return last.endswith("]") or (
+        last[-1:].isdecimal() and _NUMBER.sub("", last.lower()) not in ("day", "session", "batch")
+    )
+
+
 def label_of_name(name: str) -> str | None:
     """Return the label in ``rice_01``: what stands before the last underscore, if a number follows.
 
     Examples
     --------
-    >>> label_of_name("oat_flakes_01"), label_of_name("run1")
-    ('oat_flakes', None)
+    >>> label_of_name("oat_flakes_01"), label_of_name("run1"), label_of_name("trial_01")
+    ('oat_flakes', None, None)
     """
     label, _, rest = name.rpartition("_")
-    return label if label and rest.isdecimal() else None
+    return label if label and rest.isdecimal() and not is_no_label(name) else None
+
+
+def _words(name: str) -> set[str]:
+    return {word.lower() for word in _WORDS.findall(name)}
 
 
 def without_tables(samples: dict[str, Any], n_axes: int, *, beside_parts: bool) -> dict[str, Any]:

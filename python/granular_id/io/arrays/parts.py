@@ -11,13 +11,23 @@ from granular_id.io.arrays.tree import Origin, has_axis, is_leaf
 from granular_id.io.columns import axis_of
 from granular_id.recording import AXES
 
-__all__ = ["THREE", "Halves", "axis_arrays", "halves_of", "in_parts", "is_half", "only_halves"]
+__all__ = [
+    "FORCES",
+    "THREE",
+    "TORQUES",
+    "Halves",
+    "axis_arrays",
+    "halves_of",
+    "in_parts",
+    "is_half",
+    "only_halves",
+]
 
 THREE = ("x", "y", "z")
 """Axes of a force, and of a torque."""
 
-_FORCES = frozenset(f"{word}{unit}" for word in ("f", "force", "forces") for unit in ("", "n"))
-_TORQUES = frozenset(
+FORCES = frozenset(f"{word}{unit}" for word in ("f", "force", "forces") for unit in ("", "n"))
+TORQUES = frozenset(
     f"{word}{unit}"
     for word in ("t", "m", "tau", "torque", "torques", "moment", "moments")
     for unit in ("", "nm")
@@ -81,7 +91,7 @@ class Halves:
 
 def is_half(name: str) -> bool:
     """Tell whether an array is called like forces or torques."""
-    return plain_name(name) in _FORCES | _TORQUES
+    return plain_name(name) in FORCES | TORQUES
 
 
 def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
@@ -93,7 +103,7 @@ def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
         There are two of a kind.
     """
     found = []
-    for what, names in (("forces", _FORCES), ("torques", _TORQUES)):
+    for what, names in (("forces", FORCES), ("torques", TORQUES)):
         keys = _called(others, names)
         if not keys:
             return None
@@ -107,12 +117,12 @@ def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
 def in_parts(items: Mapping[str, Any]) -> bool:
     """Tell whether a struct or group holds a wrench in parts, going by names and shapes alone."""
     axes = {axis_of(key) for key in items}
-    return set(AXES) <= axes or all(_called(items, names) for names in (_FORCES, _TORQUES))
+    return set(AXES) <= axes or all(_called(items, names) for names in (FORCES, TORQUES))
 
 
 def only_halves(samples: Mapping[str, Any]) -> bool:
     """Tell whether all that looks like recordings are forces and torques, of six recordings or six samples."""
-    called = [_called(samples, names) for names in (_FORCES, _TORQUES)]
+    called = [_called(samples, names) for names in (FORCES, TORQUES)]
     return all(called) and set(samples) <= {key for keys in called for key in keys}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -17,10 +18,43 @@ from granular_id.io.arrays.axes import (
 )
 from granular_id.io.arrays.details import Entries, add_details
 from granular_id.io.arrays.found import Found
-from granular_id.io.arrays.names import Role, is_general, label_of_name, role_of, without_tables
-from granular_id.io.arrays.parts import THREE, Halves, axis_arrays, halves_of, in_parts, only_halves
+from granular_id.io.arrays.names import (
+    Role,
+    is_counted_group,
+    is_general,
+    is_no_label,
+    is_other_thing,
+    is_signal,
+    label_of_name,
+    plain_name,
+    role_of,
+    without_tables,
+)
+from granular_id.io.arrays.parts import (
+    THREE,
+    TORQUES,
+    Halves,
+    axis_arrays,
+    halves_of,
+    in_parts,
+    only_halves,
+)
+from granular_id.io.arrays.stated import (
+    ALL,
+    FORCE,
+    TORQUE,
+    Columns,
+    dimensions_of,
+    names_of,
+    unit_in_name,
+    units_of,
+    what_has_unit,
+)
 from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, has_axis, is_leaf, n_values, texts, values
 from granular_id.io.bulk import row_major
+from granular_id.io.columns import axis_of, split_unit
+from granular_id.io.options import LoadOptions
+from granular_id.recording import AXES
 from granular_id.recording._values import FloatArray
 
 _ONE_PER_RECORDING: tuple[Role, ...] = (
@@ -31,9 +65,15 @@ _ONE_PER_RECORDING: tuple[Role, ...] = (
     "rate",
     "start",
     "trigger",
+    "lengths",
 )
 
+_INDEX = re.compile(r"\[[0-9]+\]")
+
 _MEANINGS = ("recordings", "samples", "axes")
+
+_OF_ONE: tuple[Role, ...] = ("labels", "names", "start", "trigger")
+"""What says of a struct or group, where it has one value, that it is one recording."""
 
 _FIRST = 3
 """Items of a list that are looked at to tell what it holds."""
@@ -46,12 +86,18 @@ class Search:
     Attributes
     ----------
     origin : Origin
+    options : LoadOptions
+        `array` names the only samples that count, `label` the only labels.
     notes : list of str
         What was guessed.
+    label_found : bool
+        Whether the entry that `label` names was met.
     """
 
     origin: Origin
+    options: LoadOptions
     notes: list[str] = field(default_factory=list)
+    label_found: bool = False
 
     def level(self, tree: Mapping[str, Any], name: str, known: Known, outer: Entries, depth: int) -> Found:
         """Return the recordings of a struct, group or archive, with what it says about them.
@@ -71,26 +117,31 @@ class Search:
         entries, others = self._entries(tree, name)
         if "class_names" not in entries and "class_names" in outer:
             entries["class_names"] = outer["class_names"]
-        known = self._known(entries, known)
-        vectors = axis_arrays(others, self.origin)
-        samples = without_tables(
-            {k: node for k, node in others.items() if k not in vectors and self._holds(node, known, depth)},
-            len(known.axes),
-            beside_parts=in_parts(others),
-        )
+        known = self._known(entries, others, known)
+        chosen = self._is_chosen(name)
+        vectors = axis_arrays(others, self.origin) if chosen else {}
+        samples = {
+            k: node
+            for k, node in others.items()
+            if k not in vectors and self._counts(k, node, name) and self._holds(node, known, depth)
+        }
+        if self.options.array is None:
+            samples = without_tables(samples, len(known.axes), beside_parts=in_parts(others))
         if only_halves(samples):
             samples = {}
-        halves = None if samples or vectors else halves_of(others, self.origin)
+        halves = None if samples or vectors or not chosen else halves_of(others, self.origin)
         used: Collection[str] = samples
         if vectors and not samples:
             wrench, used = self._stacked(vectors, name), vectors
+            known = self._of_wrench(known, name)
             found = self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)
         elif halves is not None:
             found, used = self._joined(halves, name, known), (halves.force, halves.torque)
         else:
+            self._refuse_rivals(samples, name, entries)
             found = self._several(samples, name, known, entries, depth)
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
-        add_details(found, entries, rest, self.origin, self.notes)
+        add_details(found, entries, rest, self.origin, self.notes, known.units, self.options)
         return found
 
     def _entries(self, tree: Mapping[str, Any], name: str) -> tuple[Entries, dict[str, Any]]:
@@ -98,25 +149,111 @@ class Search:
         others: dict[str, Any] = {}
         for key, raw in tree.items():
             node, role = as_tree(raw), role_of(key)
-            if role is None or isinstance(node, Mapping):
+            path = _path(name, key)
+            if self.options.label is not None:
+                named = _is_at(path, self.options.label)
+                self.label_found |= named
+                role = "labels" if named else None if role == "labels" else role
+            if what_has_unit(key, tree) is not None and (
+                isinstance(node, Mapping) or texts(node) is not None
+            ):
+                role = "units"
+            elif isinstance(node, Mapping) or role == "units" or self._describes_another(role, node, tree):
+                role = None  # a unit without texts is the number of a sensor, say
+            if role is None:
                 others[key] = node
             else:
-                entries.setdefault(role, {})[_path(name, key)] = node
+                entries.setdefault(role, {})[path] = node
         return entries, others
 
-    def _known(self, entries: Entries, outer: Known) -> Known:
-        axes = outer.axes
+    def _describes_another(self, role: Role | None, node: Any, tree: Mapping[str, Any]) -> bool:
+        """Tell whether names of columns are those of another array than the samples: of features, say."""
+        names = names_of(node) if role == "axes" else ()
+        if len(names) <= len(AXES) or set(AXES) <= {split_unit(name)[0] for name in names}:
+            return False
+        six = any(has_axis(item, len(AXES)) for item in tree.values())
+        return six and any(has_axis(item, len(names)) for item in tree.values())
+
+    def _known(self, entries: Entries, others: Mapping[str, Any], outer: Known) -> Known:
+        axes, dimensions = outer.axes, outer.dimensions
         for key, node in entries.get("axes", {}).items():
-            named = texts(node)
-            if named is None:
+            axes = names_of(node)
+            if not axes:
                 raise self.origin.fault(key, "does not hold names of axes; wanted a text per axis")
-            axes = tuple(named)
+        for key, node in entries.get("dimensions", {}).items():
+            dimensions = dimensions_of(key, node, self.origin)
+        units = dict(outer.units)
+        for key, node in entries.get("units", {}).items():
+            units |= units_of(node, what_has_unit(key.rpartition("/")[2], others) or ALL, key, self.origin)
         each = {n_values(node) for role in _ONE_PER_RECORDING for node in entries.get(role, {}).values()}
         times = {n_values(node) for node in entries.get("time", {}).values() if is_leaf(node)}
         each |= {len(node) for node in entries.get("time", {}).values() if isinstance(node, list)}
         several = frozenset(n for n in each if n is not None and n > 1)
         stamps = frozenset(n for n in times if n is not None and n > 1)
-        return Known(axes, outer.n_recordings | several, outer.n_samples | stamps)
+        return Known(
+            axes,
+            outer.n_recordings | several,
+            outer.n_samples | stamps,
+            units,
+            dimensions or outer.dimensions,
+        )
+
+    def _known_of(self, key: str, known: Known) -> Known:
+        """Return what is known of one array: also the units that it has of its own."""
+        own = known.units.get(f"/{key}") or (key, unit_in_name(key))
+        return replace(known, units={**known.units, ALL: own}) if own[1] else known
+
+    def _of_wrench(self, known: Known, name: str) -> Known:
+        """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
+        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, THREE):
+            raise self.origin.unclear(
+                f"{name or 'the file'} names the axes {', '.join(known.axes)[:80]}, and arrays others"
+            )
+        return replace(known, axes=AXES)
+
+    def _is_chosen(self, path: str) -> bool:
+        """Tell whether what stands at a path, or around it, is what the option `array` names."""
+        return self.options.array is None or _is_at(path, self.options.array, within=True)
+
+    def _counts(self, key: str, node: Any, level: str) -> bool:
+        """Tell whether an array may be the recordings, going by its name and the option `array`."""
+        path = _path(level, key)
+        if self.options.array is None:
+            return not is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
+        return self._is_chosen(path) or self._leads_to_chosen(path, node, 0)
+
+    def _leads_to_chosen(self, path: str, node: Any, depth: int) -> bool:
+        if depth > MAX_DEPTH:
+            return False
+        node = as_tree(node)
+        if isinstance(node, list):
+            return any(self._leads_to_chosen(path, item, depth + 1) for item in node[:_FIRST])
+        if not isinstance(node, Mapping):
+            return False
+        return any(
+            self._is_chosen(_path(path, key)) or self._leads_to_chosen(_path(path, key), item, depth + 1)
+            for key, item in node.items()
+        )
+
+    def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
+        """Refuse several arrays of which only one can be the wrench."""
+        way_out = "; pass array= with the name of the one that is, or save them under other names"
+        if samples and self.options.array is None and all(plain_name(key) in TORQUES for key in samples):
+            raise self.origin.unclear(
+                f"{next(iter(samples))} has six axes: they may be joints' torques{way_out}"
+            )
+        if len(samples) < 2:
+            return
+        numbered = all(key[-1:].isdecimal() for key in samples)
+        of_one = is_counted_group(name) or any(
+            n_values(node) == 1 for role in _OF_ONE for node in entries.get(role, {}).values()
+        ) or any(is_leaf(node) for node in entries.get("time", {}).values())  # fmt: skip
+        several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
+        alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
+        signals = any(is_signal(key) for key in samples)
+        if (signals and (of_one or several or not numbered)) or (of_one and alike and not numbered):
+            rivals = " and ".join(map(repr, list(samples)[:5]))
+            raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
 
     def _holds(self, node: Any, known: Known, depth: int) -> bool:
         """Tell whether a node holds recordings, going by shapes alone."""
@@ -126,7 +263,9 @@ class Search:
         if isinstance(node, Mapping):
             items = {key: as_tree(item) for key, item in node.items()}
             return in_parts(items) or any(
-                self._holds(item, known, depth + 1) for key, item in items.items() if role_of(key) is None
+                self._holds(item, known, depth + 1)
+                for key, item in items.items()
+                if role_of(key) is None and (self.options.array is not None or not is_other_thing(key))
             )
         if isinstance(node, list):
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
@@ -137,18 +276,14 @@ class Search:
     ) -> Found:
         if len(samples) == 1:
             key, node = next(iter(samples.items()))
-            found = self._node(node, _path(name, key), known, entries, depth)
+            found = self._node(node, _path(name, key), self._known_of(key, known), entries, depth)
             if name and not isinstance(node, list) and found.sizes == [1] and not is_general(key):
                 # rice/1, which others would be called that have rice/2 beside them
                 found.fill("name", [_path(name, key)])
             return found
         groups = []
         for key, node in samples.items():
-            if is_general(key):
-                raise self.origin.unclear(
-                    f"{' and '.join(map(repr, list(samples)[:5]))} may all be the recordings"
-                )
-            inner = self._node(node, _path(name, key), known, {}, depth)
+            inner = self._node(node, _path(name, key), self._known_of(key, known), {}, depth)
             groups.append((key, inner.as_one()))
         single = all(len(found) == 1 for _, found in groups)
         if not single and "labels" in entries:
@@ -164,8 +299,8 @@ class Search:
         for key, found in groups:
             if single:
                 found.fill("name", [_path(level, key)])
-            if not single or numbered:
-                found.fill("label", [label_of_name(key) if single else key] * len(found))
+            label = label_of_name(key) if single else None if is_no_label(key) else key
+            found.fill("label", [label] * len(found))
         if not groups:
             return
         keys = ", ".join(key for key, _ in groups[:3]) + (", ..." if len(groups) > 3 else "")
@@ -197,12 +332,15 @@ class Search:
     def _turned(self, items: list[Any], known: Known) -> list[Any]:
         """Turn a table of cells whose columns, not rows, there is one label for."""
         widths = {len(item) if isinstance(item, list) else 0 for item in items}
-        if (
-            len(widths) != 1
-            or 0 in widths
-            or len(items) in known.n_recordings
-            or not widths <= known.n_recordings
-        ):
+        rows, columns = len(items), next(iter(widths), 0)
+        if len(widths) == 1 and rows > 1 and columns > 1:
+            square = rows == columns and rows in known.n_recordings
+            if square or rows * columns in known.n_recordings:
+                problem = f"{rows} x {columns} cells: whether labels go along rows or columns cannot be told"
+                raise self.origin.unclear(
+                    f"{problem}; save a struct or variable per material, or a vector of cells"
+                )
+        if len(widths) != 1 or 0 in widths or rows in known.n_recordings or not widths <= known.n_recordings:
             return items
         return [list(column) for column in zip(*items, strict=True)]
 
@@ -216,6 +354,10 @@ class Search:
 
     def _joined(self, halves: Halves, level: str, known: Known) -> Found:
         """Put torques behind forces, of one array or of each item of two lists."""
+        known = self._of_wrench(known, level)
+        sides_of = ((FORCE, halves.force), (TORQUE, halves.torque))
+        own = {what: known.units[f"/{key}"] for what, key in sides_of if f"/{key}" in known.units}
+        known = replace(known, units={**known.units, **own})
         three = replace(known, axes=THREE)
         listed = isinstance(halves.pair[0], list)
         cells: list[Found] = []
@@ -241,7 +383,15 @@ class Search:
     ) -> FloatArray:
         """Return an array as (samples, axes) or (recordings, samples, axes), and note what it was taken for."""
         order: tuple[int, ...] = (1, 0)
-        if array.ndim == 2:
+        stated = known.order(array.ndim)
+        if stated is not None:
+            if array.shape[stated[-1]] != len(known.axes):
+                problem = f"has the shape {array.shape}, whose dimensions are stated otherwise"
+                raise self.origin.fault(name, f"{problem}; wanted {len(known.axes)} axes")
+            if stated == tuple(range(array.ndim)):
+                return array
+            order = stated
+        elif array.ndim == 2:
             if sensor_last or not samples_axes(array.shape, known, name, self.origin):
                 return array
         elif array.ndim == 3:
@@ -254,15 +404,28 @@ class Search:
         return ordered
 
     def _found(self, array: FloatArray, name: str, known: Known, *, finite: bool = False) -> Found:
-        if array.ndim == 2:
-            refuse_gaps(array, known.axes, name, self.origin)
-            return Found.block([array], known.axes, name)
-        block = row_major(array)
-        recordings = block if finite else cut_padding(block, known.axes, name, self.origin)
-        if recordings is not block:
-            cut = sum(len(recording) < block.shape[1] for recording in recordings)
-            self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
-        return Found.block(recordings, known.axes, name, block.shape[1])
+        columns = Columns.named(known.axes, known.units, name, self.origin)
+        wrench = columns.wrench(array)
+        if columns.order is not None or columns.scales is not None:
+            self._note(f"{name}: {columns.said(known.axes)}")
+        if wrench.ndim == 2:
+            refuse_gaps(wrench, columns.axes, name, self.origin)
+            found = Found.block([wrench], columns.axes, name)
+        else:
+            block = row_major(wrench)
+            whole = finite and wrench is array
+            recordings = block if whole else cut_padding(block, columns.axes, name, self.origin)
+            if recordings is not block:
+                cut = sum(len(recording) < block.shape[1] for recording in recordings)
+                self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
+            found = Found.block(recordings, columns.axes, name, block.shape[1])
+        if columns.time is not None:
+            stamps = array[None, :, columns.time] if array.ndim == 2 else array[..., columns.time]
+            found.fill("stamps", [row[:n] for row, n in zip(stamps, found.lengths, strict=True)])
+            found.fill("time_unit", [columns.time_unit] * len(found))
+        if columns.meta_units:
+            found.fill("meta", [{"units": columns.meta_units}] * len(found))
+        return found
 
     def _floats(self, raw: Any, name: str) -> FloatArray:
         array = np.asarray(raw)
@@ -280,6 +443,12 @@ def _cells(cells: Sequence[Found]) -> Found:
     """Put the recordings of cells one behind the other: as one list, where each cell holds one."""
     joined = Found.joined(cells)
     return joined.as_one() if all(len(cell) == 1 for cell in cells) else joined
+
+
+def _is_at(path: str, wanted: str, *, within: bool = False) -> bool:
+    """Tell whether a path ends with the names that are wanted, or (`within`) has them anywhere."""
+    plain = f"/{_INDEX.sub('', path)}/"
+    return f"/{wanted}/" in plain if within else plain.endswith(f"/{wanted}/")
 
 
 def _numbered_in(level: str, key: str, found: Found) -> bool:

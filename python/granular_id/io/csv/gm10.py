@@ -183,6 +183,7 @@ def _recording(
         axes=AXES,
         meta=settings,
         locate=locate,
+        time_unit="s",
     )
     label = str(material) if names is None else names[material]
     return Recording._trusted(**{**vars(recording), "label": label}), remarks

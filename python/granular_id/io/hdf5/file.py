@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,12 @@ from granular_id.io.expansion import Expansion
 from granular_id.io.files import check_file
 from granular_id.io.flat import FORMAT, NUMBERS, RECORDING_BYTES, TEXTS, VERSION, FlatRecordings, unflatten
 from granular_id.io.hdf5.guard import GuardedFile
-from granular_id.io.hdf5.save import SAMPLES
+from granular_id.io.hdf5.save import SAMPLES, UNITS
 from granular_id.io.hdf5.tree import Hdf5Tree
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
+from granular_id.io.units import factor
+from granular_id.recording.axes import unit_of
 
 __all__ = ["read_hdf5"]
 
@@ -73,8 +76,13 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
         name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"
     }
     wrench = _member(file, file.root, "wrench", "wrench")
-    flat = FlatRecordings.of_texts(_axes(file, wrench, path), texts, meta, history, columns)
-    content = unflatten(flat, path, source, finite=file.known_finite(wrench))
+    axes = _axes(file, wrench, path)
+    _refuse_other_units(file, columns)
+    scales = _scales(file, wrench, axes)
+    if scales is not None:
+        columns["wrench"] = columns["wrench"] * scales
+    flat = FlatRecordings.of_texts(axes, texts, meta, history, columns)
+    content = unflatten(flat, path, source, finite=file.known_finite(wrench) and scales is None)
     unknown = sorted(top - {*SAMPLES, "recordings", "history"})
     if unknown:
         content.notes.append(
@@ -86,6 +94,35 @@ def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
 def _axes(file: GuardedFile, wrench: Any, path: Any) -> tuple[str, ...]:
     axes = file.attribute(wrench, "axes", "wrench")
     return tuple(_texts(np.asarray(axes), "attribute axes of wrench", path))
+
+
+def _scales(file: GuardedFile, wrench: Any, axes: tuple[str, ...]) -> tuple[float, ...] | None:
+    """Return what samples must be multiplied with to be in the units of the axes; None: nothing."""
+    if not file.has_attribute(wrench, "units", "wrench"):
+        return None
+    place = "wrench, attribute units"
+    said = _texts(np.asarray(file.attribute(wrench, "units", "wrench")), place, file.expansion.path)
+    scales = [factor(unit, unit_of(axis)) for unit, axis in zip(said, axes, strict=False)]
+    if len(said) != len(axes) or None in scales:
+        wanted = ", ".join(unit_of(axis) for axis in axes)
+        raise file.expansion.fault(place, f"names {', '.join(said)[:80]}; wanted {wanted}, or mN, mN m ...")
+    known = tuple(scale for scale in scales if scale is not None)
+    return known if any(scale != 1 for scale in known) else None
+
+
+def _refuse_other_units(file: GuardedFile, columns: Mapping[str, Any]) -> None:
+    for name, unit in UNITS.items():
+        member = name.rpartition("/")[2]
+        if member not in columns:
+            continue
+        item = file.root
+        for part in name.split("/"):
+            item = _member(file, item, part, name)
+        said = file.attribute(item, "units", name)
+        if said is not None and factor(str(said), unit) != 1:
+            raise file.expansion.fault(
+                name, f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
+            )
 
 
 def _member(file: GuardedFile, group: Any, name: str, place: str) -> Any:

@@ -17,10 +17,13 @@ from granular_id.io.flat import FORMAT, NUMBERS, OPTIONAL, VERSION, FlatRecordin
 from granular_id.recording import Dataset
 from granular_id.recording.axes import unit_of
 
-__all__ = ["SAMPLES", "save_hdf5"]
+__all__ = ["SAMPLES", "UNITS", "save_hdf5"]
 
 SAMPLES = ("wrench", *OPTIONAL)
 """What lies at the top of a file; what is known of each recording lies in the group ``recordings``."""
+
+UNITS = {"time_s": "s", "recordings/rate_hz": "Hz", "recordings/start_time": "s"}
+"""Of the data sets whose attribute ``units`` is no list."""
 
 
 def save_hdf5(
@@ -81,7 +84,7 @@ def save_hdf5(
             ticker.tick(name)
         file["wrench"].attrs["axes"] = _texts(flat.axes, h5py)
         file["wrench"].attrs["units"] = _texts([unit_of(axis) for axis in flat.axes], h5py)
-        for name, unit in (("time_s", "s"), ("recordings/rate_hz", "Hz"), ("recordings/start_time", "s")):
+        for name, unit in UNITS.items():
             if name in file:
                 file[name].attrs["units"] = _text(unit, h5py)
     return target

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.arrays.names import role_of
+from granular_id.io.arrays.names import ROLES, role_of
+from granular_id.io.arrays.stated import what_has_unit
 from granular_id.io.arrays.tree import MAX_DEPTH
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
@@ -23,6 +25,8 @@ _MEMBER_BYTES = 1024
 
 _MOST_ATTRIBUTES = 200
 _ROOT = "root"
+
+_BESIDE_SAMPLES = ROLES - {"units"}
 
 
 class Hdf5Tree:
@@ -74,8 +78,13 @@ class Hdf5Tree:
                 if self._file.is_group(item)
                 else self._dataset(item, inner)
             )
-            if value is not None:
-                found[name] = value
+            if value is None:
+                continue
+            found[name] = value
+            if not self._file.is_group(item):  # beside it, where the units of a vector can stand too
+                found |= {
+                    f"{name}_units": unit for unit in self._attributes(item, inner, ("units",)).values()
+                }
         return found
 
     def _met_first(self, group: Any, place: str) -> None:
@@ -93,18 +102,19 @@ class Hdf5Tree:
             self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
             return None
         leaf = _Leaf(self._file, item, place, shape, np.dtype("U1") if dtype.hasobject else dtype)
-        about = self._attributes(item, place)
-        return {"samples": leaf, **about} if about and len(shape) > 1 else leaf
+        about = self._attributes(item, place, _BESIDE_SAMPLES) if len(shape) > 1 else {}
+        return {"samples": leaf, **about} if about else leaf
 
-    def _attributes(self, item: Any, place: str) -> dict[str, Any]:
-        """Return the attributes whose names say what they mean: label, session, rate, start time ..."""
+    def _attributes(self, item: Any, place: str, roles: Collection[str] | None = None) -> dict[str, Any]:
+        """Return the attributes whose names say what they mean: label, session, rate, start time, units ..."""
         with translated(self._file.expansion, place):
             names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
         found: dict[str, Any] = {}
         for name in names:
-            if (
-                not isinstance(name, str) or role_of(name) is None
-            ):  # h5py gives names that are no UTF-8 as bytes
+            if not isinstance(name, str):  # h5py gives names that are no UTF-8 as bytes
+                continue
+            role = role_of(name) or ("units" if what_has_unit(name, {}) is not None else None)
+            if role is None or (roles is not None and role not in roles):
                 continue
             try:
                 found[name] = self._file.attribute(item, name, place)

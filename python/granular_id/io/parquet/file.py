@@ -123,6 +123,8 @@ class CheckedParquet:
     ----------
     columns : dict
         Arrow type of each top-level column, by name.
+    units : dict
+        What the metadata of columns, by name, say of their units.
     labels : dict
         Key-value texts of the footer.
     rows : list of int
@@ -145,6 +147,7 @@ class CheckedParquet:
             twice = next(name for i, name in enumerate(names) if name in names[:i])
             raise ValueError(f"column {twice[:40]!r} occurs twice")
         self.columns: dict[str, Any] = dict(zip(names, schema.types, strict=True))
+        self.units = {name: unit for name in names if (unit := _unit_of_field(schema.field(name)))}
         self.labels = footer.labels
         self.rows = footer.rows
 
@@ -187,6 +190,13 @@ class CheckedParquet:
     def _read_at(self, offset: int, n: int) -> bytes:
         self._file.seek(offset)
         return self._file.read(n)
+
+
+def _unit_of_field(field: Any) -> str | None:
+    """Return what the metadata of a column say of its unit."""
+    about = {key.lower(): value for key, value in (field.metadata or {}).items()}
+    said = about.get(b"units", about.get(b"unit"))
+    return None if said is None else str(said.decode("utf-8", "replace")).strip() or None
 
 
 @contextmanager

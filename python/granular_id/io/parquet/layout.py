@@ -101,6 +101,12 @@ def read_mark(labels: dict[str, str], what: str, path: Path) -> Mark:
     if not axes or len(axes) != len(columns):
         problem = f"the entry {MARK!r} names the axes {said.get('axes')!r:.80} and columns {said.get('columns')!r:.80}"
         raise RecordingFileError(path, f"{problem}; wanted two lists of different names", place="footer")
+    units = said.get("units")
+    if units is not None and units != [unit_of(axis) for axis in axes]:
+        problem = (
+            f"the entry {MARK!r} names the units {units!r:.80}; wanted {[unit_of(axis) for axis in axes]}"
+        )
+        raise RecordingFileError(path, problem, place="footer")
     return Mark(axes, columns)
 
 

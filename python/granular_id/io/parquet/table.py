@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.columns import FLAGS, TIME, axis_of, refusal
+from granular_id.io.arrays.details import Entries, stated_rates
+from granular_id.io.arrays.names import role_of
+from granular_id.io.arrays.stated import ALL, Columns, single_unit, units_of, what_has_unit
+from granular_id.io.arrays.tree import Origin
+from granular_id.io.columns import FLAGS, TIME, refusal, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
 from granular_id.io.options import LoadOptions
@@ -18,6 +23,7 @@ from granular_id.io.parquet.file import CheckedParquet, open_parquet
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
+from granular_id.io.units import factor
 from granular_id.recording import AXES, Recording
 from granular_id.recording._values import FloatArray, checked_text
 from granular_id.recording.flags import KNOWN_FLAGS
@@ -26,11 +32,20 @@ __all__ = ["read_parquet_table"]
 
 RECORDING, LABEL, SESSION = "recording", "label", "session"
 _NAMES = {
-    RECORDING: ("recording", "recording_id", "recording id", "id", "name", "trial"),
+    RECORDING: (
+        *("recording", "recording_id", "recording id", "id", "name", "trial", "trial_id", "run", "run_id"),
+        *("episode", "episode_id", "episode_index"),
+    ),
     LABEL: ("label", "material", "class"),
     SESSION: ("session",),
 }
 _MEANING = {name: what for what, names in _NAMES.items() for name in names}
+_PANDAS_INDEX = "__index_level_0__"
+"""As pandas calls an index without a name."""
+
+_MOST_TEXT = 1 << 20
+"""Characters of an entry of the footer that is looked into."""
+
 _TEXTS = ("string", "large_string", "string_view")
 _WANTED_NAMES = "wanted whole numbers or texts that name recordings"
 
@@ -50,7 +65,8 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
     """
     path, root, most = source.path, source.root, options.max_binary_bytes
     with open_parquet(path, root, most) as parquet:
-        columns = _columns(parquet)
+        columns = _columns(parquet, options.label)
+        said = _Said.of(parquet, columns, options)
         text = [name for name in columns.values() if str(parquet.columns[name]) in _TEXTS]
     with open_parquet(path, root, most, texts=text) as parquet:
         if not sum(parquet.rows):
@@ -58,7 +74,7 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
         parquet.check(list(columns.values()))
         arrow = need("pyarrow", extra="app", why="to read Parquet files")
         parts = [parquet.read(group, list(columns.values())) for group in range(len(parquet.rows))]
-        table = _Table(arrow.concat_tables(parts).unify_dictionaries(), columns, path)
+        table = _Table(arrow.concat_tables(parts).unify_dictionaries(), columns, path, said)
         unread = [name for name in parquet.columns if name not in columns.values()]
     notes = [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
     found: list[Recording] = []
@@ -70,11 +86,81 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(recordings=found, rows=remarked, notes=notes)
 
 
-def _columns(parquet: CheckedParquet) -> dict[str, str]:
+@dataclass(frozen=True)
+class _Said:
+    """What the metadata of a table and of its columns say.
+
+    Attributes
+    ----------
+    scales : tuple of float or None
+        What each axis must be multiplied with; None: nothing.
+    time_unit : str or None
+    rate_hz : float or None
+    """
+
+    scales: tuple[float, ...] | None
+    time_unit: str | None
+    rate_hz: float | None
+
+    @classmethod
+    def of(cls, parquet: CheckedParquet, columns: Mapping[str, str], options: LoadOptions) -> _Said:
+        about = _metadata(parquet.labels)
+        origin = Origin(parquet.path, "metadata", about)
+        units: dict[str, tuple[str, tuple[str, ...]]] = {}
+        entries: Entries = {}
+        for key, value in about.items():
+            whose, role = what_has_unit(key, {}), role_of(key)
+            if whose is not None and value is not None:
+                units |= units_of(value, whose, key, origin)
+            elif role in ("rate", "step"):
+                entries.setdefault(role, {})[key] = value
+        units |= {
+            meaning: (f"of column {name}", (parquet.units[name],))
+            for meaning, name in columns.items()
+            if name in parquet.units and meaning in (*AXES, TIME)
+        }
+        named = tuple(columns[axis] for axis in AXES)
+        rates = stated_rates(entries, 1, units, origin, options)
+        time_unit = single_unit(units.get(TIME))
+        if time_unit is None and TIME in columns:
+            in_name = split_unit(columns[TIME])[1]
+            time_unit = None if factor(in_name or "s", "s") == 1 else in_name
+        return cls(
+            scales=Columns.named(named, {ALL: ("", ()), **units}, "the table", origin).scales,
+            time_unit=time_unit,
+            rate_hz=None if rates is None else rates[0],
+        )
+
+
+def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:
+    """Return what the footer says in words of its own: also what pandas keeps of ``DataFrame.attrs``."""
+    about: dict[str, Any] = {}
+    for key, text in labels.items():
+        try:
+            value = json.loads(text) if len(text) <= _MOST_TEXT else None
+        except (ValueError, RecursionError):
+            value = text
+        if key == "PANDAS_ATTRS" and isinstance(value, dict):
+            about |= value
+        elif key not in ("ARROW:schema", "pandas"):
+            about[key] = value
+    return {
+        key: np.asarray(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else value
+        for key, value in about.items()
+    }
+
+
+def _columns(parquet: CheckedParquet, label: str | None) -> dict[str, str]:
     """Return the name of the column that holds each axis, the time, the flags, the recording ..."""
     found: dict[str, str] = {}
-    for name in parquet.columns:
-        meaning = axis_of(name) or _MEANING.get(name.strip().lower())
+    if label is not None and label not in parquet.columns:
+        raise RecordingFileError(parquet.path, f"label={label!r} is no column of it")
+    for name, kind in parquet.columns.items():
+        meaning = split_unit(name)[0] or _MEANING.get(name.strip().lower())
+        if name == _PANDAS_INDEX and str(kind).startswith(("timestamp", "duration")):
+            meaning = TIME
+        if label is not None and (name == label or meaning == LABEL):
+            meaning = LABEL if name == label else None
         if meaning is not None:
             if meaning in found:
                 problem = (
@@ -93,12 +179,15 @@ def _columns(parquet: CheckedParquet) -> dict[str, str]:
 class _Table:
     """A decoded table, its columns called by what they mean."""
 
-    def __init__(self, table: Any, columns: Mapping[str, str], path: Path) -> None:
+    def __init__(self, table: Any, columns: Mapping[str, str], path: Path, said: _Said) -> None:
         self._table = table
         self._columns = columns
         self._path = path
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
+        self.said = said
         self.wrench = np.stack([self._numbers(axis) for axis in AXES], axis=1)
+        if said.scales is not None:
+            self.wrench *= said.scales
         self.nanoseconds = self._nanoseconds()
         timed = TIME in columns and self.nanoseconds is None
         self.stamps = self._numbers(TIME) if timed else None
@@ -210,6 +299,8 @@ def _recording(
         start_time=start_time,
         flags=None if table.flags is None else table.flags[rows],
         locate=locate,
+        time_unit="s" if table.nanoseconds is not None else table.said.time_unit,
+        file_rate_hz=table.said.rate_hz,
     )
     known = {name: table.one_text(name, rows, source.name) for name in (LABEL, SESSION)}
     return Recording._trusted(**{**vars(recording), **known}), remarks

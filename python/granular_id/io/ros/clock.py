@@ -60,6 +60,7 @@ def recording_of(
         meta={key: value for key, value in about.items() if value},
         locate=lambda i: {} if i is None else place_of(int(order[i])),
         clock=clock,
+        time_unit="s",
     )
     if 0 != first_s <= SINCE_1970:
         remarks["first_stamp_s"] = first_s

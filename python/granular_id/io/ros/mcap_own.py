@@ -150,6 +150,7 @@ def restored(
             flags=known.flags,
             trigger=known.trigger_index,
             meta=known.meta,
+            time_unit="s",
         )
         recording = replace(recording, label=texts.get("label"), session=texts.get("session"))
     except RecordingFileError:

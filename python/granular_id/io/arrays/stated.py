@@ -1,0 +1,277 @@
+"""What a file states beside its samples is obeyed or refused: names and order of axes, units, dimensions."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from granular_id.io.arrays.names import is_general, is_other_thing, plain_name, role_of
+from granular_id.io.arrays.parts import FORCES, TORQUES
+from granular_id.io.arrays.tree import Origin, is_leaf, texts
+from granular_id.io.columns import TIME, split_unit
+from granular_id.io.units import factor
+from granular_id.recording import AXES
+from granular_id.recording._values import FloatArray
+from granular_id.recording.axes import unit_of
+
+__all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
+__all__ += ["dimensions_of", "names_of", "single_unit", "unit_in_name", "units_of", "what_has_unit"]
+
+Units = Mapping[str, tuple[str, tuple[str, ...]]]
+"""From what has a unit (see `what_has_unit`) to the entry that says so and the units, as they stand."""
+
+ALL, FORCE, TORQUE = "", "force", "torque"
+
+_UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
+
+_BETWEEN = re.compile(r"\s*[,;|]\s*")
+
+_WANTED = "wanted N, mN, kN, lbf or kgf for forces, N m, mN m, N mm or lbf in for torques"
+
+_DIMENSIONS = {
+    0: "n recording recordings trial trials push pushes demo demos episode episodes run runs batch",
+    1: "t time times sample samples step steps timestep timesteps row rows frame frames",
+    2: "c axis axes channel channels component components feature features column columns sensor wrench",
+}
+_PLACES = {word: place for place, words in _DIMENSIONS.items() for word in words.split()}
+
+
+def names_of(node: Any) -> tuple[str, ...]:
+    """Return a list of names, also from one text that lists them; empty where a node is none."""
+    named = texts(node) or []
+    if len(named) != 1:
+        return tuple(named)
+    (text,) = named
+    if text.startswith("["):
+        try:
+            listed = json.loads(text)
+        except (ValueError, RecursionError):
+            return (text,)
+        return tuple(listed) if listed and all(isinstance(item, str) for item in listed) else (text,)
+    parts = tuple(_BETWEEN.split(text))
+    return parts if len(parts) > 1 else tuple(text.split())
+
+
+def what_has_unit(key: str, siblings: Mapping[str, Any]) -> str | None:
+    """Tell whose unit an entry states by its name: ``units`` all, ``force_unit`` forces, ``t_units`` the stamps.
+
+    ``/X`` for an array X beside it; None where the entry is about something else.
+    """
+    found = _UNIT_KEY.fullmatch(key)
+    return None if found is None else _whose(found[1], siblings)
+
+
+def _whose(base: str, siblings: Mapping[str, Any]) -> str | None:
+    axis, role = split_unit(base)[0], role_of(base)
+    if axis in AXES or axis == TIME:
+        return axis
+    if role in ("rate", "step"):
+        return role
+    if base in siblings:
+        node = siblings[base]
+        return (
+            f"/{base}"
+            if isinstance(node, (Mapping, list)) or (is_leaf(node) and len(node.shape) > 1)
+            else None
+        )
+    for what, words in ((FORCE, FORCES), (TORQUE, TORQUES)):
+        if plain_name(base) in words:
+            return what
+    return ALL if not base or is_general(base) else None
+
+
+def units_of(node: Any, what: str, key: str, origin: Origin) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Read one entry that states units: a text, a list, or a struct with a unit for each thing.
+
+    Raises
+    ------
+    RecordingFileError
+        It holds no texts.
+    """
+    if isinstance(node, Mapping):
+        found: dict[str, tuple[str, tuple[str, ...]]] = {}
+        for name, inner in node.items():
+            whose = _whose(name, {})
+            if whose is not None:
+                found |= units_of(inner, whose, f"{key}/{name}", origin)
+        return found
+    said = texts(node)
+    if said is None:
+        raise origin.fault(key, "does not hold units; wanted texts such as 'N' and 'N m'")
+    if len(said) == 1:
+        said = [part for part in re.split(r"\s*(?:[,;|/]|\band\b)\s*", said[0].strip("[] ")) if part]
+    return {what: (key, tuple(said))} if said and any(said) else {}
+
+
+def unit_in_name(name: str) -> tuple[str, ...]:
+    """Return the unit that the name of an array of samples ends with, as ``wrench_mN`` does."""
+    unit = split_unit(name)[1] or ""
+    return (
+        (unit,)
+        if len(plain_name(unit)) > 1 and factor(unit, "s") is None and factor(unit, "Hz") is None
+        else ()
+    )
+
+
+def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
+    """Return which dimension counts recordings (0), samples (1) and axes (2); empty where nothing is named.
+
+    Raises
+    ------
+    RecordingFileError
+        Names that do not say so.
+    """
+    named = [plain_name(name) for name in names_of(node)]
+    if not any(named):
+        return ()
+    if {"sample", "samples"} & set(named) and {"t", "time", "step", "steps", "timestep", "frame"} & set(
+        named
+    ):
+        named = ["recording" if name in ("sample", "samples") else name for name in named]
+    places = [_PLACES.get(name, -1) for name in named]
+    if sorted(places) not in ([0, 1, 2], [1, 2]):
+        problem = (
+            f"names the dimensions {', '.join(named)[:80]}; wanted recording, time and axis in their order"
+        )
+        raise origin.fault(key, problem)
+    return tuple(places)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the columns of an array of samples hold, by their names and units.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Of the recordings: fx ... tz where all of them are named, else the names as they stand.
+    order : list of int or None
+        The columns of those axes; None: all of them, as they stand.
+    scales : tuple of float or None
+        What each axis must be multiplied with; None: nothing.
+    time : int or None
+        The column of stamps.
+    time_unit : str or None
+    meta_units : dict
+        Units of axes that are no part of a wrench.
+    """
+
+    axes: tuple[str, ...]
+    order: list[int] | None
+    scales: tuple[float, ...] | None
+    time: int | None
+    time_unit: str | None
+    meta_units: dict[str, str]
+
+    @classmethod
+    def named(cls, names: tuple[str, ...], units: Units, place: str, origin: Origin) -> Columns:
+        """Tell what the columns of the array at `place` are.
+
+        Raises
+        ------
+        RecordingFileError
+            Two columns of one meaning, units that are not known, or that do not fit the columns.
+        """
+        meant = [split_unit(name) for name in names]
+        axes, order, time = names, None, None
+        found = [axis for axis, _ in meant]
+        twice = next((axis for axis in (*AXES, TIME) if found.count(axis) > 1), None)
+        if twice is not None:
+            raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
+        if all(is_other_thing(name) for name in names):
+            raise origin.unclear(
+                f"the columns of {place}, {', '.join(names)[:80]}, are no wrench by their names"
+            )
+        if set(AXES) <= set(found):
+            order = [found.index(axis) for axis in AXES]
+            axes = AXES
+            time = found.index(TIME) if TIME in found else None
+        columns = list(range(len(names))) if order is None else order
+        stated = _by_column(names, units, axes, origin)
+        listed = units.get(ALL, ("", ()))[1]
+        time_units: tuple[str | None, ...] = ()
+        if time is not None:
+            of_column = listed[time] if len(listed) == len(names) else None
+            time_units = (meant[time][1], single_unit(units.get(TIME)), of_column)
+        scales: list[float] = []
+        meta_units: dict[str, str] = {}
+        for axis, column in zip(axes, columns, strict=True):
+            said = [(place, meant[column][1]), *((key, unit) for key, unit in stated(axis, column))]
+            known = [(key, unit) for key, unit in said if unit]
+            if axis in AXES:
+                scales.append(_scale(axis, known, origin))
+            elif known:
+                meta_units[axis] = known[0][1]
+        return cls(
+            axes=axes,
+            order=None if order == list(range(len(names))) else order,
+            scales=tuple(scales) if any(scale != 1 for scale in scales) else None,
+            time=time,
+            time_unit=None
+            if time is None
+            else meant[time][1] or single_unit(units.get(TIME)) or next(iter(time_units), None),
+            meta_units=meta_units,
+        )
+
+    def said(self, names: Sequence[str]) -> str:
+        """Say what was taken from where, and scaled by what."""
+        columns = range(len(names)) if self.order is None else self.order
+        scales = self.scales or (1.0,) * len(self.axes)
+        each = zip(self.axes, columns, scales, strict=True)
+        return ", ".join(
+            f"{axis} from column {column} ({names[column]})" + (f" times {scale:g}" if scale != 1 else "")
+            for axis, column, scale in each
+        )
+
+    def wrench(self, array: FloatArray) -> FloatArray:
+        """Return the axes of an array (..., columns), in newton and newton metre."""
+        taken = array if self.order is None else array[..., self.order]
+        return taken if self.scales is None else taken * self.scales
+
+
+def _by_column(names: Sequence[str], units: Units, axes: Sequence[str], origin: Origin) -> Any:
+    """Return a function from an axis and its column to the (entry, unit) pairs that speak of it."""
+    key, general = units.get(ALL, ("", ()))
+    whole = tuple(axes) == AXES
+    halves = whole and len(general) == 2
+    if len(general) == 1 and whole:
+        plain = plain_name(general[0])
+        if plain == "si" or factor(general[0], "N") == 1:
+            general = ()  # everybody's short form of N and N m
+        else:
+            problem = f"states one unit, {general[0]!r:.40}, for forces and torques"
+            raise origin.fault(key, f"{problem}; wanted one for each, such as 'mN, N mm', or one per axis")
+    elif len(general) not in (0, 1, len(names)) and not halves:
+        raise origin.fault(key, f"states {len(general)} units for {len(names)} axes; wanted one per axis")
+
+    def stated(axis: str, column: int) -> list[tuple[str, str]]:
+        found = (
+            [(key, general[axis[0] == "t" if halves else column if len(general) > 1 else 0])]
+            if general
+            else []
+        )
+        of_axis = (axis, FORCE if axis[0] == "f" else TORQUE) if axis in AXES else (axis,)
+        found.extend((units[what][0], single_unit(units[what]) or "") for what in of_axis if what in units)
+        return found
+
+    return stated
+
+
+def single_unit(entry: tuple[str, tuple[str, ...]] | None) -> str | None:
+    """Return the unit of an entry that states one, or the same several times."""
+    return None if entry is None else entry[1][0] if len(set(entry[1])) == 1 else ", ".join(entry[1])
+
+
+def _scale(axis: str, said: Sequence[tuple[str, str]], origin: Origin) -> float:
+    scales = {}
+    for key, unit in said:
+        scale = factor(unit, unit_of(axis))
+        if scale is None:
+            raise origin.fault(key, f"the unit of {axis} is {unit!r:.40}; {_WANTED}")
+        scales[scale] = f"{unit} ({key})"
+    if len(scales) > 1:
+        raise origin.unclear(f"two units of {axis}: {' and '.join(scales.values())}")
+    return next(iter(scales), 1.0)

@@ -1,0 +1,352 @@
+"""What a file says of its arrays is obeyed, or the file is refused naming the way out; whatever library wrote it."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from granular_id.io import RecordingFileError, load
+
+h5py = pytest.importorskip("h5py")
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
+X = np.random.default_rng(5).normal(size=(4, 50, 6))
+FORCES, TORQUES, W = X[..., :3], X[..., 3:], X[0]
+LABELS = ["rice", "peas", "rice", "oats"]
+TURNED = [5, 2, 0, 4, 1, 3]
+NAMES = ["Mz", "Fz", "Fx", "My", "Fy", "Mx"]
+T = np.arange(50) / 500
+LENGTHS = [50, 40, 30, 50]
+PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 0)
+CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
+MILLI = X * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
+GRID = np.empty((2, 2), object)
+GRID[:] = [[X[0], X[1]], [X[2], X[3]]]
+JOINTS = np.full((50, 6), 0.5)
+
+
+def cells(values):
+    array = np.empty(len(values), object)
+    array[:] = values
+    return array
+
+
+def npz(**arrays):
+    return "set.npz", lambda path: np.savez(path, **arrays)
+
+
+def mat(version="5", **variables):
+    return f"set{version}.mat", lambda path: savemat(path, variables, format=version)
+
+
+def mat73(**variables):
+    """As MATLAB's save -v7.3 lays them out."""
+
+    def write(path):
+        with h5py.File(path, "w", userblock_size=512) as file:
+            for name, value in variables.items():
+                text = isinstance(value, str)
+                array = np.array([[ord(c)] for c in value], np.uint16) if text else np.atleast_2d(value).T
+                file[name] = array
+                file[name].attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
+
+    return "set73.mat", write
+
+
+def h5(tree, **attributes):
+    """Data sets by path; a pair is one with attributes."""
+
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file.attrs.update(attributes)
+            for name, value in tree.items():
+                array, about = value if isinstance(value, tuple) else (value, {})
+                file[name] = array
+                file[name].attrs.update(about)
+
+    return "set.h5", write
+
+
+def labelled_dimensions(*names, array=X):
+    def write(path):
+        with h5py.File(path, "w") as file:
+            file["X"] = array
+            for dimension, name in zip(file["X"].dims, names, strict=True):
+                dimension.label = name
+
+    return "set.h5", write
+
+
+def demos(**arrays):
+    return h5({f"data/demo_{i}/{name}": value for i in range(2) for name, value in arrays.items()}, fs=500)
+
+
+def parquet(units=None, about=None, values=W, **more):
+    def write(path):
+        table = pa.table({**dict(zip(AXES, values.T, strict=True)), **more})
+        fields = [
+            table.schema.field(name).with_metadata({"units": units[name]} if name in (units or {}) else {})
+            for name in table.schema.names
+        ]
+        pq.write_table(pa.table(table.columns, schema=pa.schema(fields, metadata=about)), path)
+
+    return "push.parquet", write
+
+
+def pandas(index=None, **attributes):
+    def write(path):
+        frame = pytest.importorskip("pandas").DataFrame(W, columns=AXES, index=index)
+        frame.attrs.update(attributes)
+        frame.to_parquet(path)
+
+    return "push.parquet", write
+
+
+def npy(array):
+    return "push.npy", lambda path: np.save(path, array)
+
+
+def csv(stamps):
+    rows = "\n".join(",".join(map(repr, [float(t), *w.tolist()])) for t, w in zip(stamps, W, strict=True))
+    return "push.csv", lambda path: path.write_text(f"time,{','.join(AXES)}\n{rows}\n")
+
+
+def own(units, name="wrench", values=W):
+    """The package's own layout, with other units than it writes."""
+
+    def write(path):
+        from granular_id.io import save
+        from granular_id.recording import Dataset, Recording
+
+        save(Dataset([Recording(values, rate_hz=500)]), path)
+        with h5py.File(path, "a") as file:
+            file[name].attrs["units"] = np.bytes_(units)
+
+    return "own.h5", write
+
+
+READ = {
+    # names of axes beside the array
+    **{
+        f"npz {name}=": (npz(X=X[..., TURNED], fs=500, **{name: NAMES}), X)
+        for name in (
+            "columns",
+            "feature_names",
+            "channel_names",
+            "axes",
+            "column_names",
+            "channels",
+            "axis_names",
+        )
+    },
+    "npz columns with units": (
+        npz(
+            X=X[..., TURNED] * 1e3,
+            fs=500,
+            columns=[f"{n} [{'mN m' if n[0] == 'M' else 'mN'}]" for n in NAMES],
+        ),
+        X,
+    ),
+    "npz columns in one text": (npz(X=X[..., TURNED], fs=500, columns=", ".join(NAMES)), X),
+    "npz columns with time": (npz(X=np.column_stack([T, W[:, TURNED]]), columns=["time", *NAMES]), [W]),
+    "npz columns with time in ms": (npz(X=np.column_stack([T * 1e3, W]), columns=["time [ms]", *AXES]), [W]),
+    "npz columns and more": (npz(X=np.dstack([X, X[..., 0]]), fs=500, columns=[*AXES, "temp"]), X),
+    "npz other features": (
+        npz(X=X, fs=500, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]),
+        X,
+    ),
+    "mat columns": (mat(X=X[..., TURNED], fs=500.0, columns=cells(NAMES)), X),
+    "mat char rows": (mat("4", X=W[:, TURNED], fs=500.0, columns=NAMES), [W]),
+    "h5 attribute columns": (h5({"X": (X[..., TURNED], {"columns": NAMES}), "fs": 500}), X),
+    "h5 attribute of the file": (h5({"X": X[..., TURNED], "fs": 500}, channel_names=NAMES), X),
+    "h5 bytes attribute axes": (h5({"X": (X[..., TURNED], {"axes": np.bytes_(NAMES)}), "fs": 500}), X),
+    "h5 pandas fixed": (
+        h5(
+            {
+                "df/block0_values": W[:, TURNED],
+                "df/block0_items": np.bytes_(NAMES),
+                "df/axis0": np.bytes_(NAMES),
+                "df/axis1": np.arange(50),
+                "fs": 500,
+            }
+        ),
+        [W],
+    ),
+    # units
+    "npz units of each": (npz(X=MILLI, fs=500, units=["mN"] * 3 + ["mN m"] * 3), X),
+    "npz units of two": (npz(X=MILLI, fs=500, units=["mN", "N mm"]), X),
+    "npz units in one text": (npz(X=MILLI, fs=500, unit="mN, mNm"), X),
+    "npz units N": (npz(X=X, fs=500, units="N"), X),
+    "npz units N and Nm": (npz(X=X, fs=500, units="N/Nm"), X),
+    "npz force_units": (npz(X=MILLI, fs=500, force_unit="mN", torque_unit="N·mm"), X),
+    "npz kN, lbf in": (
+        npz(X=X / ([1e3] * 3 + [4.4482216152605 * 0.0254] * 3), fs=500, units=["kN"] * 3 + ["lbf in"] * 3),
+        X,
+    ),
+    "npz lbf, kgf": (
+        npz(X=X / [4.4482216152605, 9.80665, 1, 1, 1, 1], fs=500, units=["lbf", "kgf", "N"] + ["Nm"] * 3),
+        X,
+    ),
+    "npz forces_units": (npz(force=FORCES * 1e3, torque=TORQUES, fs=500, force_units="mN"), X),
+    "mat units struct": (mat(X=MILLI, fs=500.0, units={"force": "mN", "torque": "mN m"}), X),
+    "mat units cell": (mat(X=MILLI, fs=500.0, units=cells(["mN", "mN m"])), X),
+    "h5 unit of halves": (h5({"force": (FORCES * 1e3, {"unit": "mN"}), "torque": TORQUES, "fs": 500}), X),
+    "h5 units of vectors": (
+        h5(
+            {
+                **{a: (W[:, i] * 1e3, {"units": "mN" if i < 3 else "mN m"}) for i, a in enumerate(AXES)},
+                "fs": 500,
+            }
+        ),
+        [W],
+    ),
+    "h5 own units": (own(["N"] * 3 + ["Nm"] * 3), [W]),
+    "h5 own units mN": (own(["mN"] * 3 + ["mN m"] * 3, values=W * 1e3), [W]),
+    "parquet units": (
+        parquet({a: "mN" if a[0] == "f" else "mN m" for a in AXES}, values=W * 1e3, time=T),
+        [W],
+    ),
+    "parquet units of the table": (
+        parquet(about={"units": json.dumps({"fx": "mN"})}, values=W * [1e3, 1, 1, 1, 1, 1], time=T),
+        [W],
+    ),
+    "parquet time_ms": (parquet(time_ms=T * 1e3), [W]),
+    "pandas attrs": (pandas(units=dict.fromkeys(AXES[:3], "N"), fs=500), [W]),
+    # the clock
+    "npz dt": (npz(X=X, dt=0.002), X),
+    "npz sampling_period": (npz(X=X, sampling_period=0.002), X),
+    "npz dt in ms": (npz(X=X, dt_ms=2.0), X),
+    "npz time_ms": (npz(X=X, time_ms=T * 1e3), X),
+    "npz time_unit": (npz(X=X, t=np.arange(50) * 2000, time_unit="us"), X),
+    "npz fs that fits": (npz(X=X, t=T, fs=500.1), X),
+    "npz dt that fits": (npz(X=X, fs=500, dt=0.002), X),
+    "h5 units of time": (h5({"X": X, "t": (np.arange(50) * 2_000_000, {"units": "ns"})}), X),
+    "h5 units of fs": (h5({"X": X, "fs": (0.5, {"units": "kHz"})}), X),
+    "mat73 time_unit": (mat73(X=X, t=T * 1e3, time_unit="ms"), X),
+    "parquet units of time": (parquet({"time": "ms"}, time=T * 1e3), [W]),
+    "pandas dates as index": (
+        pandas(index=np.arange(50) * np.timedelta64(2, "ms") + np.datetime64("2026-01-01")),
+        [W],
+    ),
+    # padding
+    **{
+        f"npz {name}": (npz(X=PADDED, fs=500, **{name: LENGTHS}), CUT)
+        for name in ("lengths", "n_samples", "seq_len", "num_samples")
+    },
+    "npz mask": (npz(X=PADDED, fs=500, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
+    "mat lengths": (mat(X=PADDED, fs=500.0, lengths=LENGTHS), CUT),
+    "h5 mask": (h5({"X": PADDED, "fs": 500, "valid_mask": np.arange(50) < np.array(LENGTHS)[:, None]}), CUT),
+    "npz lengths of what lies in a row": (npz(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
+    "npz n_samples of all": (npz(X=X, fs=500, n_samples=50), X),
+    "npz n_samples counts recordings": (npz(X=X, fs=500, n_samples=4), X),
+    "npz lengths and stamps": (npz(X=PADDED, t=T, lengths=LENGTHS), CUT),
+    # which axis is which
+    "npz (T, n, 6) with labels": (npz(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
+    "npz (T, n, 6) with stamps": (npz(X=X.transpose(1, 0, 2), t=T), X),
+    "npz (T, n, 6) with dims": (npz(X=X.transpose(1, 0, 2), fs=500, dims=["time", "trial", "channel"]), X),
+    "h5 dimensions": (labelled_dimensions("time", "recording", "axis", array=X.transpose(1, 0, 2)), X),
+    # what is no wrench
+    "h5 ee_wrench and joint_pos": (demos(ee_wrench=W, joint_pos=JOINTS), [W, W]),
+    **{
+        f"h5 wrench and {name}": (demos(wrench=W, **{name: JOINTS}), [W, W])
+        for name in (
+            "robot0_joint_vel",
+            "actions",
+            "ee_pose",
+            "q",
+            "qpos",
+            "tcp_twist",
+            "eef_vel",
+            "jointPositions",
+            "imu",
+            "joint_torques",
+            "strain_gauges",
+            "TCP speed",
+        )
+    },
+    "npz joints of all": (npz(ft=X, joint_positions=X * 0, fs=500), X),
+    "mat joints": (mat(wrench=W, q=JOINTS, qd=JOINTS, fs=500.0), [W]),
+}
+
+REFUSED = {
+    "npz two names of one axis": (npz(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
+    "npz names of too many": (npz(X=X, fs=500, columns=["a", "b", "c"]), "columns"),
+    "npz units mN": (npz(X=MILLI, fs=500, units="mN"), "units"),
+    "npz units V": (npz(X=X, fs=500, units="V"), "units"),
+    "npz units counts": (npz(X=X, fs=500, units=["counts"] * 6), "units"),
+    "npz units of five": (npz(X=X, fs=500, units=["N"] * 5), "units"),
+    "npz units as torque": (npz(X=X, fs=500, units=["N"] * 3 + ["mN"] * 3), "units"),
+    "npz wrench_mN": (npz(wrench_mN=X, fs=500), "mN"),
+    "npz scale_factor": (npz(X=X, fs=500, scale_factor=0.01), "scale_factor"),
+    "npz counts_per_force": (npz(X=X.astype(int), fs=500, counts_per_force=1e6), "counts_per_force"),
+    "h5 attribute scale_factor": (h5({"X": (X, {"scale_factor": 0.1}), "fs": 500}), "scale_factor"),
+    "h5 units V": (h5({"X": (X, {"units": "V"}), "fs": 500}), "units"),
+    "h5 own units lb": (own(["lb"] * 6), "units"),
+    "h5 own rates in kHz": (own("kHz", "recordings/rate_hz"), "units"),
+    "parquet units V": (parquet(dict.fromkeys(AXES, "V"), time=T), "V"),
+    "parquet rate of the table": (parquet(about={"fs": "100"}, time=T), "100"),
+    "npz stamps in ms": (npz(X=X, t=T * 1e3), "time_unit="),
+    "npz stamps in us": (npz(X=X, t=T * 1e6), "time_unit="),
+    "npz stamps in ns": (npz(X=X, t=(T * 1e9).astype(np.int64)), "time_unit="),
+    "npz index": (npz(X=X, t=np.arange(50)), "time_unit="),
+    "npz ns since 1970": (npz(X=W, t=1_700_000_000_000_000_000 + (T * 1e9).astype(np.int64)), "time_unit="),
+    "npz days": (npz(X=W, t=739000 + T / 86400), "time_unit="),
+    "mat stamps in ms": (mat(X=W, t=T * 1e3), "time_unit="),
+    "csv stamps in ms": (csv(T * 1e3), "time_unit="),
+    "parquet stamps in us": (parquet(time=(T * 1e6).astype(np.int64)), "time_unit="),
+    "npz dt of 2": (npz(X=X, dt=2.0), "time_unit="),
+    "npz fs beside stamps": (npz(X=X, t=T, fs=1000), "fs"),
+    "npz fs beside stamps of one": (npz(X=W, t=T, fs=1000), "fs"),
+    "npz fs beside uneven stamps": (npz(X=W, t=T**1.01, fs=1000), "fs"),
+    "npz dt beside fs": (npz(X=X, fs=500, dt=0.001), "dt"),
+    "npz two rates": (npz(X=X, fs=500, rate=100), "rate"),
+    "npz two clocks": (npz(X=X, t=T, timestamps=T * 2), "timestamps"),
+    "npz lengths too long": (npz(X=X, fs=500, lengths=[51, 50, 50, 50]), "lengths"),
+    "npz lengths of something else": (npz(X=X, fs=500, lengths=[20] * 4), "lengths"),
+    "npz lengths of three": (npz(X=X, fs=500, lengths=[50] * 3), "lengths"),
+    "npz mask with holes": (npz(X=X, fs=500, mask=np.arange(200).reshape(4, 50) % 2), "mask"),
+    "npz (T, n, 6)": (npz(X=X.transpose(1, 0, 2), fs=500), "labels"),
+    "npy (T, n, 6)": (npy(X.transpose(1, 0, 2)), "labels"),
+    "npz dims of other words": (npz(X=X, fs=500, dims=["a", "b", "c"]), "dims"),
+    "mat 2 x 2 cell": (mat(data=GRID, materials=cells(["rice", "peas"]), fs=500.0), "materials"),
+    "mat 2 x 2 cell, 4 labels": (mat(data=GRID, labels=cells(LABELS), fs=500.0), "labels"),
+    "h5 two wrenches": (demos(ft_left=W, ft_right=W + 1), "array="),
+    "h5 a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
+    "h5 what nobody knows": (demos(ee=W, arm=W + 1), "array="),
+    "h5 sensors by number": (demos(ati_1=W, ati_2=W + 1), "array="),
+    "npz two of all": (npz(wrench_raw=X, wrench_filtered=X, fs=500), "array="),
+    "npz joints alone": (npz(joint_pos=X, fs=500), "array="),
+    "npz torques of joints": (npz(torques=W, fs=500), "array="),
+    "npz two lists of labels": (npz(X=X, fs=500, labels=LABELS, material=LABELS[::-1]), "label="),
+    "npz trials in a row": (npz(X=W, fs=500, trial=np.repeat([1, 2], 25)), "trial"),
+}
+
+
+def made(tmp_path, file):
+    name, write = file
+    path = tmp_path / name
+    write(path)
+    return path
+
+
+@pytest.mark.parametrize("case", READ)
+def test_what_is_stated_is_obeyed(tmp_path, case):
+    file, wrenches = READ[case]
+    path = made(tmp_path, file)
+    data = load(path, rate_hz=500 if case == "h5 dimensions" else None)
+    assert [r.n_samples for r in data] == [len(wrench) for wrench in wrenches]
+    for recording, wrench in zip(data, wrenches, strict=True):
+        np.testing.assert_allclose(recording.wrench, wrench, rtol=1e-12)
+        assert recording.axes == tuple(AXES)
+    assert data.rate_hz == 500
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_obeyed_is_refused(tmp_path, case):
+    file, way_out = REFUSED[case]
+    path = made(tmp_path, file)
+    with pytest.raises(RecordingFileError, match=way_out):
+        load(path, rate_hz=500 if path.suffix == ".npy" or "alone" in case else None)
