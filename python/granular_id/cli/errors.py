@@ -26,6 +26,8 @@ OPTIONS = {
     "rate_hz": "--rate-hz",
     "format": "--to",
     "topic": "--topic",
+    "time_unit": "--time-unit",
+    "array": "--array",
     "lead_s": "--lead-s",
     "rest_s": "--rest-s",
     "begin_at": "--begin-at",

@@ -17,12 +17,15 @@ from granular_id.cli.reading import (
     ACCEPT,
     PANEL,
     Accepted,
+    ArrayName,
     Handling,
+    LabelName,
     MaxFileMb,
     OnError,
     OnTimeError,
     RecordedHz,
     Repair,
+    TimeUnit,
     Topic,
     load_settings,
     say_loaded,
@@ -94,6 +97,9 @@ class Recordings:
         on_time_error: OnTimeError = Repair.refuse,
         recorded_hz: RecordedHz = None,
         topic: Topic = None,
+        time_unit: TimeUnit = None,
+        array: ArrayName = None,
+        label: LabelName = None,
         max_file_mb: MaxFileMb = None,
     ) -> None:
         self.is_named = model is not None
@@ -107,7 +113,9 @@ class Recordings:
                 "MODEL that granular-id train wrote"
             )
         self.model, *self.paths = given
-        self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
+        self.settings = load_settings(
+            on_error, on_time_error, recorded_hz, topic, time_unit, array, label, max_file_mb
+        )
 
     def load(self, *, quiet: bool) -> Dataset:
         """Read the recordings and say what was read; when quiet, only what was skipped."""

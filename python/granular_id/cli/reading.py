@@ -23,13 +23,16 @@ __all__ = [
     "ACCEPT",
     "PANEL",
     "Accepted",
+    "ArrayName",
     "Handling",
+    "LabelName",
     "MaxFileMb",
     "OnError",
     "OnTimeError",
     "Reading",
     "RecordedHz",
     "Repair",
+    "TimeUnit",
     "Topic",
     "load_settings",
     "loaded",
@@ -62,6 +65,16 @@ class Accepted(str, Enum):
     units = "units"
 
 
+class Unit(str, Enum):
+    """Choices of ``--time-unit``."""
+
+    s = "s"
+    ms = "ms"
+    us = "us"
+    ns = "ns"
+    sample = "sample"
+
+
 ACCEPT = "Goes on though this is not as in the training, with a warning. Repeatable."
 """Help of ``--accept``."""
 
@@ -79,6 +92,18 @@ RecordedHz = Annotated[
     ),
 ]
 Topic = Annotated[str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")]
+TimeUnit = Annotated[
+    Unit | None,
+    option("--time-unit", PANEL, "What stamps count, where a file does not state it. Default: seconds."),
+]
+ArrayName = Annotated[
+    str | None,
+    option("--array", PANEL, "Array or group of a file that holds the samples, where several may."),
+]
+LabelName = Annotated[
+    str | None,
+    option("--label", PANEL, "Array or column of a file that holds the labels, where several may."),
+]
 MaxFileMb = Annotated[
     float | None,
     option("--max-file-mb", PANEL, "Largest file to read. Default: 8 of text, 2048 of binary."),
@@ -96,10 +121,15 @@ class Reading:
         on_time_error: OnTimeError = Repair.refuse,
         recorded_hz: RecordedHz = None,
         topic: Topic = None,
+        time_unit: TimeUnit = None,
+        array: ArrayName = None,
+        label: LabelName = None,
         max_file_mb: MaxFileMb = None,
     ) -> None:
         self.path = path
-        self.settings = load_settings(on_error, on_time_error, recorded_hz, topic, max_file_mb)
+        self.settings = load_settings(
+            on_error, on_time_error, recorded_hz, topic, time_unit, array, label, max_file_mb
+        )
 
     def refuse_absent(self) -> None:
         """Refuse a path with nothing there, before an import that takes longer than a look."""
@@ -126,6 +156,9 @@ def load_settings(
     on_time_error: Repair,
     recorded_hz: float | None,
     topic: str | None,
+    time_unit: Unit | None,
+    array: str | None,
+    label: str | None,
     max_file_mb: float | None,
 ) -> dict[str, Any]:
     """Check the options of reading, and return them as `granular_id.load` takes them."""
@@ -136,6 +169,9 @@ def load_settings(
         "on_error": on_error.value,
         "on_time_error": on_time_error.value,
         "topic": topic,
+        "time_unit": None if time_unit is None else time_unit.value,
+        "array": array,
+        "label": label,
         "max_file_bytes": None if max_file_mb is None else math.ceil(max_file_mb * 2**20),
     }
 
