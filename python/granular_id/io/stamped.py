@@ -22,7 +22,7 @@ from granular_id.recording.timing import (
     uniform_rate,
 )
 
-__all__ = ["RATE_TOLERANCE", "SINCE_1970", "Locate", "stamped_recording", "unlikely_step"]
+__all__ = ["NOT_SECONDS", "RATE_TOLERANCE", "SINCE_1970", "Locate", "stamped_recording", "unlikely_step"]
 
 Locate = Callable[[int | None], dict[str, Any]]
 """From a sample (None: the file as a whole) to the place that an error names: ``line=``, ``column=``, ``place=``."""
@@ -30,7 +30,7 @@ Locate = Callable[[int | None], dict[str, Any]]
 SINCE_1970 = 1e8
 """Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
 
-_NOT_SECONDS = 1e11
+NOT_SECONDS = 1e11
 """Stamps above this (the year 5138) count milliseconds or less since 1970."""
 
 RATE_TOLERANCE = 0.01
@@ -191,7 +191,7 @@ def _order_time(
     """Make sure that stamps ascend: refuse the first one that does not, or repair them all if asked to."""
     stamps = samples.stamps
     assert stamps is not None
-    if abs(stamps[0]) > _NOT_SECONDS:
+    if abs(stamps[0]) > NOT_SECONDS:
         problem = (
             f"{stamps[0]:.6g} cannot be seconds since 1970 (milliseconds or nanoseconds?); wanted seconds, or "
             "time_unit='ms', 'us' or 'ns'"

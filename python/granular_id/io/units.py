@@ -18,9 +18,9 @@ _FACTORS: dict[str, dict[float, str]] = {
     },
     "s": {
         1.0: "s sec secs second seconds",
-        1e-3: "ms msec",
-        1e-6: "us usec \N{GREEK SMALL LETTER MU}s",
-        1e-9: "ns nsec",
+        1e-3: "ms msec millisecond milliseconds",
+        1e-6: "us usec \N{GREEK SMALL LETTER MU}s microsecond microseconds",
+        1e-9: "ns nsec nanosecond nanoseconds",
     },
     "Hz": {1.0: "hz hertz", 1e3: "khz"},
 }  # fmt: skip

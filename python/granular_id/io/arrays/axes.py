@@ -85,9 +85,8 @@ def recordings_samples_axes(
             f"which of the axes of length {n_axes} is which" if several else "which axis counts recordings"
         )
         problem = f"{origin.describe} {name} has the shape {shape}: it cannot be told {which}"
-        beside = (
-            "" if origin.single else f"; save labels, lengths or stamps beside it, or dims, such as {_DIMS}"
-        )
+        telling = "" if several else "labels, lengths or stamps, or "
+        beside = "" if origin.single else f"; save {telling}dims, such as {_DIMS}, beside it"
         raise origin.unclear(problem + beside)
     return orders[0]
 

@@ -17,7 +17,7 @@ from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.options import LoadOptions
-from granular_id.io.stamped import RATE_TOLERANCE, unlikely_step
+from granular_id.io.stamped import NOT_SECONDS, RATE_TOLERANCE, unlikely_step
 from granular_id.io.units import factor
 
 Entries = dict[Role, dict[str, Any]]
@@ -59,12 +59,7 @@ def add_details(
     """
     if not len(found):
         return
-    for name, node in entries.get("scaling", {}).items():
-        single = _single(node)
-        if single not in ((0, "0") if plain_name(name).endswith("offset") else (1, "1")):
-            raise origin.fault(
-                name, f"is {single}: samples are counts; save them in N and N m, and leave it out"
-            )
+    _refuse_codes(found, entries, origin)
     for role in _PADDING:
         for name, node in entries.get(role, {}).items():
             if not _cut(found, role, name, node, origin, notes):
@@ -84,6 +79,20 @@ def add_details(
     for name, node in entries.get("flags", {}).items():
         found.fill("flags", _rows(node, found, name, origin))
     _add_meta(found, rest, origin, notes)
+
+
+def _refuse_codes(found: Found, entries: Entries, origin: Origin) -> None:
+    """Refuse samples that are stated to be counts, or to hold a value that stands for none."""
+    for name, node in entries.get("scaling", {}).items():
+        single = _single(node)
+        if single not in ((0, "0") if plain_name(name).endswith("offset") else (1, "1")):
+            raise origin.fault(
+                name, f"is {single}: samples are counts; save them in N and N m, and leave it out"
+            )
+    for name, node in entries.get("fill", {}).items():
+        single = _single(node)
+        if isinstance(single, (int, float)) and any((wrench == single).any() for wrench in found.wrench):
+            raise origin.fault(name, f"is {single:g}, which stands among the samples: leave those out first")
 
 
 _PADDING: tuple[Role, ...] = ("lengths", "mask")
@@ -241,6 +250,9 @@ def _start_times(node: Any, name: str, origin: Origin) -> list[Any]:
     array = numbers(node)
     if array is None:
         raise origin.fault(name, "does not hold numbers; wanted seconds since 1970 per recording")
+    late = next((value for value in array.tolist() if abs(value) > NOT_SECONDS), None)
+    if late is not None:
+        raise origin.fault(name, f"is {late:.6g}, in milliseconds or less; wanted seconds since 1970")
     return [None if math.isnan(value) else float(value) for value in array.tolist()]
 
 

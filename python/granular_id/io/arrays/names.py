@@ -11,7 +11,7 @@ from granular_id.io.columns import FLAGS, TIME, split_unit
 
 Role = (
     Literal["labels", "class_names", "sessions", "names", "rate", "step", "time", "start", "trigger", "flags"]
-    | Literal["axes", "units", "dimensions", "lengths", "mask", "scaling"]
+    | Literal["axes", "units", "dimensions", "lengths", "mask", "scaling", "fill"]
 )
 
 _NAMES: dict[Role, str] = {
@@ -30,6 +30,7 @@ _NAMES: dict[Role, str] = {
     "lengths": "length lengths nsamples numsamples nsteps numsteps seqlen seqlens seqlengths sequencelengths",
     "mask": "mask masks valid validmask paddingmask padmask",
     "scaling": "scalefactor addoffset countsperforce countspertorque countspernewton cpf cpt",
+    "fill": "fillvalue missingvalue",
 }
 
 ROLES = frozenset({*_NAMES, "flags"})

@@ -140,6 +140,8 @@ class Search:
         else:
             self._refuse_rivals(samples, name, entries)
             found = self._several(samples, name, known, entries, depth)
+            if len(samples) == 1 and self.options.array is None:
+                self._refuse_other_parts(found, next(iter(samples)), others, vectors, name, known)
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
         add_details(found, entries, rest, self.origin, self.notes, known.units, self.options)
         return found
@@ -149,6 +151,8 @@ class Search:
         others: dict[str, Any] = {}
         for key, raw in tree.items():
             node, role = as_tree(raw), role_of(key)
+            if plain_name(key) == "ts":  # a step or stamps, as its shape tells
+                role = "step" if n_values(node) == 1 else "time"
             path = _path(name, key)
             if self.options.label is not None:
                 named = _is_at(path, self.options.label)
@@ -234,6 +238,34 @@ class Search:
             self._is_chosen(_path(path, key)) or self._leads_to_chosen(_path(path, key), item, depth + 1)
             for key, item in node.items()
         )
+
+    def _refuse_other_parts(
+        self,
+        found: Found,
+        key: str,
+        others: Mapping[str, Any],
+        vectors: Mapping[str, Any],
+        name: str,
+        known: Known,
+    ) -> None:
+        """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
+        halves = None if vectors or not is_leaf(others[key]) else halves_of(others, self.origin)
+        if not is_leaf(others[key]) or (not vectors and halves is None):
+            return
+        notes, self.notes = self.notes, []
+        if halves is not None:
+            parts, what = self._joined(halves, name, known), halves.name
+        else:
+            what = "fx ... tz"
+            parts = self._array(
+                self._stacked(vectors, name), what, self._of_wrench(known, name), sensor_last=True
+            )
+        self.notes = notes
+        same = len(parts) == len(found) and all(map(np.array_equal, parts.wrench, found.wrench))
+        if not same:
+            raise self.origin.unclear(
+                f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
+            )
 
     def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
         """Refuse several arrays of which only one can be the wrench."""

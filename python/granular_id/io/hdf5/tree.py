@@ -26,7 +26,8 @@ _MEMBER_BYTES = 1024
 _MOST_ATTRIBUTES = 200
 _ROOT = "root"
 
-_BESIDE_SAMPLES = ROLES - {"units"}
+_BESIDE_VECTORS = frozenset({"units", "scaling"})
+_BESIDE_SAMPLES = ROLES - _BESIDE_VECTORS
 
 
 class Hdf5Tree:
@@ -81,10 +82,9 @@ class Hdf5Tree:
             if value is None:
                 continue
             found[name] = value
-            if not self._file.is_group(item):  # beside it, where the units of a vector can stand too
-                found |= {
-                    f"{name}_units": unit for unit in self._attributes(item, inner, ("units",)).values()
-                }
+            if not self._file.is_group(item):  # beside it, where what is said of a vector can stand too
+                about = self._attributes(item, inner, _BESIDE_VECTORS)
+                found |= {key if role_of(key) == "scaling" else f"{name}_units": about[key] for key in about}
         return found
 
     def _met_first(self, group: Any, place: str) -> None:

@@ -30,7 +30,7 @@ from granular_id.recording.flags import KNOWN_FLAGS
 
 __all__ = ["read_parquet_table"]
 
-RECORDING, LABEL, SESSION = "recording", "label", "session"
+RECORDING, LABEL, SESSION, RATE = "recording", "label", "session", "rate"
 _NAMES = {
     RECORDING: (
         *("recording", "recording_id", "recording id", "id", "name", "trial", "trial_id", "run", "run_id"),
@@ -159,6 +159,11 @@ def _columns(parquet: CheckedParquet, label: str | None) -> dict[str, str]:
         meaning = split_unit(name)[0] or _MEANING.get(name.strip().lower())
         if name == _PANDAS_INDEX and str(kind).startswith(("timestamp", "duration")):
             meaning = TIME
+        role = None if meaning else role_of(name)
+        if role == "mask":
+            problem = "tells which rows are samples: leave the others out first, and then the column"
+            raise RecordingFileError(parquet.path, problem, column=name)
+        meaning = RATE if role == "rate" else meaning
         if label is not None and (name == label or meaning == LABEL):
             meaning = LABEL if name == label else None
         if meaning is not None:
@@ -185,6 +190,7 @@ class _Table:
         self._path = path
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
         self.said = said
+        self.rates = self._numbers(RATE) if RATE in columns else None
         self.wrench = np.stack([self._numbers(axis) for axis in AXES], axis=1)
         if said.scales is not None:
             self.wrench *= said.scales
@@ -225,6 +231,17 @@ class _Table:
             return None if text is None else checked_text(text, meaning, spaced=False)
         except ValueError as error:
             raise RecordingFileError(self._path, str(error), column=self._columns[meaning]) from error
+
+    def rate_hz(self, rows: NDArray[np.intp]) -> float | None:
+        """Return the rate that a recording's rows, or the whole table, state."""
+        if self.rates is None:
+            return self.said.rate_hz
+        rates = np.unique(self.rates[rows])
+        if len(rates) > 1 or rates[0] <= 0 or self.said.rate_hz not in (None, rates[0]):
+            self._refuse(
+                RATE, f"states rates of {rates[0]:g} ... {rates[-1]:g} Hz; wanted one for a recording"
+            )
+        return float(rates[0])
 
     def _numbers(self, meaning: str) -> FloatArray:
         name, column = self._filled(meaning)
@@ -300,7 +317,7 @@ def _recording(
         flags=None if table.flags is None else table.flags[rows],
         locate=locate,
         time_unit="s" if table.nanoseconds is not None else table.said.time_unit,
-        file_rate_hz=table.said.rate_hz,
+        file_rate_hz=table.rate_hz(rows),
     )
     known = {name: table.one_text(name, rows, source.name) for name in (LABEL, SESSION)}
     return Recording._trusted(**{**vars(recording), **known}), remarks
