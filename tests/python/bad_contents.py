@@ -101,7 +101,7 @@ TABLES: dict[str, dict[str, object]] = {
     "no rate": {name: column for name, column in TABLE.items() if name != "time"},
     "two labels in a recording": {**TABLE, "label": ["rice", "peas"] * (N_SAMPLES // 2)},
     "flags that do not exist": {**TABLE, "flags": np.full(N_SAMPLES, 4096)},
-    "millinewton": {("fx_mN" if name == "fx" else name): column for name, column in TABLE.items()},
+    "volts": {("fx_V" if name == "fx" else name): column for name, column in TABLE.items()},
     **{what: {**TABLE, "time": stamps} for what, stamps in CLOCKS.items()},
 }
 """Named columns, for foreign Parquet files; CSV has a corpus of its own."""

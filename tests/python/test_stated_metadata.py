@@ -23,6 +23,7 @@ LENGTHS = [50, 40, 30, 50]
 PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 0)
 CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
 MILLI = X * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
+HALF = [1e3, 1e3, 1e3, 1, 1, 1]
 GRID = np.empty((2, 2), object)
 GRID[:] = [[X[0], X[1]], [X[2], X[3]]]
 JOINTS = np.full((50, 6), 0.5)
@@ -103,6 +104,16 @@ def pandas(index=None, **attributes):
         frame.to_parquet(path)
 
     return "push.parquet", write
+
+
+def structs(**fields):
+    """A struct array of two recordings, each with a label."""
+    rows = [(*fields.values(), label) for label in ("rice", "peas")]
+    return mat(data=np.array(rows, dtype=[(name, object) for name in (*fields, "label")]), fs=500.0)
+
+
+def fields(names, stamps, values):
+    return "push.npy", lambda path: np.save(path, np.rec.fromarrays([stamps, *values.T], names=names))
 
 
 def npy(array):
@@ -193,6 +204,14 @@ READ = {
     "npz forces_units": (npz(force=FORCES * 1e3, torque=TORQUES, fs=500, force_units="mN"), X),
     "mat units struct": (mat(X=MILLI, fs=500.0, units={"force": "mN", "torque": "mN m"}), X),
     "mat units cell": (mat(X=MILLI, fs=500.0, units=cells(["mN", "mN m"])), X),
+    "npz vectors with units": (
+        npz(**{f"{a}_mN" if a[0] == "f" else a: v for a, v in zip(AXES, (W * HALF).T, strict=True)}, fs=500),
+        [W],
+    ),
+    "npy fields with units": (
+        fields(["time [ms]", "fx [mN]", "fy [mN]", "fz [mN]", *AXES[3:]], T * 1e3, W * HALF),
+        [W],
+    ),
     "h5 unit of halves": (h5({"force": (FORCES * 1e3, {"unit": "mN"}), "torque": TORQUES, "fs": 500}), X),
     "h5 units of vectors": (
         h5(
@@ -221,6 +240,16 @@ READ = {
     "npz dt in ms": (npz(X=X, dt_ms=2.0), X),
     "npz time_ms": (npz(X=X, time_ms=T * 1e3), X),
     "npz time_unit": (npz(X=X, t=np.arange(50) * 2000, time_unit="us"), X),
+    "npz ts": (npz(X=X, ts=T), X),
+    "npz Ts": (npz(X=X, Ts=0.002), X),
+    "npz fs in kHz": (npz(X=X, fs_kHz=0.5), X),
+    "npz ns since 1970": (npz(X=W, timestamp_ns=1_700_000_000 * 10**9 + (T * 1e9).astype(np.int64)), [W]),
+    "npz clocks that agree": (npz(X=W, time=T, timestamp=1.7e9 + T), [W]),
+    "parquet fs as column": (parquet(fs=np.full(50, 500.0)), [W]),
+    "parquet recordings by run": (
+        parquet(run_id=np.repeat([1, 2], 25), time=np.tile(T[:25], 2)),
+        [W[:25], W[25:]],
+    ),
     "npz fs that fits": (npz(X=X, t=T, fs=500.1), X),
     "npz dt that fits": (npz(X=X, fs=500, dt=0.002), X),
     "h5 units of time": (h5({"X": X, "t": (np.arange(50) * 2_000_000, {"units": "ns"})}), X),
@@ -242,6 +271,15 @@ READ = {
     "npz lengths of what lies in a row": (npz(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
     "npz n_samples of all": (npz(X=X, fs=500, n_samples=50), X),
     "npz n_samples counts recordings": (npz(X=X, fs=500, n_samples=4), X),
+    "npz padding_mask": (
+        npz(X=PADDED, fs=500, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]),
+        CUT,
+    ),
+    "npz lengths and stamps in a row": (
+        npz(X=np.concatenate(CUT), lengths=LENGTHS, t=np.concatenate([T[:n] for n in LENGTHS])),
+        CUT,
+    ),
+    "npz length in m": (npz(X=X, fs=500, length=0.08), X),
     "npz lengths and stamps": (npz(X=PADDED, t=T, lengths=LENGTHS), CUT),
     # which axis is which
     "npz (T, n, 6) with labels": (npz(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
@@ -267,6 +305,16 @@ READ = {
             "TCP speed",
         )
     },
+    "h5 obs and actions": (
+        h5({**{f"data/demo_{i}/obs/ee_wrench": W for i in range(2)}, "data/demo_0/actions": JOINTS}, fs=500),
+        [W, W],
+    ),
+    "h5 joint_states": (
+        demos(**{"ft": W, "joint_states/position": JOINTS, "joint_states/effort": JOINTS}),
+        [W, W],
+    ),
+    "mat structs with joints": (structs(wrench=W, q=JOINTS), [W, W]),
+    "npz parts that are the same": (npz(wrench=X, force=FORCES, torque=TORQUES, fs=500), X),
     "npz joints of all": (npz(ft=X, joint_positions=X * 0, fs=500), X),
     "mat joints": (mat(wrench=W, q=JOINTS, qd=JOINTS, fs=500.0), [W]),
 }
@@ -288,6 +336,23 @@ REFUSED = {
     "h5 own rates in kHz": (own("kHz", "recordings/rate_hz"), "units"),
     "parquet units V": (parquet(dict.fromkeys(AXES, "V"), time=T), "V"),
     "parquet rate of the table": (parquet(about={"fs": "100"}, time=T), "100"),
+    "h5 scale of vectors": (
+        h5({**{a: (W[:, i], {"scale_factor": 0.1}) for i, a in enumerate(AXES)}, "fs": 500}),
+        "scale_factor",
+    ),
+    "h5 fill values": (
+        h5({"X": (np.where(PADDED == 0, -9999, PADDED), {"_FillValue": -9999.0}), "fs": 500}),
+        "_FillValue",
+    ),
+    "h5 units of a whole force": (h5({"force": (X, {"units": "mN"}), "fs": 500}), "units"),
+    "npz axes of joints": (npz(X=X, fs=500, axes=[f"joint_{i}" for i in range(6)]), "no wrench"),
+    "npz parts in another order": (npz(force=FORCES, torque=TORQUES, fs=500, columns=NAMES), "axes"),
+    "npz start in ms": (npz(X=X, fs=500, start_time=1.7e12 + np.arange(4)), "start_time"),
+    "npz Ts beside fs": (npz(X=X, fs=500, Ts=0.001), "Ts"),
+    "h5 date as unit of time": (h5({"X": X, "t": (T, {"units": "hours since 2026-01-01"})}), "hours"),
+    "parquet fs beside time": (parquet(fs=np.full(50, 100.0), time=T), "100 Hz"),
+    "parquet mask": (parquet(valid=np.arange(50) < 40, time=T), "valid"),
+    "npy fields in ms": (fields(["time", *AXES], T * 1e3, W), "time_unit="),
     "npz stamps in ms": (npz(X=X, t=T * 1e3), "time_unit="),
     "npz stamps in us": (npz(X=X, t=T * 1e6), "time_unit="),
     "npz stamps in ns": (npz(X=X, t=(T * 1e9).astype(np.int64)), "time_unit="),
@@ -317,11 +382,59 @@ REFUSED = {
     "h5 a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
     "h5 what nobody knows": (demos(ee=W, arm=W + 1), "array="),
     "h5 sensors by number": (demos(ati_1=W, ati_2=W + 1), "array="),
+    "h5 obs and next_obs": (
+        h5({f"demo_{i}/{o}/ft": W for i in range(2) for o in ("obs", "next_obs")}, fs=500),
+        "array=",
+    ),
+    "h5 groups of sensors": (h5({"demo_0/ft/data": W, "demo_0/imu/data": JOINTS}, fs=500), "array="),
+    "mat structs with two": (structs(ft=W, arm=W + 1), "array="),
+    "npz data1 and data2": (npz(data1=X, data2=X, fs=500), "array="),
+    "npz signals of one recording": (npz(first=W, second=W + 1, t=T), "array="),
+    "npz parts that differ": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
+    "npz vectors that differ": (npz(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
     "npz two of all": (npz(wrench_raw=X, wrench_filtered=X, fs=500), "array="),
     "npz joints alone": (npz(joint_pos=X, fs=500), "array="),
     "npz torques of joints": (npz(torques=W, fs=500), "array="),
     "npz two lists of labels": (npz(X=X, fs=500, labels=LABELS, material=LABELS[::-1]), "label="),
     "npz trials in a row": (npz(X=W, fs=500, trial=np.repeat([1, 2], 25)), "trial"),
+}
+
+
+CHOSEN = {
+    "one of two": (npz(wrench_raw=X + 1, wrench_f=X, fs=500), {"array": "wrench_f"}, X),
+    "one of each group": (demos(ft_left=W, ft_right=W + 1), {"array": "ft_left"}, [W, W]),
+    "a group": (h5({"train/X": X, "test/X": X + 1}, fs=500), {"array": "train"}, X),
+    "one of each struct": (structs(ft=W, arm=W + 1), {"array": "ft"}, [W, W]),
+    "a name of another thing": (npz(actions=X, fs=500), {"array": "actions"}, X),
+    "a whole beside parts": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), {"array": "wrench"}, X),
+    "ms": (npz(X=X, t=T * 1e3), {"time_unit": "ms"}, X),
+    "us in a table": (parquet(time=(T * 1e6).astype(np.int64)), {"time_unit": "us"}, [W]),
+    "ns since 1970": (csv(1.7e18 + T * 1e9), {"time_unit": "ns"}, [W]),
+    "an index and a rate": (npz(X=X, t=np.arange(50)), {"time_unit": "sample", "rate_hz": 500}, X),
+    "an index and the file's rate": (npz(X=X, t=np.arange(50), fs=500), {"time_unit": "sample"}, X),
+    "a step in ms": (npz(X=X, dt=2.0), {"time_unit": "ms"}, X),
+}
+
+CHOSEN_WRONGLY = {
+    "no such array": (npz(X=X, fs=500), {"array": "Y"}, RecordingFileError, "array='Y'"),
+    "an array without samples": (npz(X=X, fs=500), {"array": "fs"}, RecordingFileError, "array='fs'"),
+    "no such label": (npz(X=X, fs=500), {"label": "z"}, RecordingFileError, "label='z'"),
+    "no such column": (parquet(time=T), {"label": "z"}, RecordingFileError, "label='z'"),
+    "an array of a table": (csv(T), {"array": "fx"}, ValueError, "array must be left out"),
+    "another unit than the file's": (
+        npz(X=X, time_ms=T * 1e3),
+        {"time_unit": "us"},
+        RecordingFileError,
+        "ms",
+    ),
+    "an index without a rate": (
+        npz(X=X, t=np.arange(50)),
+        {"time_unit": "sample"},
+        RecordingFileError,
+        "no rate",
+    ),
+    "an unknown unit": (npz(X=X, t=T), {"time_unit": "min"}, ValueError, "time_unit='min'"),
+    "no text": (npz(X=X, t=T), {"array": 3}, TypeError, "array"),
 }
 
 
@@ -350,3 +463,48 @@ def test_what_cannot_be_obeyed_is_refused(tmp_path, case):
     path = made(tmp_path, file)
     with pytest.raises(RecordingFileError, match=way_out):
         load(path, rate_hz=500 if path.suffix == ".npy" or "alone" in case else None)
+
+
+@pytest.mark.parametrize("case", CHOSEN)
+def test_options_choose(tmp_path, case):
+    file, options, wrenches = CHOSEN[case]
+    data = load(made(tmp_path, file), **options)
+    assert len(data) == len(wrenches)
+    assert all(np.array_equal(r.wrench, wrench) for r, wrench in zip(data, wrenches, strict=True))
+    assert data.rate_hz == 500
+
+
+@pytest.mark.parametrize("case", CHOSEN_WRONGLY)
+def test_options_that_choose_nothing_are_refused(tmp_path, case):
+    file, options, error, message = CHOSEN_WRONGLY[case]
+    with pytest.raises(error, match=message):
+        load(made(tmp_path, file), **options)
+
+
+@pytest.mark.parametrize("file", [npz(X=X, fs=500, labels=LABELS[::-1], material=LABELS, arr_1=LABELS)])
+@pytest.mark.parametrize("label", ["material", "arr_1"])
+def test_labels_are_chosen(tmp_path, file, label):
+    assert load(made(tmp_path, file), label=label).y.tolist() == LABELS
+
+
+def test_labels_of_a_table_are_chosen(tmp_path):
+    file = parquet(label=["a"] * 50, material=["rice"] * 50, time=T)
+    assert load(made(tmp_path, file), label="material").y.tolist() == ["rice"]
+
+
+def test_units_of_other_axes_are_kept(tmp_path):
+    file = npz(X=X[..., :2], fs=500, axes=["force", "depth"], units=["mN", "mm"])
+    (first, *_) = load(made(tmp_path, file))
+    assert (first.axes, dict(first.meta["units"])) == (("force", "depth"), {"force": "mN", "depth": "mm"})
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (["trial_01", "trial_02"], ()), (["wrench_1", "wrench_2"], ()), (["demo_0", "demo_1"], ()),
+        (["rice_01", "peas_01"], ("peas", "rice")),
+    ],
+)  # fmt: skip
+def test_words_for_recordings_are_no_labels(tmp_path, names, labels):
+    file = npz(fs=500, **{name: W + i for i, name in enumerate(names)})
+    assert load(made(tmp_path, file)).labels == labels

@@ -148,7 +148,8 @@ def unlikely_step(step_s: float) -> str | None:
 def _refuse_unlikely(stamps: NDArray[np.float64] | None, source: FileSource, where: Locate) -> None:
     if stamps is None or len(stamps) < 2:
         return
-    steps = np.diff(stamps)
+    with np.errstate(over="ignore"):
+        steps = np.diff(stamps)
     slow, fast = float(np.median(steps)), float(steps.mean())  # neither pauses nor bursts of messages count
     for step in (slow if slow >= _LONGEST_STEP_S else None, fast if fast <= _SHORTEST_STEP_S else None):
         problem = None if step is None else unlikely_step(step)
@@ -282,7 +283,8 @@ def _refuse_other_rate(
     """Refuse a rate of the file's own that its stamps contradict; either may have pauses or jitter."""
     if len(time_s) < 2:
         return
-    steps = np.diff(time_s)
+    with np.errstate(over="ignore"):
+        steps = np.diff(time_s)
     measured = [1 / float(step) for step in (steps.mean(), np.median(steps))]
     if all(abs(rate - rate_hz) > RATE_TOLERANCE * rate_hz for rate in measured):
         problem = f"states {rate_hz:g} Hz (fs, rate_hz or 1 / dt), but its stamps {measured[0]:.6g} Hz"

@@ -197,7 +197,9 @@ def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: O
         unit = split_unit(name.rpartition("/")[2])[1]
         unit = None if factor(unit or "", "s") == 1 else unit  # time_s is also what people call any clock
         unit = single_unit(units.get(TIME)) or unit
-        scaled = [(row - row[0]) * (factor(unit or "s", "s") or math.nan) for row in rows]
+        scale = factor(unit or "s", "s") or math.nan
+        with np.errstate(over="ignore", invalid="ignore"):
+            scaled = [(row.astype(np.float64) - float(row[0])) * scale for row in rows]
         if first is None:
             first = name, scaled
             found.fill("stamps", rows)

@@ -68,6 +68,8 @@ _OTHER_THINGS = frozenset(_OTHER_THINGS_WORDS.split())
 """Words for what is never a wrench."""
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_LONGEST = 200
+"""Characters of a name that are looked at."""
 _NUMBER = re.compile(r"[\W_]*\d+$")
 
 
@@ -102,7 +104,7 @@ def is_general(name: str) -> bool:
 @lru_cache(256)
 def is_signal(name: str) -> bool:
     """Tell whether a name, whatever its number, is one for what a sensor gave: ``wrench``, ``ft_left``, ``X2``."""
-    return is_general(_NUMBER.sub("", name)) or not _SIGNALS.isdisjoint(_words(name))
+    return is_general(_without_number(name)) or not _SIGNALS.isdisjoint(_words(name))
 
 
 @lru_cache(256)
@@ -119,14 +121,14 @@ def is_other_thing(name: str) -> bool:
 
 def is_no_label(name: str) -> bool:
     """Tell whether a name, whatever its number, is that of a signal or of a count: ``ft``, ``trial_01``, ``day 2``."""
-    return is_signal(name) or (name[-1:].isdecimal() and _NUMBER.sub("", name.lower()) in _COUNTED)
+    return is_signal(name) or (name[-1:].isdecimal() and _without_number(name.lower()) in _COUNTED)
 
 
 def is_counted_group(name: str) -> bool:
     """Tell whether a struct or group called so is one recording of several: ``demo_0``, ``rice/3``, ``data[7]``."""
     last = name.rpartition("/")[2]
     return last.endswith("]") or (
-        last[-1:].isdecimal() and _NUMBER.sub("", last.lower()) not in ("day", "session", "batch")
+        last[-1:].isdecimal() and _without_number(last.lower()) not in ("day", "session", "batch")
     )
 
 
@@ -142,8 +144,12 @@ def label_of_name(name: str) -> str | None:
     return label if label and rest.isdecimal() and not is_no_label(name) else None
 
 
+def _without_number(name: str) -> str:
+    return _NUMBER.sub("", name[-_LONGEST:])
+
+
 def _words(name: str) -> set[str]:
-    return {word.lower() for word in _WORDS.findall(name)}
+    return {word.lower() for word in _WORDS.findall(name[:_LONGEST])}
 
 
 def without_tables(samples: dict[str, Any], n_axes: int, *, beside_parts: bool) -> dict[str, Any]:

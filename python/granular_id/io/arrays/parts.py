@@ -8,7 +8,7 @@ from typing import Any
 
 from granular_id.io.arrays.names import plain_name
 from granular_id.io.arrays.tree import Origin, has_axis, is_leaf
-from granular_id.io.columns import axis_of
+from granular_id.io.columns import split_unit
 from granular_id.recording import AXES
 
 __all__ = [
@@ -116,7 +116,7 @@ def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
 
 def in_parts(items: Mapping[str, Any]) -> bool:
     """Tell whether a struct or group holds a wrench in parts, going by names and shapes alone."""
-    axes = {axis_of(key) for key in items}
+    axes = {split_unit(key)[0] for key in items}
     return set(AXES) <= axes or all(_called(items, names) for names in (FORCES, TORQUES))
 
 
@@ -127,7 +127,7 @@ def only_halves(samples: Mapping[str, Any]) -> bool:
 
 
 def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
-    """Return the six arrays called fx ... tz in this order, under their names; nothing where one is missing.
+    """Return the six arrays called fx ... tz in this order, under their names, also with units; else nothing.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
     """
     found: dict[str, str] = {}
     for key, node in others.items():
-        axis = axis_of(key)
+        axis = split_unit(key)[0]
         if axis in AXES and is_leaf(node) and axis is not None:
             if axis in found:
                 raise origin.unclear(f"{found[axis]!r} and {key!r} both mean {axis}")

@@ -133,7 +133,7 @@ class Search:
         used: Collection[str] = samples
         if vectors and not samples:
             wrench, used = self._stacked(vectors, name), vectors
-            known = self._of_wrench(known, name)
+            known = self._of_wrench(known, name, tuple(vectors))
             found = self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)
         elif halves is not None:
             found, used = self._joined(halves, name, known), (halves.force, halves.torque)
@@ -207,13 +207,13 @@ class Search:
         own = known.units.get(f"/{key}") or (key, unit_in_name(key))
         return replace(known, units={**known.units, ALL: own}) if own[1] else known
 
-    def _of_wrench(self, known: Known, name: str) -> Known:
+    def _of_wrench(self, known: Known, name: str, axes: tuple[str, ...] = AXES) -> Known:
         """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
         if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, THREE):
             raise self.origin.unclear(
                 f"{name or 'the file'} names the axes {', '.join(known.axes)[:80]}, and arrays others"
             )
-        return replace(known, axes=AXES)
+        return replace(known, axes=axes)
 
     def _is_chosen(self, path: str) -> bool:
         """Tell whether what stands at a path, or around it, is what the option `array` names."""
@@ -258,7 +258,10 @@ class Search:
         else:
             what = "fx ... tz"
             parts = self._array(
-                self._stacked(vectors, name), what, self._of_wrench(known, name), sensor_last=True
+                self._stacked(vectors, name),
+                what,
+                self._of_wrench(known, name, tuple(vectors)),
+                sensor_last=True,
             )
         self.notes = notes
         same = len(parts) == len(found) and all(map(np.array_equal, parts.wrench, found.wrench))

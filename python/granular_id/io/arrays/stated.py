@@ -25,6 +25,9 @@ Units = Mapping[str, tuple[str, tuple[str, ...]]]
 
 ALL, FORCE, TORQUE = "", "force", "torque"
 
+_LONGEST = 200
+"""Characters of a name that are looked at."""
+
 _UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
 
 _BETWEEN = re.compile(r"\s*[,;|]\s*")
@@ -60,7 +63,7 @@ def what_has_unit(key: str, siblings: Mapping[str, Any]) -> str | None:
 
     ``/X`` for an array X beside it; None where the entry is about something else.
     """
-    found = _UNIT_KEY.fullmatch(key)
+    found = _UNIT_KEY.fullmatch(key[-_LONGEST:])
     return None if found is None else _whose(found[1], siblings)
 
 
