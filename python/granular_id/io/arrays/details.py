@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.labels import labels_of, whole_numbers
 from granular_id.io.arrays.names import Role, plain_name
-from granular_id.io.arrays.stated import Units, single_unit
+from granular_id.io.arrays.stated import Units, single_unit, time_unit_in_name
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.flat_checks import NO_TRIGGER
@@ -127,12 +127,8 @@ def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: 
             problem = f"gives recording {i} {length} samples; wanted 1 to {len(wrench)}, which are there"
             raise origin.fault(name, problem)
         if (wrench[length:] != wrench[-1]).any():
-            problem = (
-                f"gives recording {i} {length} samples of {len(wrench)}, but those behind are no padding"
-            )
-            raise origin.fault(
-                name, f"{problem} (their values change); wanted zeros, NaN or one value again and again"
-            )
+            problem = f"gives recording {i} {length} samples of {len(wrench)}, but the values behind change"
+            raise origin.fault(name, f"{problem}; wanted padding: zeros, NaN, or one value again and again")
     if lengths != found.lengths:
         notes.append(f"recordings cut to the samples that {name} states")
         found.cut(lengths)
@@ -153,31 +149,13 @@ def stated_rates(
     entries: Entries, n: int, units: Units, origin: Origin, options: LoadOptions
 ) -> list[float] | None:
     """Return the rate of each recording as one level states it: in Hz, or as a step in seconds."""
-    said: dict[str, list[float]] = {}
-    for role, unit in (("rate", "Hz"), ("step", "s")):
-        for name, node in entries.get(role, {}).items():  # type: ignore[call-overload]
-            found = numbers(node)
-            if found is None or not len(found) or not (found > 0).all():
-                wanted = (
-                    "sampling rate; wanted a number in Hz"
-                    if role == "rate"
-                    else "sampling period; wanted seconds"
-                )
-                came = "" if found is None else f" ({found[:3].tolist()})"
-                raise origin.fault(name, f"is no {wanted}, or one per recording{came}")
-            asked = options.time_unit if role == "step" else None
-            stated = split_unit(name)[1] if factor(split_unit(name)[1] or "", unit) else None
-            stated = single_unit(units.get(role)) or stated or asked
-            scale = factor(stated or unit, unit)
-            if scale is None:
-                raise origin.fault(name, f"is in {stated!r:.40}; wanted {unit}")
-            found = found.astype(np.float64) * scale
-            unlikely = unlikely_step(float(found.max())) if role == "step" and stated is None else None
-            if unlikely:
-                raise origin.fault(name, f"states a step of {found.max():g}: {unlikely}")
-            if role == "step":
-                found = np.array([float(f"{1 / step:.12g}") for step in found])
-            said[name] = _spread(found.tolist(), n, name, origin)
+    said = {
+        name: _spread(_in_hz(node, name, "Hz", single_unit(units.get("rate")), origin), n, name, origin)
+        for name, node in entries.get("rate", {}).items()
+    }
+    for name, node in entries.get("step", {}).items():
+        stated = single_unit(units.get("step")) or time_unit_in_name(name) or options.time_unit
+        said[name] = _spread(_in_hz(node, name, "s", stated, origin), n, name, origin)
     if not said:
         return None
     first = next(iter(said))
@@ -189,14 +167,35 @@ def stated_rates(
     return said[first]
 
 
+def _in_hz(node: Any, name: str, quantity: str, stated: str | None, origin: Origin) -> list[float]:
+    """Return rates, or what are steps in seconds, in Hz."""
+    found = numbers(node)
+    if found is None or not len(found) or not (found > 0).all():
+        wanted = "sampling rate" if quantity == "Hz" else "time between samples"
+        raise origin.fault(
+            name, f"is no {wanted}; wanted a number above 0 ({quantity}), or one per recording"
+        )
+    in_name = split_unit(name.rpartition("/")[2])[1] or ""
+    unit = stated or (in_name if factor(in_name, quantity) else quantity)
+    scale = factor(unit, quantity)
+    if scale is None:
+        raise origin.fault(name, f"is in {unit!r:.40}; wanted {quantity}")
+    scaled = found.astype(np.float64) * scale
+    if quantity == "Hz":
+        return [float(rate) for rate in scaled]
+    problem = unlikely_step(float(scaled.max())) if stated is None else None
+    if problem:
+        raise origin.fault(name, f"states a step of {scaled.max():g}: {problem}")
+    with np.errstate(divide="ignore", over="ignore"):
+        return [float(f"{rate:.12g}") for rate in 1 / scaled]  # 0.002 s are 500 Hz
+
+
 def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: Origin) -> None:
     """Put down the stamps that a level has, with their unit where that is stated."""
     first: tuple[str, list[NDArray[Any]]] | None = None
     for name, node in clocks.items():
         rows = _rows(node, found, name, origin)
-        unit = split_unit(name.rpartition("/")[2])[1]
-        unit = None if factor(unit or "", "s") == 1 else unit  # time_s is also what people call any clock
-        unit = single_unit(units.get(TIME)) or unit
+        unit = single_unit(units.get(TIME)) or time_unit_in_name(name)
         scale = factor(unit or "s", "s") or math.nan
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = [(row.astype(np.float64) - float(row[0])) * scale for row in rows]
@@ -285,9 +284,8 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
         raise origin.fault(name, "does not hold numbers")
     elif n_values(node) is not None:
         rows = [values(node).reshape(-1)] * n
-        if (
-            n > 1 and len(rows[0]) == sum(found.n_padded) and found.sizes == [n]
-        ):  # they lie one behind the other
+        in_a_row = n > 1 and found.sizes == [n] and len(rows[0]) == sum(found.n_padded)
+        if in_a_row:
             rows = np.split(rows[0], np.cumsum(found.n_padded)[:-1])
     else:
         matrix = values(node)
@@ -321,17 +319,17 @@ def _add_meta(found: Found, rest: Mapping[str, Any], origin: Origin, notes: list
     if unread:
         notes.append(f"not used: {contents(unread)}")
     for name, node in unread.items():
-        if plain_name(name.rpartition("/")[2]) in _TELLS_APART and n_values(node) == found.lengths[
-            0
-        ] > 1 == len(found):
-            listed = texts(node) or values(node).reshape(-1).tolist() if is_leaf(node) else []
-            if len(set(listed)) > 1:
-                problem = f"{name} tells recordings apart sample by sample"
-                raise origin.unclear(
-                    f"{problem}; save them in one array each, or their lengths beside the samples"
-                )
+        if len(found) == 1 and plain_name(name.rpartition("/")[2]) in _TELLS_APART:
+            _refuse_several(name, node, found.lengths[0], origin)
         if len(texts(node) or ()) == len(found) > 1 and not any(found.get("label")):
             notes.append(f"{name} holds a text per recording: if it names the materials, save it as labels")
+
+
+def _refuse_several(name: str, node: Any, n_samples: int, origin: Origin) -> None:
+    """Refuse an array of several recordings in a row that another array tells apart, sample by sample."""
+    if is_leaf(node) and n_values(node) == n_samples and len(set(values(node).reshape(-1).tolist())) > 1:
+        problem = f"{name} tells recordings apart sample by sample"
+        raise origin.unclear(f"{problem}; save an array for each, or their lengths beside the samples")
 
 
 def _single(node: Any) -> str | float | int | None:

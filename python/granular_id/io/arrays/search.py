@@ -188,7 +188,8 @@ class Search:
             dimensions = dimensions_of(key, node, self.origin)
         units = dict(outer.units)
         for key, node in entries.get("units", {}).items():
-            units |= units_of(node, what_has_unit(key.rpartition("/")[2], others) or ALL, key, self.origin)
+            whose = what_has_unit(key.rpartition("/")[2], others) or ALL
+            units |= units_of(node, whose, key, others, self.origin)
         each = {n_values(node) for role in _ONE_PER_RECORDING for node in entries.get(role, {}).values()}
         times = {n_values(node) for node in entries.get("time", {}).values() if is_leaf(node)}
         each |= {len(node) for node in entries.get("time", {}).values() if isinstance(node, list)}

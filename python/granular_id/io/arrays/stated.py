@@ -18,7 +18,15 @@ from granular_id.recording._values import FloatArray
 from granular_id.recording.axes import unit_of
 
 __all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
-__all__ += ["dimensions_of", "names_of", "single_unit", "unit_in_name", "units_of", "what_has_unit"]
+__all__ += [
+    "dimensions_of",
+    "names_of",
+    "single_unit",
+    "time_unit_in_name",
+    "unit_in_name",
+    "units_of",
+    "what_has_unit",
+]
 
 Units = Mapping[str, tuple[str, tuple[str, ...]]]
 """From what has a unit (see `what_has_unit`) to the entry that says so and the units, as they stand."""
@@ -75,18 +83,17 @@ def _whose(base: str, siblings: Mapping[str, Any]) -> str | None:
         return role
     if base in siblings:
         node = siblings[base]
-        return (
-            f"/{base}"
-            if isinstance(node, (Mapping, list)) or (is_leaf(node) and len(node.shape) > 1)
-            else None
-        )
+        holds = isinstance(node, (Mapping, list)) or (is_leaf(node) and len(node.shape) > 1)
+        return f"/{base}" if holds else None
     for what, words in ((FORCE, FORCES), (TORQUE, TORQUES)):
         if plain_name(base) in words:
             return what
     return ALL if not base or is_general(base) else None
 
 
-def units_of(node: Any, what: str, key: str, origin: Origin) -> dict[str, tuple[str, tuple[str, ...]]]:
+def units_of(
+    node: Any, what: str, key: str, siblings: Mapping[str, Any], origin: Origin
+) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Read one entry that states units: a text, a list, or a struct with a unit for each thing.
 
     Raises
@@ -97,9 +104,9 @@ def units_of(node: Any, what: str, key: str, origin: Origin) -> dict[str, tuple[
     if isinstance(node, Mapping):
         found: dict[str, tuple[str, tuple[str, ...]]] = {}
         for name, inner in node.items():
-            whose = _whose(name, {})
+            whose = _whose(name, siblings)
             if whose is not None:
-                found |= units_of(inner, whose, f"{key}/{name}", origin)
+                found |= units_of(inner, whose, f"{key}/{name}", siblings, origin)
         return found
     said = texts(node)
     if said is None:
@@ -112,11 +119,14 @@ def units_of(node: Any, what: str, key: str, origin: Origin) -> dict[str, tuple[
 def unit_in_name(name: str) -> tuple[str, ...]:
     """Return the unit that the name of an array of samples ends with, as ``wrench_mN`` does."""
     unit = split_unit(name)[1] or ""
-    return (
-        (unit,)
-        if len(plain_name(unit)) > 1 and factor(unit, "s") is None and factor(unit, "Hz") is None
-        else ()
-    )
+    of_time = factor(unit, "s") or factor(unit, "Hz")
+    return (unit,) if len(plain_name(unit)) > 1 and of_time is None else ()
+
+
+def time_unit_in_name(name: str) -> str | None:
+    """Return the unit that the name of stamps states, but for seconds: ``time_s`` is what people call any clock."""
+    unit = split_unit(name.rpartition("/")[2])[1]
+    return None if factor(unit or "s", "s") == 1 else unit
 
 
 def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
@@ -130,16 +140,12 @@ def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
     named = [plain_name(name) for name in names_of(node)]
     if not any(named):
         return ()
-    if {"sample", "samples"} & set(named) and {"t", "time", "step", "steps", "timestep", "frame"} & set(
-        named
-    ):
+    if {"t", "time", "step", "timestep"} & set(named):  # samples are then what others call recordings
         named = ["recording" if name in ("sample", "samples") else name for name in named]
     places = [_PLACES.get(name, -1) for name in named]
     if sorted(places) not in ([0, 1, 2], [1, 2]):
-        problem = (
-            f"names the dimensions {', '.join(named)[:80]}; wanted recording, time and axis in their order"
-        )
-        raise origin.fault(key, problem)
+        problem = f"names the dimensions {', '.join(named)[:80]}"
+        raise origin.fault(key, f"{problem}; wanted recording, time and axis in their order")
     return tuple(places)
 
 
@@ -185,20 +191,18 @@ class Columns:
         if twice is not None:
             raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
         if all(is_other_thing(name) for name in names):
-            raise origin.unclear(
-                f"the columns of {place}, {', '.join(names)[:80]}, are no wrench by their names"
-            )
+            raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
         if set(AXES) <= set(found):
             order = [found.index(axis) for axis in AXES]
             axes = AXES
             time = found.index(TIME) if TIME in found else None
         columns = list(range(len(names))) if order is None else order
         stated = _by_column(names, units, axes, origin)
-        listed = units.get(ALL, ("", ()))[1]
-        time_units: tuple[str | None, ...] = ()
+        time_unit = None
         if time is not None:
+            listed = units.get(ALL, ("", ()))[1]
             of_column = listed[time] if len(listed) == len(names) else None
-            time_units = (meant[time][1], single_unit(units.get(TIME)), of_column)
+            time_unit = single_unit(units.get(TIME)) or of_column or time_unit_in_name(names[time])
         scales: list[float] = []
         meta_units: dict[str, str] = {}
         for axis, column in zip(axes, columns, strict=True):
@@ -213,9 +217,7 @@ class Columns:
             order=None if order == list(range(len(names))) else order,
             scales=tuple(scales) if any(scale != 1 for scale in scales) else None,
             time=time,
-            time_unit=None
-            if time is None
-            else meant[time][1] or single_unit(units.get(TIME)) or next(iter(time_units), None),
+            time_unit=time_unit,
             meta_units=meta_units,
         )
 
@@ -251,11 +253,8 @@ def _by_column(names: Sequence[str], units: Units, axes: Sequence[str], origin: 
         raise origin.fault(key, f"states {len(general)} units for {len(names)} axes; wanted one per axis")
 
     def stated(axis: str, column: int) -> list[tuple[str, str]]:
-        found = (
-            [(key, general[axis[0] == "t" if halves else column if len(general) > 1 else 0])]
-            if general
-            else []
-        )
+        place = axis[0] == "t" if halves else column if len(general) > 1 else 0
+        found = [(key, general[place])] if general else []
         of_axis = (axis, FORCE if axis[0] == "f" else TORQUE) if axis in AXES else (axis,)
         found.extend((units[what][0], single_unit(units[what]) or "") for what in of_axis if what in units)
         return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from granular_id.io.arrays.details import Entries, stated_rates
 from granular_id.io.arrays.names import role_of
-from granular_id.io.arrays.stated import ALL, Columns, single_unit, units_of, what_has_unit
+from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
 from granular_id.io.arrays.tree import Origin
 from granular_id.io.columns import FLAGS, TIME, refusal, split_unit
 from granular_id.io.errors import RecordingFileError
@@ -23,7 +23,6 @@ from granular_id.io.parquet.file import CheckedParquet, open_parquet
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
-from granular_id.io.units import factor
 from granular_id.recording import AXES, Recording
 from granular_id.recording._values import FloatArray, checked_text
 from granular_id.recording.flags import KNOWN_FLAGS
@@ -111,7 +110,7 @@ class _Said:
         for key, value in about.items():
             whose, role = what_has_unit(key, {}), role_of(key)
             if whose is not None and value is not None:
-                units |= units_of(value, whose, key, origin)
+                units |= units_of(value, whose, key, {}, origin)
             elif role in ("rate", "step"):
                 entries.setdefault(role, {})[key] = value
         units |= {
@@ -123,8 +122,7 @@ class _Said:
         rates = stated_rates(entries, 1, units, origin, options)
         time_unit = single_unit(units.get(TIME))
         if time_unit is None and TIME in columns:
-            in_name = split_unit(columns[TIME])[1]
-            time_unit = None if factor(in_name or "s", "s") == 1 else in_name
+            time_unit = time_unit_in_name(columns[TIME])
         return cls(
             scales=Columns.named(named, {ALL: ("", ()), **units}, "the table", origin).scales,
             time_unit=time_unit,
