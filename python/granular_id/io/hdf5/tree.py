@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,8 +25,9 @@ _MEMBER_BYTES = 1024
 _MOST_ATTRIBUTES = 200
 _ROOT = "root"
 
-_BESIDE_VECTORS = frozenset({"units", "scaling"})
-_BESIDE_SAMPLES = ROLES - _BESIDE_VECTORS
+_BESIDE_SAMPLES = ROLES - {"units", "scaling"}
+_CHANGES_VALUES = ("units", "scaling", "axes", "dimensions")
+"""What attributes say of the values themselves: one that cannot be read is not left out."""
 
 
 class Hdf5Tree:
@@ -74,17 +74,16 @@ class Hdf5Tree:
             item = self._file.member(group, name, inner)
             if self._file.is_group(item):
                 self._met_first(item, inner)
-            value = (
-                self._group(item, inner, depth + 1)
-                if self._file.is_group(item)
-                else self._dataset(item, inner)
-            )
-            if value is None:
+                found[name] = self._group(item, inner, depth + 1)
                 continue
-            found[name] = value
-            if not self._file.is_group(item):  # beside it, where what is said of a vector can stand too
-                about = self._attributes(item, inner, _BESIDE_VECTORS)
-                found |= {key if role_of(key) == "scaling" else f"{name}_units": about[key] for key in about}
+            leaf = self._dataset(item, inner)
+            if leaf is None:
+                continue
+            about = self._attributes(item, inner)
+            inside = {key: about[key] for key in about if role_of(key) in _BESIDE_SAMPLES}
+            found[name] = {"samples": leaf, **inside} if inside and len(leaf.shape) > 1 else leaf
+            for key in [key for key in about if key not in inside]:  # beside it, as for vectors
+                found[key if role_of(key) == "scaling" else f"{name}_units"] = about[key]
         return found
 
     def _met_first(self, group: Any, place: str) -> None:
@@ -94,18 +93,16 @@ class Hdf5Tree:
             raise self._file.expansion.fault(place, "is a group that lies at two places of the file")
         self._groups.add(address)
 
-    def _dataset(self, item: Any, place: str) -> Any:
+    def _dataset(self, item: Any, place: str) -> _Leaf | None:
         with translated(self._file.expansion, place):
             dtype, shape = item.dtype, item.shape
             is_text = self._h5py.check_string_dtype(dtype) is not None
         if shape is None or (dtype.hasobject and not is_text) or dtype.kind not in "iufbSOV":
             self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
             return None
-        leaf = _Leaf(self._file, item, place, shape, np.dtype("U1") if dtype.hasobject else dtype)
-        about = self._attributes(item, place, _BESIDE_SAMPLES) if len(shape) > 1 else {}
-        return {"samples": leaf, **about} if about else leaf
+        return _Leaf(self._file, item, place, shape, np.dtype("U1") if dtype.hasobject else dtype)
 
-    def _attributes(self, item: Any, place: str, roles: Collection[str] | None = None) -> dict[str, Any]:
+    def _attributes(self, item: Any, place: str) -> dict[str, Any]:
         """Return the attributes whose names say what they mean: label, session, rate, start time, units ..."""
         with translated(self._file.expansion, place):
             names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
@@ -114,11 +111,13 @@ class Hdf5Tree:
             if not isinstance(name, str):  # h5py gives names that are no UTF-8 as bytes
                 continue
             role = role_of(name) or ("units" if what_has_unit(name, {}) is not None else None)
-            if role is None or (roles is not None and role not in roles):
+            if role is None:
                 continue
             try:
                 found[name] = self._file.attribute(item, name, place)
             except RecordingFileError as error:
+                if role in _CHANGES_VALUES:
+                    raise
                 self.left_out.append(f"{place}: {error.problem}")
         return found
 
