@@ -23,6 +23,7 @@ LENGTHS = [50, 40, 30, 50]
 PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 0)
 CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
 MILLI = X * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
+BLOCK = np.zeros(50, [("index", "i8"), ("values_block_0", "f8", (6,))])
 HALF = [1e3, 1e3, 1e3, 1, 1, 1]
 GRID = np.empty((2, 2), object)
 GRID[:] = [[X[0], X[1]], [X[2], X[3]]]
@@ -353,6 +354,7 @@ REFUSED = {
     "parquet fs beside time": (parquet(fs=np.full(50, 100.0), time=T), "100 Hz"),
     "parquet mask": (parquet(valid=np.arange(50) < 40, time=T), "valid"),
     "npy fields in ms": (fields(["time", *AXES], T * 1e3, W), "time_unit="),
+    "h5 pandas table": (h5({"df/table": BLOCK, "fs": 500}), "array="),
     "npz stamps in ms": (npz(X=X, t=T * 1e3), "time_unit="),
     "npz stamps in us": (npz(X=X, t=T * 1e6), "time_unit="),
     "npz stamps in ns": (npz(X=X, t=(T * 1e9).astype(np.int64)), "time_unit="),
@@ -392,6 +394,7 @@ REFUSED = {
     "npz signals of one recording": (npz(first=W, second=W + 1, t=T), "array="),
     "npz parts that differ": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
     "npz vectors that differ": (npz(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
+    "npz left and right": (npz(left=X, right=X + 1, fs=500), "array="),
     "npz two of all": (npz(wrench_raw=X, wrench_filtered=X, fs=500), "array="),
     "npz joints alone": (npz(joint_pos=X, fs=500), "array="),
     "npz torques of joints": (npz(torques=W, fs=500), "array="),
@@ -490,6 +493,12 @@ def test_labels_are_chosen(tmp_path, file, label):
 def test_labels_of_a_table_are_chosen(tmp_path):
     file = parquet(label=["a"] * 50, material=["rice"] * 50, time=T)
     assert load(made(tmp_path, file), label="material").y.tolist() == ["rice"]
+
+
+def test_what_pandas_keeps_of_attrs_is_about_the_table(tmp_path):
+    (push,) = load(made(tmp_path, pandas(label="rice", session="monday", dt=0.002, units={"fx": "mN"})))
+    assert (push.label, push.session, push.rate_hz) == ("rice", "monday", 500)
+    np.testing.assert_allclose(push.wrench[:, :2], W[:, :2] * [1e-3, 1])
 
 
 def test_units_of_other_axes_are_kept(tmp_path):

@@ -46,7 +46,8 @@ _GENERAL_NAMES = frozenset(_GENERAL.split())
 
 
 _SIGNALS_WORDS = (
-    "wrench wrenches ft force forces torque torques sensor sensors ati signal signals raw filtered obs"
+    "wrench wrenches ft force forces torque torques sensor sensors ati signal signals raw filtered obs left right mean "
+    "std median"
 )
 _SIGNALS = frozenset(_SIGNALS_WORDS.split())
 """Words for what a sensor gave: arrays called so beside others are no materials, but may each be the wrench."""
@@ -109,14 +110,15 @@ def is_signal(name: str) -> bool:
 
 @lru_cache(256)
 def is_other_thing(name: str) -> bool:
-    """Tell whether what is called so is never a wrench.
+    """Tell whether what is called so is no wrench, or none whose axes can be told.
 
     Examples
     --------
     >>> is_other_thing("robot0_joint_pos"), is_other_thing("tcpSpeed"), is_other_thing("ee_wrench")
     (True, True, False)
     """
-    return not _OTHER_THINGS.isdisjoint(_words(name))
+    # pandas' values_block_0 has its names of columns in a pickle
+    return not _OTHER_THINGS.isdisjoint(_words(name)) or plain_name(name).startswith("valuesblock")
 
 
 def is_no_label(name: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.arrays.details import Entries, stated_rates
-from granular_id.io.arrays.names import role_of
+from granular_id.io.arrays.names import Role, role_of
 from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
 from granular_id.io.arrays.tree import Origin
 from granular_id.io.columns import FLAGS, TIME, refusal, split_unit
@@ -39,6 +39,8 @@ _NAMES = {
     SESSION: ("session",),
 }
 _MEANING = {name: what for what, names in _NAMES.items() for name in names}
+_OF_ROLE: dict[Role | None, str] = {"labels": LABEL, "sessions": SESSION}
+
 _PANDAS_INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
 
@@ -75,7 +77,7 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
         parts = [parquet.read(group, list(columns.values())) for group in range(len(parquet.rows))]
         table = _Table(arrow.concat_tables(parts).unify_dictionaries(), columns, path, said)
         unread = [name for name in parquet.columns if name not in columns.values()]
-    notes = [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
+    notes = [*said.notes, *([f"columns that are not read: {', '.join(unread)[:200]}"] if unread else [])]
     found: list[Recording] = []
     remarked: list[dict[str, Any]] = []
     for rows, name in table.recordings(source.name):
@@ -95,11 +97,17 @@ class _Said:
         What each axis must be multiplied with; None: nothing.
     time_unit : str or None
     rate_hz : float or None
+    texts : dict
+        Label and session of the whole table.
+    notes : list of str
+        What was converted.
     """
 
     scales: tuple[float, ...] | None
     time_unit: str | None
     rate_hz: float | None
+    texts: dict[str, str]
+    notes: list[str]
 
     @classmethod
     def of(cls, parquet: CheckedParquet, columns: Mapping[str, str], options: LoadOptions) -> _Said:
@@ -123,10 +131,16 @@ class _Said:
         time_unit = single_unit(units.get(TIME))
         if time_unit is None and TIME in columns:
             time_unit = time_unit_in_name(columns[TIME])
+        wrench = Columns.named(named, {ALL: ("", ()), **units}, "the table", origin)
+        texts = {_OF_ROLE[role]: value for key, value in about.items() if (role := role_of(key)) in _OF_ROLE}
         return cls(
-            scales=Columns.named(named, {ALL: ("", ()), **units}, "the table", origin).scales,
+            scales=wrench.scales,
             time_unit=time_unit,
             rate_hz=None if rates is None else rates[0],
+            texts={
+                what: text for what, text in texts.items() if isinstance(text, str) and what not in columns
+            },
+            notes=[] if wrench.scales is None else [wrench.said(named)],
         )
 
 
@@ -218,7 +232,7 @@ class _Table:
     def one_text(self, meaning: str, rows: NDArray[np.intp], name: str) -> str | None:
         """Return what a recording's rows say of its label or session: all of them the same."""
         if meaning not in self._texts:
-            return None
+            return self.said.texts.get(meaning)
         codes, values = self._texts[meaning]
         said = {values[code] for code in np.unique(codes[rows]).tolist()}
         if len(said) > 1:
