@@ -208,7 +208,7 @@ def test_no_wrench_says_what_there_is(tmp_path):
     for path in (write_bag2(tmp_path / "x", topics), write_mcap(tmp_path / "x.mcap", topics)):
         with pytest.raises(RecordingFileError) as caught:
             read(path)
-        assert "WrenchStamped or Wrench; it has /v (geometry_msgs/Vector3, 3 messages, 500 Hz)" in str(
+        assert "with one as a field; it has /v (geometry_msgs/Vector3, 3 messages, 500 Hz)" in str(
             caught.value
         )
         with pytest.raises(RecordingFileError, match="no wrenches on topic '/v'"):

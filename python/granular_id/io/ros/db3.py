@@ -15,6 +15,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.ros.inside import LONGEST_DEFINITION
 from granular_id.io.ros.topics import Topic, Topics
 from granular_id.io.ros.unpack import Unpacker
 from granular_id.io.ros.wrench import LARGEST_MESSAGE
@@ -101,14 +102,28 @@ def _check_table(database: sqlite3.Connection, table: str, path: Path) -> None:
 
 def _read_topics(database: sqlite3.Connection, path: Path, topics: Topics) -> dict[int, Topic]:
     rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchmany(_MOST_TOPICS)
+    definitions = _definitions(database, path)
     by_id = {}
     for key, name, type_name, encoding in rows:
         if not (isinstance(key, int) and all(isinstance(text, str) for text in (name, type_name, encoding))):
             raise RecordingFileError(
                 path, f"has a topic {str(name)[:40]!r} that is not three texts with a number"
             )
-        by_id[key] = topics.add(name, type_name, encoding)
+        by_id[key] = topics.add(name, type_name, encoding, definition=definitions.get(type_name, ""))
     return by_id
+
+
+def _definitions(database: sqlite3.Connection, path: Path) -> dict[object, str]:
+    """Return the definitions of types by name: a table that recorders write since ROS 2 Iron."""
+    table = "message_definitions"
+    if not database.execute("SELECT 1 FROM sqlite_master WHERE lower(name) = ?", (table,)).fetchone():
+        return {}
+    _check_table(database, table, path)
+    text = "encoded_message_definition"
+    wanted = f"encoding = 'ros2msg' AND length({text}) <= {LONGEST_DEFINITION}"
+    query = f"SELECT topic_type, {text} FROM {table} WHERE {wanted}"
+    rows = database.execute(query).fetchmany(_MOST_TOPICS)
+    return {name: text for name, text in rows if isinstance(text, str)}
 
 
 def _read_messages(

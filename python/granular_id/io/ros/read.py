@@ -68,20 +68,19 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     """
     topics = Topics(source.path, options.topic)
     bag = _walked(source, options, topics)
-    topic = topics.chosen()
+    topic, field, notes = topics.chosen()
 
     def refuse(index: int, problem: str) -> NoReturn:
         raise RecordingFileError(source.path, problem, place=f"message {index + 1} of {shown(topic.name)}")
 
-    wrenches = _decoded(topic, bag, refuse)
-    notes: list[str] = []
+    wrenches = _decoded(topic, field, bag, refuse)
     if bag.own.metadata:
         content = restored(bag.own, wrenches, source, options)
         if content is not None:
             return content
         notes.append(CHANGED_NOTE)
     about = {
-        "topic": topic.name,
+        "topic": topic.name + (field and f".{field}"),
         "message_type": topic.type_name,
         "frame": wrenches.frame_id,
         "node": topic.node,
@@ -162,8 +161,9 @@ def _expanded(file: Path, root: Path, most: int, unpacker: Unpacker) -> Iterator
         yield whole
 
 
-def _decoded(topic: Topic, bag: _Bag, refuse: Refuse) -> Wrenches:
-    foreign = foreign_definition(topic.definition, topic.type_name) if topic.definition else None
+def _decoded(topic: Topic, field: str, bag: _Bag, refuse: Refuse) -> Wrenches:
+    checked = bool(field) or not topic.definition
+    foreign = None if checked else foreign_definition(topic.definition, topic.type_name)
     if foreign is not None:
         refuse(0, foreign)
     lengths = np.frombuffer(topic.lengths, np.int64)
@@ -174,7 +174,10 @@ def _decoded(topic: Topic, bag: _Bag, refuse: Refuse) -> Wrenches:
         messages = [_expanded_message(bytes(data[span]), i, refuse) for i, span in enumerate(spans)]
         data, lengths = b"".join(messages), np.array([len(message) for message in messages], np.int64)
         bag.unpacker.spend(len(data), shown(topic.name))
-    return decode_wrenches(data, lengths, cast(Encoding, topic.encoding), topic.type_name, refuse)
+    type_name = topic.type_name
+    if field:
+        data, lengths, type_name = topic.inside().plain(data, lengths, field, refuse)
+    return decode_wrenches(data, lengths, cast(Encoding, topic.encoding), type_name, refuse)
 
 
 def _expanded_message(message: bytes, index: int, refuse: Refuse) -> bytes:

@@ -18,6 +18,7 @@ __all__ = [
     "DEFINITION",
     "LARGEST_MESSAGE",
     "LONGEST_FRAME",
+    "ORDERS",
     "STAMPED",
     "WRENCH_TYPES",
     "Encoding",
@@ -38,14 +39,16 @@ STAMPED = "geometry_msgs/WrenchStamped"
 WRENCH_TYPES = (STAMPED, "geometry_msgs/Wrench")
 """Types that can be read; ROS 2 puts ``/msg/`` in between."""
 
-LARGEST_MESSAGE = 4096
-"""Bytes of a message of either type, compressed or not; without its frame_id it has at most 72."""
+LARGEST_MESSAGE = 64 * 1024
+"""Bytes of a message, compressed or not: a plain one has at most 72 without its frame_id, makers' own have more."""
 
 LONGEST_FRAME = 1024
 """Bytes of a frame_id, at most."""
 
 _LITTLE_ENDIAN = b"\x00\x01"
-_ORDERS = {b"\x00\x00": ">", _LITTLE_ENDIAN: "<"}
+ORDERS = {b"\x00\x00": ">", _LITTLE_ENDIAN: "<"}
+"""What a CDR message begins with, and the byte order that it means."""
+
 _RULE = "=" * 80
 
 DEFINITION = f"""std_msgs/Header header
@@ -175,9 +178,9 @@ def _layout_of(
     """Find the layout of a message from its first bytes and its length."""
     order = "<"
     if encoding == "cdr":
-        if message[:2] not in _ORDERS:
+        if message[:2] not in ORDERS:
             refuse(f"begins with {message[:4].hex(' ') or 'nothing'}; wanted plain CDR (00 00 or 00 01)")
-        order = _ORDERS[message[:2]]
+        order = ORDERS[message[:2]]
     frame_bytes = 0
     if stamped:
         frame_bytes = int.from_bytes(message[12:16], "little" if order == "<" else "big")
