@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dataset_strategies import assert_same_bits, datasets
-from granular_id.io import RecordingFileError, load, save
+from granular_id.io import RecordingFileError, load, loading, save
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.recording import AXES, Dataset, Recording, StepReport
 from granular_id.synthetic import synthesize
@@ -209,3 +210,24 @@ def test_any_name_is_of_one_format_or_none(tmp_path_factory, name):
     from pathlib import Path
 
     assert format_of(Path(name.replace("\0", ""))) is None or Path(name).suffix
+
+
+@pytest.mark.parametrize(
+    "error", [OverflowError("too big"), KeyError("x"), MemoryError(), RecursionError("deep")]
+)
+def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, monkeypatch, error):
+    for name in ("rice_1.csv", "rice_2.csv"):
+        (tmp_path / name).write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n1,2,3,4,5,6\n")
+
+    def read(source, options):
+        if source.path.name == "rice_2.csv":
+            raise error
+        return FORMATS[0].read(source, options)
+
+    monkeypatch.setattr(
+        loading, "format_of", lambda path: None if path.is_dir() else replace(FORMATS[0], read=read)
+    )
+    with pytest.raises(RecordingFileError, match=r"rice_2\.csv: reading it as csv failed with") as caught:
+        load(tmp_path, rate_hz=10)
+    assert caught.value.__cause__ is error
+    assert load(tmp_path, rate_hz=10, on_error="skip").names == ("rice_1.csv",)

@@ -157,3 +157,20 @@ def test_a_clock_that_begins_anew_is_no_reason_to_mix_recordings(tmp_path):
         RecordingFileError, match=r"row 3: time runs back.* where it began: .* a column recording"
     ):
         load(path)
+
+
+INDICES = [f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u")]
+
+
+@pytest.mark.parametrize("group_rows", [2, 6])
+@pytest.mark.parametrize("indices", INDICES)
+def test_dictionaries_with_indices_of_any_width(tmp_path, indices, group_rows):
+    """As pandas (int8), polars (uint32 and uint8) and pyarrow (any) write categories."""
+    kind = pa.dictionary(getattr(pa, indices)(), pa.large_string())
+    label = pa.array(["rice"] * 3 + [None] * 3).cast(kind)
+    trial = pa.array(["b"] * 3 + ["a"] * 3).cast(kind)
+    number = pa.array(WRENCH[:, 0].round(1)).dictionary_encode()
+    values = columns(label=label, trial=trial, fx=number)
+    data = load(write(tmp_path, values, row_group_size=group_rows), rate_hz=10)
+    assert [(r.name, r.label) for r in data] == [("b", "rice"), ("a", None)]
+    assert data[0].wrench[:, 0].tolist() == WRENCH[:3, 0].round(1).tolist()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from os import PathLike, fspath
 from typing import ParamSpec, TypeVar
 
@@ -75,6 +76,22 @@ def _rebuild(
     path: str, problem: str, line: int | None, column: str | None, place: str | None
 ) -> RecordingFileError:
     return RecordingFileError(path, problem, line=line, column=column, place=place)
+
+
+@contextmanager
+def naming(path: str | PathLike[str], what: str) -> Iterator[None]:
+    """Turn whatever a library raises about a file into the one exception, with the file and what was done.
+
+    A missing library stays an ImportError, which says what to install.
+    """
+    try:
+        yield
+    except (RecordingFileError, ImportError):
+        raise
+    except Exception as error:
+        lines = str(error).strip().splitlines() or [""]
+        said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
+        raise RecordingFileError(path, f"{what} failed with {said}") from error
 
 
 def attempt(

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
 from granular_id._words import counted
-from granular_id.io.errors import RecordingFileError, attempt
+from granular_id.io.errors import RecordingFileError, attempt, naming
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.io.hdf5.file import read_hdf5
@@ -170,7 +170,8 @@ def _read_one(source: FileSource, options: LoadOptions) -> FileContent:
     known = format_of(source.path)
     if known is None:  # it has changed since it was found
         raise RecordingFileError(source.path, "is of no known format any more")
-    return completed(known.read(source, options), source, options.rate_hz)
+    with naming(source.path, f"reading it as {known.name}"):
+        return completed(known.read(source, options), source, options.rate_hz)
 
 
 def _skippable(problem: RecordingFileError) -> RecordingFileError:

@@ -16,7 +16,10 @@ from granular_id.io.files import check_expansion, open_bounded
 from granular_id.io.parquet.footer import MAX_FOOTER_BYTES, Footer, read_footer
 from granular_id.io.parquet.pages import unpacked_bytes
 
-__all__ = ["CheckedParquet", "open_parquet", "parquet_library"]
+__all__ = ["TEXTS", "CheckedParquet", "open_parquet", "parquet_library"]
+
+TEXTS = ("string", "large_string", "string_view")
+"""Types of Arrow that hold texts."""
 
 _MAX_FOOTER_ITEMS = 100_000
 """Longest list in a footer; a longer claim would take hundreds of megabytes before it is seen to be false."""
@@ -183,6 +186,7 @@ class CheckedParquet:
             reader = self._readers.get()
             table = reader.read_row_group(group, columns=list(columns), use_threads=False)
             table.validate(full=True)
+            table = _with_plain_dictionaries(table)
             if table.num_rows != self.rows[group]:
                 raise ValueError(f"{table.num_rows} rows could be decoded of {self.rows[group]}")
             return table.select(list(columns))
@@ -197,6 +201,17 @@ def _unit_of_field(field: Any) -> str | None:
     about = {key.lower(): value for key, value in (field.metadata or {}).items()}
     said = about.get(b"units", about.get(b"unit"))
     return None if said is None else str(said.decode("utf-8", "replace")).strip() or None
+
+
+def _with_plain_dictionaries(table: Any) -> Any:
+    """Make dictionaries of texts ones with int32 indices, whatever their writer chose, and others plain columns."""
+    arrow = need("pyarrow", extra="app", why="to read Parquet files")
+    for i, field in enumerate(table.schema):
+        if arrow.types.is_dictionary(field.type):
+            kind = field.type.value_type
+            wanted = arrow.dictionary(arrow.int32(), kind) if str(kind) in TEXTS else kind
+            table = table.set_column(i, field.name, table.column(i).cast(wanted))
+    return table
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from granular_id.io.columns import FLAGS, TIME, refusal, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.file import CheckedParquet, open_parquet
+from granular_id.io.parquet.file import TEXTS, CheckedParquet, open_parquet
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
@@ -47,7 +47,6 @@ _PANDAS_INDEX = "__index_level_0__"
 _MOST_TEXT = 1 << 20
 """Characters of an entry of the footer that is looked into."""
 
-_TEXTS = ("string", "large_string", "string_view")
 _WANTED_NAMES = "wanted whole numbers or texts that name recordings"
 
 
@@ -68,7 +67,7 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
     with open_parquet(path, root, most) as parquet:
         columns = _columns(parquet, options.label)
         said = _Said.of(parquet, columns, options)
-        text = [name for name in columns.values() if str(parquet.columns[name]) in _TEXTS]
+        text = [name for name in columns.values() if str(parquet.columns[name]) in TEXTS]
     with open_parquet(path, root, most, texts=text) as parquet:
         if not sum(parquet.rows):
             raise RecordingFileError(path, "holds no samples")
