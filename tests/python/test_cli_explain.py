@@ -9,6 +9,7 @@ from cli_cases import ended_well, saved
 from granular_id.best import BestClassifier
 from granular_id.cli.explain import _trained
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.protocols import pair_partition
 from granular_id.explanation import explain
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import FeatureSpace, feature_spaces
@@ -42,11 +43,51 @@ def test_the_model_that_is_explained_is_that_of_train_and_is_named(data, tmp_pat
     printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", "--json", tmp_path / "best.json")
     line = next(line for line in printed.splitlines() if line.startswith("best: "))
     assert line.startswith(
-        "best: trained on 12 of 24 recordings; the mean of the machines that were chosen, "
+        "best: trained on 16 of 24 recordings; the mean of the machines that were chosen, "
     )
     assert "All axes: fz " in printed
     read = json.loads((tmp_path / "best.json").read_text(encoding="utf-8"))
     assert (read["space"], f"best: {read['model']}") == ("best", line)
+    assert f"explained on recordings held out: {read['split']['held_out']}" in printed.splitlines()
+    assert read["split"]["protocol"] == "session"
+    assert (len(read["split"]["train"]), len(read["split"]["explained"])) == (16, 8)
+
+
+@pytest.mark.parametrize(
+    ("sessions", "protocol", "explained"),
+    [
+        ({"rice": "mon tue", "oat": "mon tue", "peas": "mon tue"}, "session", "mon"),
+        ({"rice": "mon tue", "oat": "mon tue", "peas": "tue"}, "session", "mon"),
+        ({"rice": "mon", "oat": "mon tue", "peas": "mon tue"}, "chronological", "later half"),
+        ({}, "kfold", "random half"),
+    ],
+)
+def test_what_is_explained_is_held_out_as_strictly_as_the_two_materials_allow(sessions, protocol, explained):
+    named = {label: words.split() for label, words in sessions.items()}
+    recordings = [
+        Recording(
+            np.zeros((4, 6)),
+            500.0,
+            label=label,
+            session=named[label][k % len(named[label])] if named else None,
+            start_time=1e9 + (60.0 * k if named else k // 2 * 60.0),
+            name=f"{label} {k}",
+        )
+        for k in range(8)
+        for label in ("rice", "oat", "peas")
+    ]
+    data = Dataset(recordings)
+    part, note = pair_partition(data, "rice", "oat")
+    assert part.protocol == protocol
+    assert explained in note
+    train, test = (Dataset([data[row] for row in rows]) for rows in (part.train.tolist(), part.test.tolist()))
+    assert not set(train.names) & set(test.names)
+    assert {(label, (test.y == label).sum()) for label in test.labels} == {("rice", 4), ("oat", 4)}
+    if protocol == "session":
+        assert not set(train.sessions) & set(test.sessions)
+    elif protocol == "chronological":
+        assert train.start_times.max() < test.start_times.min()
+    assert set(train.labels) == {"rice", "oat", "peas"}
 
 
 def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost(data):

@@ -11,6 +11,7 @@ from sklearn.pipeline import make_pipeline
 
 from evaluation_cases import LABELS, changed, make_data
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation import evaluate
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
@@ -23,13 +24,9 @@ COSTS = (0.1, 10.0)
 SMALL = {"relative_costs": COSTS, "n_outer": 3, "n_inner": 2, "progress": False}
 
 
-def in_one_session(data):
-    return changed(data, session=lambda r: r.label)
-
-
 @pytest.fixture(scope="module")
 def data():
-    return in_one_session(make_data(10))
+    return changed(make_data(10), session=lambda r: f"day {int(r.name.split('_')[1]) // 2}")
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +152,7 @@ def test_tells_of_a_clear_case_and_of_a_toss_up():
             0.3 * k + rng.normal(0, 1, (60, 6)),
             rate_hz=500,
             label=label,
-            start_time=60.0 * i,
+            session=f"day {i // 3}",
             name=f"{k}-{i}",
         )
         for k, label in enumerate(LABELS)
@@ -180,10 +177,10 @@ def test_str_says_what_to_take_what_to_expect_and_how_it_is_known(selection):
         f"Expect {100 * selection.accuracy:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
         in text
     )
-    assert "a new session may do worse; chance is 25.0 %" in text
+    assert "in a session that did not train; chance is 25.0 %" in text
     assert f"Agreement: {selection.votes[selection.best.name]} of 3 outer folds" in text
-    assert "outer folds (judge the choice): 3 contiguous blocks of each class in time, by start time" in text
-    assert "inner folds (make the choice): 2 contiguous blocks of each class in time" in text
+    assert "outer folds (judge the choice): 3 folds of whole sessions" in text
+    assert "inner folds (make the choice): 2 folds of whole sessions" in text
     chosen = [row[0] for row in selection.table().rows if row[0].startswith("> ")]
     assert chosen == [f"> {selection.best.name}"]
     shares = [float(row[2].split()[0]) for row in selection.table().rows]
@@ -244,7 +241,7 @@ def test_json_holds_every_figure(selection, tmp_path):
     chosen = next(c for c in content["candidates"] if c["name"] == selection.best.name)
     assert np.mean(chosen["accuracies"], axis=0).max() == pytest.approx(selection.final.accuracy)
     assert np.mean([fold["accuracy"] for fold in content["outer"]]) == pytest.approx(content["accuracy"])
-    assert content["held_out"] == "blocks in time"
+    assert content["held_out"] == "sessions"
     assert content["settings"]["seed"] == 0
 
 
@@ -277,7 +274,7 @@ def test_progress_counts_every_candidate_on_every_fold(data):
     select(data, spaces=["raw", "hfmh"], **{**SMALL, "progress": lambda *step: seen.append(step)})
     assert [done for done, _, _ in seen] == list(range(1, 3 * (1 + 2) * 2 + 1))
     assert {total for _, total, _ in seen} == {18}
-    assert seen[0][2].startswith("raw: block 1 of 3")
+    assert seen[0][2].startswith("raw: 2 sessions: day 0, ...")
 
 
 def test_solvers_that_stop_early_are_a_note_and_errors_name_their_space(data):
@@ -305,9 +302,14 @@ def test_sliding_recordings_prefer_the_raw_signal_to_the_histogram(data_dir):
     """Others measured 99.3 % from raw and 86.8 % from plain raw + HFMH on random partitions."""
     data = load(data_dir / "sliding_wrench").resample(100, max_gap_s=1.0).align("shortest")
     few = data.select(labels=[f"mat{k:02d}" for k in range(1, 21, 3)])
-    selection = select(few, spaces=["raw+hfmh", "raw", "hfmh"], relative_costs=(1, 100), n_inner=3)
+    spaces = ["raw+hfmh", "raw", "hfmh"]
+    selection = select(few, spaces=spaces, block_weights=[None], relative_costs=(1, 100))
     assert selection.best.space == "raw"
-    assert selection.held_out == "blocks in time"
+    assert selection.held_out == "halves in time"
     assert selection.votes["hfmh"] == selection.votes["raw+hfmh"] == 0
-    assert selection.accuracy > 0.9
-    assert selection.comparison.pair("raw", "hfmh").better > 0.95
+    means = selection.comparison.means
+    assert means["raw"] > means["hfmh"] + 0.2
+    result = evaluate(few, spaces, "chronological", controls=False, progress=False)
+    assert sorted(spaces, key=means.get) == sorted(
+        spaces, key=lambda name: result.mean_accuracy(name, "chronological")
+    )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from evaluation_cases import changed, make_data
+from granular_id.evaluation.protocols import plan_partitions, strictest
 from granular_id.recording import Dataset, Recording
 from granular_id.selection import select
 from granular_id.selection.candidates import Candidate, plan_candidates
@@ -107,27 +108,39 @@ def test_whole_sessions_are_held_out_at_both_levels():
     assert "(no interval: too few folds) in a session that did not train" in str(selection)
 
 
-def test_two_sessions_leave_one_inside_and_blocks_in_time_stand_in():
+def test_two_sessions_leave_one_inside_and_halves_in_time_stand_in():
     folds = nested_folds(make_data(8), 5, 2, 0)
     assert folds.held_out == "sessions"
     assert len(folds.nested) == 2
-    assert folds.notes[1:] == (
-        "inner folds (make the choice): 2 contiguous blocks of each class in time, by start time "
-        "(class 'oat' has one session only)",
+    (note,) = folds.notes[1:]
+    assert note.startswith(
+        "inner folds (make the choice): the earlier and the later half of each class in time, by start time "
     )
 
 
-def test_blocks_follow_the_clock_at_both_levels():
+@pytest.mark.parametrize(
+    "change", [{}, {"session": lambda r: None, "start_time": lambda r: 2e9 - r.start_time}]
+)
+def test_outer_folds_are_the_partitions_that_evaluate_judges_by(change):
+    data = changed(make_data(9), **change)
+    strict, _ = plan_partitions(data, strictest(data)[0])
+    outer = [fold.outer for fold in nested_folds(data, 10, 4, 0).nested]
+    assert [part.test.tolist() for part in outer] == [part.test.tolist() for part in strict]
+    assert [part.train.tolist() for part in outer] == [part.train.tolist() for part in strict]
+
+
+def test_halves_in_time_are_halved_again():
     data = changed(make_data(9), session=lambda r: None, start_time=lambda r: 2e9 - r.start_time)
-    folds = nested_folds(data, 3, 2, 0)
-    assert folds.held_out == "blocks in time"
+    folds = nested_folds(data, 5, 4, 0)
+    assert folds.held_out == "halves in time"
     for fold in folds.nested:
-        for rows in (fold.outer.test, *(p.test for p in fold.inner)):
-            of_others = np.setdiff1d(fold.outer.train if rows is not fold.outer.test else np.arange(36), rows)
+        for part in fold.inner:
+            assert sorted([*part.train, *part.test]) == fold.outer.train.tolist()
             for label in data.labels:
-                times = data.start_times[rows[data.y[rows] == label]]
-                others = data.start_times[of_others[data.y[of_others] == label]]
-                assert not ((others > times.min()) & (others < times.max())).any()
+                trained, tested = (
+                    data.start_times[rows[data.y[rows] == label]] for rows in (part.train, part.test)
+                )
+                assert (trained.max() < tested.min()) != (tested.max() < trained.min())
 
 
 def test_without_an_order_folds_are_random_seeded_and_said_to_be():
@@ -136,7 +149,7 @@ def test_without_an_order_folds_are_random_seeded_and_said_to_be():
     folds, same, other = (nested_folds(data, 3, 2, seed) for seed in (0, 0, 1))
     assert folds.held_out == "random recordings"
     assert folds.notes[0].startswith(
-        "outer folds (judge the choice): 3 random folds (sessions are not known; "
+        "outer folds (judge the choice): 3 random folds (session protocol left out: no recording says "
     )
     rows = [fold.outer.test.tolist() for fold in folds.nested]
     assert rows == [fold.outer.test.tolist() for fold in same.nested]
@@ -149,7 +162,7 @@ def test_without_an_order_folds_are_random_seeded_and_said_to_be():
 def test_some_unknown_sessions_are_no_sessions():
     data = changed(make_data(6), session=lambda r: None if r.name == "oat_3" else "day")
     folds = nested_folds(data, 3, 2, 0)
-    assert "(the session of 1 of 24 recordings is not known)" in folds.notes[0]
+    assert "recording 'oat_3' has no session but 23 of 24 recordings have one" in folds.notes[0]
 
 
 # -- what is refused
@@ -206,7 +219,7 @@ def flat_recordings():
     ],
 )
 def test_bad_arguments_are_one_clear_error(change, error, message):
-    data = changed(make_data(6), session=lambda r: None)
+    data = changed(make_data(6), session=lambda r: None, start_time=lambda r: 1e9 + r.name.endswith("0"))
     with pytest.raises(error, match=message):
         select(data, **{"spaces": "raw+hfmh", **SMALL, **change})
 
@@ -233,7 +246,7 @@ def test_names_of_candidates_must_differ():
         (
             make_data(3),
             ValueError,
-            "class 'oat' keeps 1 recording to train on while '4 sessions: oat day 0, ...' is held out",
+            "class 'oat' keeps 1 recording to train on in the outer fold '4 sessions: oat day 0, ...'",
         ),
         (flat_recordings(), ValueError, "feature space 'raw': all recordings have the same features"),
     ],

@@ -27,8 +27,10 @@ __all__ = ["explain"]
 TEXT = """
 Say which instants, axes, bins and bands decide between two materials.
 
-The method is trained on one half of the recordings of each material and explained on the other, so that what is
-shown decides for recordings it has not seen. The method is that of `granular-id train`, --space best.
+The method is trained on about one half of the recordings of the two materials and explained on the other, so that what
+is shown decides for recordings it has not seen. The halves are as strict as the two materials allow, as those of
+`granular-id evaluate`: whole sessions, else the earlier and the later half in time, else random. Text, figure and JSON
+say which. The method is that of `granular-id train`, --space best.
 
 PATH is a file or folder of any format, as for `granular-id evaluate`.
 
@@ -42,6 +44,13 @@ Examples:
 """
 
 OUTPUT = "Output"
+
+SPLITS = {
+    "session": "held-out sessions",
+    "chronological": "the later half in time",
+    "kfold": "a random half",
+}
+"""What is explained, by protocol, in the heading of the figure."""
 
 
 @guarded
@@ -81,21 +90,25 @@ def explain(
             raise ValueError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
-    explanation, model = _explained(data, method.spaces(data.rate_hz, block_weights)[space], c, first, second)
+    explanation, model, split = _explained(
+        data, method.spaces(data.rate_hz, block_weights)[space], c, first, second
+    )
 
     console = Console(highlight=False)
     console.print()
     console.print(Text(f"{space}: {model}"), soft_wrap=True)
+    console.print(Text(f"explained on recordings held out: {split['held_out']}"), soft_wrap=True)
     console.print(Text(str(explanation)), soft_wrap=True)
     if figure is not None:
         from granular_id.plotting import plot_explanation  # noqa: PLC0415 (matplotlib is an extra)
 
-        title = f"{space}, SYNTHETIC recordings" if data.is_synthetic else space
+        title = f"{space}, explained on {SPLITS[split['protocol']]}"
+        title += ", SYNTHETIC recordings" if data.is_synthetic else ""
         plot_explanation(explanation, title=title, path=figure)
     if json is not None:
         from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
 
-        write_json(json, {"space": space, "model": model, **explanation.to_dict()})
+        write_json(json, {"space": space, "model": model, "split": split, **explanation.to_dict()})
     written = [path for path in (figure, json) if path is not None]
     say_written(console, written, None if quiet else repeated_command())
 
@@ -105,25 +118,29 @@ explain.__doc__ = TEXT
 
 def _explained(
     data: Dataset, space: FeatureSpace, cost: float, first: str, second: str
-) -> tuple[Explanation, str]:
-    """Train on every second recording of each material, explain the others; say what was trained."""
-    import numpy as np  # noqa: PLC0415 (--help must not wait)
-
-    from granular_id.evaluation.chosen import Chosen  # noqa: PLC0415
+) -> tuple[Explanation, str, dict[str, Any]]:
+    """Train on some recordings, explain those held out of the two materials; say what was trained, and the split."""
+    from granular_id.evaluation.chosen import Chosen  # noqa: PLC0415 (--help must not wait)
+    from granular_id.evaluation.protocols import pair_partition  # noqa: PLC0415
     from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
 
     X, y = data.X, data.y
-    place = np.empty(len(y), dtype=int)
-    for label in data.labels:
-        members = np.flatnonzero(y == label)
-        if len(members) < 2 and label in (first, second):
+    for label in (first, second):
+        if (y == label).sum() < 2:
             raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
-        place[members] = np.arange(len(members))
-    trains = place % 2 == 0
-    model = _trained(data, X, y, np.flatnonzero(trains), space, cost)
+    part, held_out = pair_partition(data, first, second)
+    model = _trained(data, X, y, part.train, space, cost)
     chosen = Chosen.of(model[-1])
-    said = f"trained on {trains.sum()} of {len(y)} recordings{'' if chosen is None else f'; {chosen.words}'}"
-    return explain_pair(model, first, second, X[~trains], y[~trains], axes=data.axes), said
+    said = (
+        f"trained on {len(part.train)} of {len(y)} recordings{'' if chosen is None else f'; {chosen.words}'}"
+    )
+    split = {
+        "protocol": part.protocol,
+        "held_out": held_out,
+        "train": [data.names[row] for row in part.train.tolist()],
+        "explained": [data.names[row] for row in part.test.tolist()],
+    }
+    return explain_pair(model, first, second, X[part.test], y[part.test], axes=data.axes), said, split
 
 
 def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:

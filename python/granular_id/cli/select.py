@@ -23,8 +23,8 @@ TEXT = """
 Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
 
 Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
-Whole sessions are held out where the recordings have several of each material; else blocks in time order; else
-random folds. The output says which.
+Whole sessions are held out where the recordings have several of each material; else halves in time order, as
+`granular-id evaluate` does; else random folds. The output says which.
 
 Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for itself.
 `granular-id evaluate --spaces` compares them with others.
@@ -54,7 +54,9 @@ def select(
         str,
         option("--spaces", CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones."),
     ] = "",
-    outer: Annotated[int, option("--outer", CHOICE, "Folds that judge the choice.")] = 5,
+    outer: Annotated[
+        int, option("--outer", CHOICE, "Folds that judge the choice. Halves in time are 2.")
+    ] = 5,
     inner: Annotated[int, option("--inner", CHOICE, "Folds that choose, within each outer fold.")] = 4,
     seed: Annotated[int, option("--seed", CHOICE, "Same seed, same choice.")] = 0,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write everything the choice rests on.")] = None,

@@ -19,6 +19,8 @@ from granular_id.evaluation.protocol_names import block_name
 
 __all__ = [
     "BLOCKS",
+    "HALVES",
+    "MAX_SESSION_FOLDS",
     "RANDOM",
     "SESSIONS",
     "block_partitions",
@@ -30,7 +32,7 @@ __all__ = [
 
 Codes = NDArray[np.intp]
 
-SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
+SESSIONS, HALVES, BLOCKS, RANDOM = "sessions", "halves in time", "blocks in time", "random recordings"
 """What a fold is, for those who take the strictest folds that there are."""
 
 MAX_SESSION_FOLDS = 10

@@ -15,11 +15,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granular_id._numbers import whole_number
 from granular_id._words import counted
-from granular_id.evaluation.folds import block_partitions, kfold_partitions, session_partitions
+from granular_id.evaluation.folds import (
+    MAX_SESSION_FOLDS,
+    block_partitions,
+    kfold_partitions,
+    session_partitions,
+)
 from granular_id.evaluation.partition import (
     PROTOCOLS,
     Partition,
@@ -36,6 +41,7 @@ __all__ = [
     "kfold_partitions",
     "paper_partitions",
     "session_partitions",
+    "strict_partitions",
 ]
 
 FORWARD = "1st->2nd half"
@@ -141,6 +147,61 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
         Partition("chronological", 0, FORWARD, first, second),
         Partition("chronological", 1, BACKWARD, second, first),
     ]
+
+
+def strict_partitions(
+    y: ArrayLike,
+    sessions: Sequence[str | None] | NDArray[Any],
+    order: ArrayLike | None,
+    *,
+    no_order: str = "",
+    max_folds: int = MAX_SESSION_FOLDS,
+    names: Sequence[str] | None = None,
+) -> tuple[list[Partition], str]:
+    """Draw the strictest partitions that recordings allow: the one rule of all that judge by held-out recordings.
+
+    Whole sessions where every class has two or more; else halves in time order, both ways, where an order is known;
+    else none. Halves, and not more blocks: a short block lies between neighbours that trained.
+
+    Parameters
+    ----------
+    y, sessions, max_folds, names
+        As `session_partitions`.
+    order : (n,) int array or None
+        Row numbers from the earliest to the latest recording; None where no order is known.
+    no_order : str
+        Why there is none.
+
+    Returns
+    -------
+    partitions : list of Partition
+        Empty where neither can be: what stands in, random folds or nothing, is the caller's choice.
+    why : str
+        One line on what was left out and why; empty for sessions.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two classes.
+
+    Examples
+    --------
+    >>> y = ["oat", "rice", "oat", "rice"]
+    >>> halves, why = strict_partitions(y, ["mon"] * 4, range(4))
+    >>> halves[0].description, why.partition(";")[0]
+    ('1st->2nd half', "session protocol left out: class 'oat' has recordings of one session only")
+    """
+    rows_of_class(y)  # what no protocol can do without is an error, not a reason to leave one out
+    try:
+        return session_partitions(y, sessions, max_folds=max_folds, names=names), ""
+    except ValueError as reason:
+        why = f"session protocol left out: {reason}"
+    if order is not None:
+        try:
+            return chronological_partitions(y, order), why
+        except ValueError as reason:
+            no_order = str(reason)
+    return [], f"{why}; chronological protocol left out: {no_order}"
 
 
 def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[str]) -> str:

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from granular_id.evaluation.folds import (
     block_partitions,
     kfold_partitions,
     lone_session,
     session_partitions,
 )
-from granular_id.evaluation.partition import PROTOCOLS, Partition, rows_of_class
-from granular_id.evaluation.partitions import chronological_partitions, describe_order, paper_partitions
+from granular_id.evaluation.partition import PROTOCOLS, Partition
+from granular_id.evaluation.partitions import (
+    chronological_partitions,
+    describe_order,
+    paper_partitions,
+    strict_partitions,
+)
 from granular_id.recording import Dataset
 
-__all__ = ["AUTO", "plan_partitions", "plan_protocols", "strictest"]
+__all__ = ["AUTO", "pair_partition", "plan_partitions", "plan_protocols", "strictest"]
 
 AUTO = "auto"
 """The paper's protocol and, beside it, the strictest that the data allow."""
@@ -83,18 +90,62 @@ def strictest(data: Dataset) -> tuple[str | None, str]:
     >>> strictest(data)
     ('chronological', 'session protocol left out: no recording says which session it is from')
     """
-    rows_of_class(data.y)  # what no protocol can do without is an error, not a reason to leave one out
-    try:
-        session_partitions(data.y, data.sessions, names=data.names)
-    except ValueError as why:
-        no_session = f"session protocol left out: {why}"
+    order, basis = _known_order(data)
+    drawn, why = strict_partitions(data.y, data.sessions, order, no_order=basis, names=data.names)
+    return (drawn[0].protocol if drawn else None), why
+
+
+def pair_partition(data: Dataset, first: str, second: str) -> tuple[Partition, str]:
+    """Hold out about half of the recordings of two materials, as strictly as these allow, to look at them alone.
+
+    The rule is that of `strict_partitions`, with at least two sessions of the two materials instead of all; random
+    halves where it gives none. No recording of a held-out session trains, whatever its material; where halves in
+    time are taken, the later half of no material does.
+
+    Parameters
+    ----------
+    data : Dataset
+        Labels, sessions, names and start times are read.
+    first, second : str
+        Two labels, with two recordings or more each.
+
+    Returns
+    -------
+    partition : Partition
+        Its tested rows are of the two materials alone.
+    note : str
+        What was held out, and why nothing stricter.
+    """
+    y, sessions = data.y, data.sessions
+    order, basis = _known_order(data)
+    rank = np.argsort(np.arange(len(y)) if order is None else order, kind="stable")
+    pair = np.flatnonzero((y == first) | (y == second))
+    drawn, why = strict_partitions(
+        y[pair],
+        sessions[pair],
+        None if order is None else np.argsort(rank[pair], kind="stable"),
+        no_order=basis,
+        max_folds=2,
+        names=[data.names[row] for row in pair.tolist()],
+    )
+    drawn = drawn or kfold_partitions(y[pair], n_folds=2)
+    if drawn[0].protocol == "session":  # of unequal folds the larger trains; halves: the earlier
+        drawn.sort(key=lambda part: part.test.size)
+    part = next(part for part in drawn if np.unique(y[pair[part.test]]).size == 2)
+    test = pair[part.test]
+    trains = ~np.isin(np.arange(len(y)), test)
+    if part.protocol == "session":
+        held = set(sessions[test].tolist())
+        trains &= [session not in held for session in sessions.tolist()]
+        note = f"whole sessions: {', '.join(sorted(held))}"
+    elif part.protocol == "chronological":
+        for label in set(data.labels) - {first, second}:
+            own = np.flatnonzero(y == label)
+            trains[own[np.argsort(rank[own])][max(1, own.size // 2) :]] = False
+        note = f"the later half in time, {basis} ({why})"
     else:
-        return "session", ""
-    try:
-        plan_partitions(data, "chronological")
-    except ValueError as why:
-        return None, f"{no_session}; chronological protocol left out: {why}"
-    return "chronological", no_session
+        note = f"a random half ({why})"
+    return Partition(part.protocol, 0, part.description, np.flatnonzero(trains), test), note
 
 
 def plan_partitions(
@@ -164,6 +215,14 @@ def _by_session(data: Dataset, n_folds: int) -> tuple[list[Partition], str]:
     order, basis = _time_order(data)
     drawn = block_partitions(data.y, order, n_folds=n_folds)
     return drawn, f"session: {why}; {n_folds} contiguous blocks of each class held out instead, {basis}"
+
+
+def _known_order(data: Dataset) -> tuple[list[int] | None, str]:
+    """Return the order in time and what it goes by, or None and why there is none."""
+    try:
+        return _time_order(data)
+    except ValueError as why:
+        return None, str(why)
 
 
 def _time_order(data: Dataset) -> tuple[list[int], str]:

@@ -9,17 +9,9 @@ from numpy.typing import NDArray
 
 from granular_id._numbers import whole_number
 from granular_id._words import counted
-from granular_id.evaluation.folds import (
-    BLOCKS,
-    RANDOM,
-    SESSIONS,
-    block_partitions,
-    kfold_partitions,
-    session_partitions,
-    why_no_sessions,
-)
+from granular_id.evaluation.folds import HALVES, RANDOM, SESSIONS, kfold_partitions
 from granular_id.evaluation.partition import Partition, rows_of_class
-from granular_id.evaluation.partitions import describe_order
+from granular_id.evaluation.partitions import describe_order, strict_partitions
 from granular_id.recording import Dataset
 
 __all__ = ["Folds", "NestedFold", "nested_folds"]
@@ -50,7 +42,7 @@ class Folds:
     Attributes
     ----------
     nested : tuple of NestedFold
-    held_out : {"sessions", "blocks in time", "random recordings"}
+    held_out : {"sessions", "halves in time", "random recordings"}
         What an outer fold is.
     notes : tuple of str
         What kind of folds were used at each level, and why no stricter kind.
@@ -64,15 +56,17 @@ class Folds:
 def nested_folds(data: Dataset, n_outer: int, n_inner: int, seed: int) -> Folds:
     """Split recordings into outer folds, and the training rows of each into inner folds.
 
-    Whole sessions are held out where every class has at least two (among the rows to be split); else contiguous
-    blocks in time of each class; else, without an order in time, stratified random folds.
+    The rule of `granular_id.evaluation.partitions.strict_partitions` at both levels, among the rows to be split: whole
+    sessions where every class has at least two; else halves in time order, both ways; else, without an order in time,
+    stratified random folds. Inner folds are halves of the half that trains: a choice that was made on blocks between
+    their neighbours in time would be made by another question than the one that judges it.
 
     Parameters
     ----------
     data : Dataset
         Labels, sessions, start times and names are read.
     n_outer, n_inner : int
-        Folds, at least 2; of sessions at most so many.
+        Random folds, at least 2; of sessions at most so many. Halves in time are two.
     seed : int
         Of random folds.
 
@@ -110,7 +104,7 @@ class _Splitter:
                     f"class {label!r} has {counted(rows.size)}; choosing holds out "
                     "twice, one fold inside the other, and needs at least 3 of each class"
                 )
-        self._sessions = data.sessions
+        self._sessions, self._names = data.sessions, data.names
         order, _ = data.chronological_order()
         self._rank = np.argsort(order, kind="stable")
         try:
@@ -122,11 +116,20 @@ class _Splitter:
     def split(self, rows: Rows, argument: str, n_folds: int, seed: int) -> tuple[list[Partition], str, str]:
         """Return folds of some rows, what they hold out, and a line on why."""
         n_folds = whole_number(argument, n_folds, least=2)
-        y, sessions = self._y[rows], self._sessions[rows]
-        why_not = why_no_sessions(y, sessions)
-        if not why_not:
-            folds = session_partitions(y, sessions, max_folds=n_folds)
+        y = self._y[rows]
+        folds, why_not = strict_partitions(
+            y,
+            self._sessions[rows],
+            None if self._no_order else np.argsort(self._rank[rows], kind="stable"),
+            no_order=self._no_order,
+            max_folds=n_folds,
+            names=[self._names[row] for row in rows.tolist()],
+        )
+        if folds and not why_not:
             return _of_rows(folds, rows), SESSIONS, f"{len(folds)} folds of whole sessions"
+        if folds:
+            note = f"the earlier and the later half of each class in time, {self._order_note} ({why_not})"
+            return _of_rows(folds, rows), HALVES, note
         label, own = max(rows_of_class(y).items(), key=lambda item: item[1].size)
         if n_folds > own.size:
             where = "" if argument == "n_outer" else " that an outer fold leaves,"
@@ -134,19 +137,15 @@ class _Splitter:
                 f"{argument} must not exceed the {own.size} recordings of the largest class, {label!r},{where} "
                 f"got {n_folds}"
             )
-        if not self._no_order:
-            folds = block_partitions(y, np.argsort(self._rank[rows], kind="stable"), n_folds=n_folds)
-            note = f"{n_folds} contiguous blocks of each class in time, {self._order_note} ({why_not})"
-            return _of_rows(folds, rows), BLOCKS, note
         folds = kfold_partitions(y, n_folds=n_folds, seed=seed)
-        return _of_rows(folds, rows), RANDOM, f"{n_folds} random folds ({why_not}; {self._no_order})"
+        return _of_rows(folds, rows), RANDOM, f"{n_folds} random folds ({why_not})"
 
     def refuse_single_rows(self, fold: Partition) -> None:
         """Refuse an outer fold that leaves a class one training row: it could not be held out again."""
         for label, rows in rows_of_class(self._y[fold.train]).items():
             if rows.size < 2:
                 raise ValueError(
-                    f"class {label!r} keeps 1 recording to train on while {fold.description!r} is held out; "
+                    f"class {label!r} keeps 1 recording to train on in the outer fold {fold.description!r}; "
                     "choosing holds out once more inside it, and needs at least 2"
                 )
 

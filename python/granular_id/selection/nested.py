@@ -55,7 +55,9 @@ def select(
     Cross-validation inside cross-validation. Each outer fold holds recordings out, the inner folds of the others
     choose, and the chosen candidate is trained on the others and tested on what was held out: that accuracy is
     honest, since no tested recording had a say in the choice. What is returned is chosen on the outer folds,
-    from all recordings. Folds are as strict as the data allow: whole sessions; blocks in time; random.
+    from all recordings. Folds are the strictest that the data allow, by the rule of `evaluate`: whole sessions where
+    every label has several; else halves in time order, both ways; else random folds. Inner folds follow the same rule
+    among the recordings that train: halves of a half, where halves are held out.
 
     Parameters
     ----------
@@ -70,7 +72,8 @@ def select(
         Grid of C times the mean squared distance of the training rows from their mean, so that the same grid
         serves newtons, counts and any weights. Default: from soft to hard, see `RELATIVE_COSTS`.
     n_outer, n_inner : int
-        Folds of each level, at least 2. Default 5 and 4, the latter of fewer recordings.
+        Folds of each level, at least 2, of sessions at most so many; halves in time are two. Default 5 and 4, the
+        latter of fewer recordings.
     random_state : int or None
         Seed of random folds and of every ``random_state`` left None in transformers. None draws a fresh one,
         which the result records.

@@ -103,7 +103,7 @@ class Selection:
         The choices without the recordings held out, and how they did on those.
     n_classes : int
         Number of labels.
-    held_out : {"sessions", "blocks in time", "random recordings"}
+    held_out : {"sessions", "halves in time", "random recordings"}
         What an outer fold is, as strict as the data allowed.
     settings, data, versions : mapping
         Arguments, summary of the recordings, versions of what computed the numbers.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from granular_id.evaluation.comparison import MIN_PARTITIONS
 from granular_id.evaluation.comparison_table import probability
 from granular_id.evaluation.describe import of_check
-from granular_id.evaluation.folds import BLOCKS, RANDOM, SESSIONS
+from granular_id.evaluation.folds import HALVES, RANDOM, SESSIONS
 from granular_id.evaluation.metrics import sample_sd
 from granular_id.evaluation.statistics import ROPE
 from granular_id.evaluation.tables import Table, percent
@@ -22,7 +22,7 @@ SURE = 0.95
 
 EXPECTED_OF = {
     SESSIONS: "in a session that did not train",
-    BLOCKS: "in a stretch of time beside those that trained; a new session may do worse",
+    HALVES: "in a stretch of time beside the one that trained; a new session may do worse",
     RANDOM: "of recordings made among those that trained; a new session may do worse",
 }
 
