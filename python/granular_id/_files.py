@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,10 +15,53 @@ __all__ = [
     "check_target",
     "made_folder",
     "new_file",
+    "refuse_other_kind",
     "whole_file",
     "whole_lines",
     "write_json",
 ]
+
+
+JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
+"""Endings of the kinds of files that are written here, besides pictures and recordings."""
+
+RECORDINGS = (".csv", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".parquet", ".mcap", ".bag", ".db3")
+
+PICTURES = (".png", ".svg", ".pdf")
+
+_KNOWN = {*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES, ".rrd"}
+
+
+def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> None:
+    """Refuse a name that ends like another kind of file than what would be written.
+
+    A file of the own kind may be replaced: that is what a caller of a library expects of a path. The command line asks.
+
+    Parameters
+    ----------
+    path : path-like
+        File to be written.
+    endings : sequence of str
+        Of the own kind, lower case, with the point. Endings that no kind has are taken too.
+
+    Raises
+    ------
+    ValueError
+        Naming the path and what is wanted.
+
+    Examples
+    --------
+    >>> from granular_id._files import JSON, refuse_other_kind
+    >>> refuse_other_kind("result.json", JSON)
+    >>> refuse_other_kind("recordings.npz", JSON)
+    Traceback (most recent call last):
+    ...
+    ValueError: path must end in .json, not like another kind of file, got 'recordings.npz'
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix in _KNOWN and suffix not in endings:
+        wanted = " or ".join(endings)
+        raise ValueError(f"path must end in {wanted}, not like another kind of file, got {os.fspath(path)!r}")
 
 
 def check_source(path: str | os.PathLike[str]) -> Path:
@@ -170,7 +213,8 @@ def write_json(path: str | os.PathLike[str], content: object) -> None:
     Raises
     ------
     ValueError
-        A number is not finite: JSON has no word for it, and half of all readers would refuse the file.
+        A number is not finite: JSON has no word for it, and half of all readers would refuse the file. `path` ends
+        like another kind of file.
     OSError
         As `whole_file`.
 
@@ -183,6 +227,7 @@ def write_json(path: str | os.PathLike[str], content: object) -> None:
     ...     file.read_text(encoding="utf-8")
     '{\n "label": "Weiß"\n}\n'
     """
+    refuse_other_kind(path, JSON)
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1)
     with whole_file(path) as draft:
         draft.write_text(text + "\n", encoding="utf-8")

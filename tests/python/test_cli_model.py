@@ -79,7 +79,7 @@ def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, f
     written = json.loads(answers.read_text(encoding="utf-8"))
     assert (written["n_trained_on"], written["trained_on_these"]) == (10, False)
     _, file = fresh
-    words = ("--begin-at", "first", "--json", answers, "--csv", table)
+    words = ("--begin-at", "first", "--json", answers, "--csv", table, "--force")
     out = ended_well("identify", model, folder / "oat", file, *words)
     assert re.search(r"; of the others \d of 6 named rightly", out)
     assert (
@@ -194,7 +194,7 @@ def test_longer_recordings_begin_at_their_trigger_or_where_it_is_said(fresh, tmp
             45,
         ),
     ):
-        ended_well("identify", model, file, *words, "--csv", tmp_path / "a.csv")
+        ended_well("identify", model, file, *words, "--csv", tmp_path / "a.csv", "--force")
         with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as stream:
             margins = [float(row["margin"]) for row in csv.DictReader(stream)]
         losses = np.sort(identifier.losses(data.X[:, start : start + 50]), axis=1)
@@ -209,7 +209,7 @@ def test_what_trained_a_model_is_taken_by_it_with_the_same_steps(folder, fresh, 
     )
     data, file = fresh
     for words in ((), ("--begin-at", "first")):
-        out = ended_well("identify", model, file, "--json", tmp_path / "a.json", *words)
+        out = ended_well("identify", model, file, "--json", tmp_path / "a.json", "--force", *words)
         assert ("note: begins at the first sample, as in the training" in out) == (words == ())
         answers = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["recordings"]
         want = Identifier.load(model).predict(data.X[:, :50])

@@ -39,7 +39,7 @@ def interrupted(folder, monkeypatch):
 
 
 def predictions(folder, *words):
-    out = ended_well("evaluate", folder, *WORDS, *words, "--json", folder.parent / "r.json")
+    out = ended_well("evaluate", folder, *WORDS, *words, "--json", folder.parent / "r.json", "--force")
     result = json.loads((folder.parent / "r.json").read_text(encoding="utf-8"))
     return out, [space["protocols"] for space in result["spaces"]]
 

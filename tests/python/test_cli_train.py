@@ -43,7 +43,7 @@ def test_train_writes_the_model_of_the_library_and_says_what_it_may_be_worth(fol
     assert "early answers: " in out
     for path in (file, figure, figures):
         assert f"wrote {path}\n" in out
-    assert out.endswith("repeat with: python -m granular_id train 'my folder'\n")
+    assert out.endswith("repeat with: python -m granular_id train 'my folder' --force\n")
     assert figure.read_bytes().startswith(b"\x89PNG")
     written = json.loads(figures.read_text(encoding="utf-8"))
     course = accuracy_over_time(loaded, "raw+hfmh", n_bins=10, target_error=0.2)
@@ -162,10 +162,8 @@ def test_the_output_must_not_be_what_is_read(folder):
 @pytest.mark.parametrize("name", ["x.pkl", "x.onnx", "x.safetensor"])
 def test_the_name_of_a_model_says_no_other_kind_of_file(folder, tmp_path, name):
     line = refused("train", folder, "-o", tmp_path / name, *SMALL_MODEL)
-    assert (
-        line
-        == f"error: --output must end in .safetensors, the kind of file that a model is, or in no kind, got {name!r}"
-    )
+    assert line.startswith("error: --output writes a model: it must end in .safetensors, ")
+    assert name in line
     assert list(tmp_path.iterdir()) == []
 
 

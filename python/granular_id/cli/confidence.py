@@ -13,7 +13,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, repeated_command, say_written
 from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def confidence(
     seed: Annotated[int, option("--seed", SURE, "Same seed, same figures.")] = 0,
     figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write all figures, and both rules.")] = None,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the tables only.")] = False,
 ) -> None:
     """Print how sure a model may be; see `TEXT`."""
@@ -90,11 +91,9 @@ def confidence(
     wanted = _levels(levels)
     between("--known", known)
     method.fits(steps.preparation.rate_hz)
-    check_targets(figure, json, source=reading.path)
-    if figure is not None:
-        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
-
-        file_format(figure, "--figure")
+    check_outputs(
+        ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
+    )
     reading.refuse_absent()
     method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.session import Outputs, Run, evaluate_and_show
+from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show
 from granular_id.cli.settings import at_least
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ def demo(
     threads: Annotated[
         int | None, typer.Option("--threads", help="The numbers do not depend on it. Default: all cores.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Evaluate simulated recordings; see `TEXT`."""
     at_least("--seed", seed, 0)
@@ -55,6 +56,7 @@ def demo(
         json=output / "result.json",
         csv=output / "predictions.csv",
         figures=output,
+        force=force,
     )
     with outputs.ready():
         _run(outputs, QUICK if quick else FULL, seed, threads)

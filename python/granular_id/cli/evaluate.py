@@ -13,7 +13,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import Outputs, Run, evaluate_and_show
+from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show
 from granular_id.cli.settings import at_least, chosen_spaces, positive
 
 __all__ = ["evaluate"]
@@ -99,6 +99,7 @@ def evaluate(
     fresh: Annotated[
         bool, option("--fresh", OUTPUT, "Forget what an interrupted run of this command has finished.")
     ] = False,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the table of accuracies only.")] = False,
 ) -> None:
     """Print accuracies, confusions and seconds; see `EXAMPLES`."""
@@ -113,7 +114,7 @@ def evaluate(
         at_least(name, count, least)
     method.fits(steps.preparation.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
-    outputs = Outputs(report=report, json=json, csv=csv, figures=figures, source=reading.path)
+    outputs = Outputs(report=report, json=json, csv=csv, figures=figures, source=reading.path, force=force)
     with outputs.ready():
         reading.refuse_absent()
         notes = method.unused_in(chosen, block_weights, c)

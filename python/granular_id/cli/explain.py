@@ -14,7 +14,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.method import BlockWeights, Method, Space, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, repeated_command, say_written
 from granular_id.cli.settings import positive
 
 if TYPE_CHECKING:
@@ -70,16 +70,15 @@ def explain(
     ] = 1.0,
     figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write all weights and contributions.")] = None,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the explanation only.")] = False,
 ) -> None:
     """Print what decides between two materials; see `TEXT`."""
     positive("--C", c)
     method.fits(steps.preparation.rate_hz)
-    check_targets(figure, json, source=reading.path)
-    if figure is not None:
-        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
-
-        file_format(figure, "--figure")
+    check_outputs(
+        ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
+    )
     if first == second:
         raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
     reading.refuse_absent()

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from granular_id._files import MODELS
 from granular_id.cli.errors import guarded, words_of
 from granular_id.cli.groups import option, taking
-from granular_id.cli.model import ENDING
 from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
 from granular_id.cli.reading import (
     ACCEPT,
@@ -31,7 +31,7 @@ from granular_id.cli.reading import (
     say_loaded,
 )
 from granular_id.cli.recordings import MAX_GAP_S, MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
-from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.session import ANSWERS, JSON_FILE, Force, check_outputs, say_written
 from granular_id.cli.settings import onsets_in, positive
 from granular_id.cli.unnamed import load_all
 
@@ -199,18 +199,19 @@ def identify(
     *,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write answers with their rankings.")] = None,
     csv: Annotated[Path | None, option("--csv", OUTPUT, "Write answers as a table.")] = None,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print recording and answer only.")] = False,
 ) -> None:
     """Name the material in each recording; see `TEXT`."""
     for path in (recordings.model, *recordings.paths):
-        check_targets(json, csv, source=path)
+        check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
 
     from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
 
     try:
         identifier = Identifier.load(recordings.model)
     except (OSError, ValueError) as error:
-        if recordings.is_named or not any(path.suffix == ENDING for path in recordings.paths):
+        if recordings.is_named or not any(path.suffix in MODELS for path in recordings.paths):
             raise
         raise ValueError(
             f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."

@@ -62,7 +62,7 @@ def kept_for(command: str, *, fresh: bool) -> Iterator[Work]:
     Parameters
     ----------
     command : str
-        What was typed: the same words in the same folder mean the same work.
+        What was typed: the same words in the same folder mean the same work, with --force or without.
     fresh : bool
         Forget what an earlier run has left.
 
@@ -77,7 +77,7 @@ def kept_for(command: str, *, fresh: bool) -> Iterator[Work]:
     Kept
         On Ctrl-C, if anything was finished.
     """
-    words = [word for word in shlex.split(command) if word != "--fresh"]
+    words = [word for word in shlex.split(command) if word not in ("--fresh", "--force")]
     mark = hashlib.blake2b("\n".join((str(Path.cwd()), *words)).encode(), digest_size=8).hexdigest()
     with _held(_cache(), mark) as folder:
         work = Work(folder)

@@ -12,15 +12,12 @@ from rich.text import Text
 
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option
-from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.session import JSON_FILE, Force, check_outputs, say_written
 
 if TYPE_CHECKING:
     from granular_id.identifier import Identifier
 
-__all__ = ["ENDING", "model", "print_model"]
-
-ENDING = ".safetensors"
-"""What the name of a model file ends in."""
+__all__ = ["model", "print_model"]
 
 model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
 
@@ -46,9 +43,10 @@ def info(
     file: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
     *,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write everything but the weights.")] = None,
+    force: Force = False,
 ) -> None:
     """Print what is in a model file; see `TEXT`."""
-    check_targets(json, source=file)
+    check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
     from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
 

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.session import Outputs, say_written
+from granular_id.cli.session import Force, Outputs, say_written
 
 __all__ = ["report"]
 
@@ -34,6 +34,7 @@ def report(
     figures: Annotated[
         Path | None, typer.Option("--figures", help="Write the figures into this folder, too.")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Write the report of a stored result; see `TEXT`."""
     page = result.with_suffix(".html") if output is None else output
@@ -41,7 +42,7 @@ def report(
         raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
     if page == result:
         raise ValueError(f"--output {page} is the result itself: give another file")
-    outputs = Outputs(report=page, figures=figures)
+    outputs = Outputs(report=page, figures=figures, force=force)
     with outputs.ready():
         from granular_id.evaluation import EvaluationResult  # noqa: PLC0415 (slow to import)
 

@@ -14,7 +14,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.method import Method, Weights
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import Outputs, repeated_command, say_written
+from granular_id.cli.session import Force, Outputs, repeated_command, say_written
 from granular_id.cli.settings import at_least, chosen_spaces
 
 __all__ = ["select"]
@@ -60,6 +60,7 @@ def select(
     inner: Annotated[int, option("--inner", CHOICE, "Folds that choose, within each outer fold.")] = 4,
     seed: Annotated[int, option("--seed", CHOICE, "Same seed, same choice.")] = 0,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write everything the choice rests on.")] = None,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the choice only.")] = False,
 ) -> None:
     """Print the choice; see `TEXT`."""
@@ -75,7 +76,7 @@ def select(
         known = feature_spaces()
         chosen = chosen_spaces(spaces, None) or in_paper_order(known)
         refuse_own_classifiers([known[name] for name in chosen])
-    outputs = Outputs(json=json, source=reading.path)
+    outputs = Outputs(json=json, source=reading.path, force=force)
     with outputs.ready():
         notes = method.unused_in(chosen, Weights.plain) if chosen else []
         data = equal_recordings(reading, steps, quiet=quiet)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shlex
 import shutil
 import sys
@@ -10,9 +11,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from rich.console import Console
+
+from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target, made_folder
+from granular_id.cli.groups import option
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
@@ -20,18 +24,64 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
-__all__ = ["Outputs", "Run", "check_targets", "evaluate_and_show", "repeated_command", "say_written"]
+__all__ = [
+    "ANSWERS",
+    "JSON_FILE",
+    "MODEL",
+    "PAGE",
+    "PICTURE",
+    "PREDICTIONS",
+    "Force",
+    "Kind",
+    "Output",
+    "Outputs",
+    "Run",
+    "check_outputs",
+    "check_targets",
+    "evaluate_and_show",
+    "repeated_command",
+    "say_written",
+]
+
+
+Force = Annotated[
+    bool, option("--force", "Output", "Replace files that are there, where they are of the same kind.")
+]
+
+
+class Kind(NamedTuple):
+    """A kind of output: what it is called, the endings it may have, and how its files begin (a pattern of bytes)."""
+
+    name: str
+    endings: tuple[str, ...]
+    begins: bytes
+
+
+JSON_FILE = Kind("JSON file", JSON, rb"\s*[{\[]")
+PAGE = Kind("HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
+MODEL = Kind("model", MODELS, rb".{8}\{")
+PREDICTIONS = Kind("table of predictions", TABLES, rb"protocol,partition,")
+ANSWERS = Kind("table of answers", TABLES, rb"recording,label,margin,")
+PICTURE = Kind("picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
+"""Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
+
+Output = tuple[str, Path | None, Kind]
+"""An option, the file that it names, and what will be written there; None is no file."""
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """Files to write, and a folder for figures; None leaves one out. `source` is what is read, to be kept."""
+    """Files to write, and a folder for figures; None leaves one out.
+
+    `source` is what is read, to be kept; `force` replaces what is there.
+    """
 
     report: Path | None = None
     json: Path | None = None
     csv: Path | None = None
     figures: Path | None = None
     source: Path | None = None
+    force: bool = False
 
     @contextmanager
     def ready(self) -> Iterator[None]:
@@ -39,8 +89,6 @@ class Outputs:
 
         The folder for figures is made, and is removed again when the block raises and left it empty.
         """
-        from granular_id._files import made_folder  # noqa: PLC0415 (slow to import)
-
         for wanted, module, path in (
             ("figures need", "matplotlib", self.figures),
             ("a report needs", "matplotlib", self.report),
@@ -49,8 +97,24 @@ class Outputs:
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
         with nullcontext() if self.figures is None else made_folder(self.figures):
-            check_targets(self.report, self.json, self.csv, source=self.source)
+            check_outputs(
+                ("--report", self.report, PAGE),
+                ("--json", self.json, JSON_FILE),
+                ("--csv", self.csv, PREDICTIONS),
+                *self._figures_there(),
+                source=self.source,
+                force=self.force,
+            )
             yield
+
+    def _figures_there(self) -> list[Output]:
+        """Figures that would be replaced; which of all there will be depends on the evaluation."""
+        if self.figures is None or not any(self.figures.glob("*.png")):
+            return []
+        from granular_id.evaluation.report.files import FIGURES  # noqa: PLC0415 (matplotlib is an extra)
+
+        paths = (self.figures / f"{name}.png" for name in FIGURES)
+        return [("--figures", path, PICTURE) for path in paths if path.exists()]
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
         """Write everything that was asked for; return the paths."""
@@ -70,10 +134,37 @@ class Outputs:
         return written
 
 
+def check_outputs(*outputs: Output, source: Path | None = None, force: bool = False) -> None:
+    """Refuse, before any work, outputs that would not be what their name says, or would replace what is there.
+
+    What `check_targets` refuses; a name that ends like no file of its kind; a file of another kind, by how it begins;
+    without `force` any file that is not empty.
+    """
+    check_targets(*(path for _, path, _ in outputs), source=source)
+    for name, path, kind in outputs:
+        if path is None:
+            continue
+        if kind is PICTURE:
+            from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
+
+            file_format(path, name)
+        elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
+            # rice_0.5 is no kind of file
+            wanted = f"must end in {' or '.join(kind.endings)}, or in no kind of file"
+            raise ValueError(f"{name} writes a {kind.name}: it {wanted}, got {path.name!r}")
+    for name, path, kind in outputs:
+        if path is None or not path.exists() or not path.stat().st_size:
+            continue
+        known = kind is not PICTURE or path.suffix.lower() in PICTURES
+        with path.open("rb") as stream:
+            if known and not re.match(kind.begins, stream.read(4096), re.IGNORECASE | re.DOTALL):
+                raise ValueError(f"{name} {path}: what is there is no {kind.name}; give another name")
+        if not force:
+            raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
+
+
 def check_targets(*paths: Path | None, source: Path | None = None) -> None:
     """Refuse files that cannot be written, those of `source`, and one that would be written twice; None is no file."""
-    from granular_id._files import check_target  # noqa: PLC0415 (slow to import)
-
     targets = [check_target(path) for path in paths if path is not None]
     places = [target.resolve() for target in targets]
     for k, place in enumerate(places):
@@ -143,6 +234,8 @@ def say_written(console: Console, written: Sequence[Path], command: str | None) 
     for path in written:
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
     if command:
+        if written and "--force" not in shlex.split(command):
+            command += " --force"
         console.print(f"repeat with: {command}", soft_wrap=True, markup=False)
 
 

@@ -11,10 +11,18 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.method import ONE_VS_ONE, BlockWeights, Method, Space, Weights
-from granular_id.cli.model import ENDING, print_model
+from granular_id.cli.model import print_model
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import check_targets, repeated_command, say_written
+from granular_id.cli.session import (
+    JSON_FILE,
+    MODEL,
+    PICTURE,
+    Force,
+    check_outputs,
+    repeated_command,
+    say_written,
+)
 from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
@@ -94,6 +102,7 @@ def train(
     json: Annotated[
         Path | None, option("--json", OUTPUT, "Write estimates, and accuracy against seconds seen.")
     ] = None,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the estimate only.")] = False,
 ) -> None:
     """Train, estimate, write; see `TEXT`."""
@@ -113,15 +122,13 @@ def train(
         "posterior": None if posterior is Probabilities.none else posterior.value,
         "random_state": seed,
     }
-    check_targets(output, figure, json, source=reading.path)
-    if output.suffix[1:].isalpha() and output.suffix != ENDING:  # rice_0.5 is no kind of file
-        raise ValueError(
-            f"--output must end in {ENDING}, the kind of file that a model is, or in no kind, got {output.name!r}"
-        )
-    if figure is not None:
-        from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
-
-        file_format(figure, "--figure")
+    check_outputs(
+        ("--output", output, MODEL),
+        ("--figure", figure, PICTURE),
+        ("--json", json, JSON_FILE),
+        source=reading.path,
+        force=force,
+    )
     reading.refuse_absent()
     from granular_id.identifier.recipe import SPACES, Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
 

@@ -11,7 +11,7 @@ import math
 import os
 from typing import TYPE_CHECKING, Any
 
-from granular_id._files import whole_file
+from granular_id._files import TABLES, refuse_other_kind, whole_file
 
 if TYPE_CHECKING:
     from granular_id.evaluation.partition import Partition
@@ -65,6 +65,7 @@ def write_csv(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
 
     ``partition`` counts from 0, ``row`` is the place of the recording in the data set, ``correct`` is 1 or 0.
     """
+    refuse_other_kind(path, TABLES)
     with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(CSV_COLUMNS)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id._files import whole_file
+from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._words import counted, fixed
 from granular_id.evaluation.tables import Table, percent
 from granular_id.identifier.answers import Answers, probabilities
@@ -20,6 +20,11 @@ from granular_id.identifier.held_out import margins_of
 from granular_id.recording import Dataset, Recording, SampleFlag
 
 __all__ = ["Batch", "Named", "identify_all"]
+
+CSV_COLUMNS = (
+    *("recording", "label", "margin", "probability", "truth", "warnings"),
+    *("candidates", "unknown", "trained_on"),
+)
 
 
 @dataclass(frozen=True)
@@ -155,10 +160,10 @@ class Batch:
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write one line for each recording, whole or not at all."""
+        refuse_other_kind(path, TABLES)
         with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
             writer = csv.writer(stream)
-            columns = ("recording", "label", "margin", "probability", "truth", "warnings")
-            writer.writerow((*columns, "candidates", "unknown", "trained_on"))
+            writer.writerow(CSV_COLUMNS)
             for n in self.each:
                 chance = "" if n.probability is None else repr(n.probability)
                 warned = "; ".join(n.warnings)

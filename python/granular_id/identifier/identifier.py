@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._columns import samples_of
-from granular_id._files import whole_file
+from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._progress import ProgressCallback
 from granular_id.identifier.answers import Answers
 from granular_id.identifier.building import MAX_FILE_BYTES, core_of
@@ -282,13 +282,16 @@ class Identifier(Answers):
         return cls(core)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the model into one file (safetensors), whole or not at all.
+        """Write the model into one file (safetensors), whole or not at all; one that is there is replaced.
 
         Raises
         ------
+        ValueError
+            The path ends like another kind of file.
         OSError
             It cannot be written.
         """
+        refuse_other_kind(path, MODELS)
         with whole_file(path) as draft:
             draft.write_bytes(self.core.to_bytes())
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from granular_id._files import whole_file
+from granular_id._files import JSON, refuse_other_kind, whole_file
 from granular_id.recording._values import checked_text, freeze, thaw
 
 _PRINTED_ROWS = 10
@@ -93,7 +93,10 @@ class StepReport:
         return cls(**values)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows.
+
+        A `path` that ends like another kind of file is a ValueError.
+        """
         save_report(self, path)
 
     def __str__(self) -> str:
@@ -117,6 +120,7 @@ class Saveable(Protocol):
 
 def save_report(report: Saveable, path: str | os.PathLike[str]) -> None:
     """Write all of a report as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+    refuse_other_kind(path, JSON)
     text = report.to_json() if Path(path).suffix.lower() == ".json" else str(report)
     with whole_file(path) as draft:
         draft.write_text(text + "\n", encoding="utf-8")

@@ -11,7 +11,7 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.reading import Reading
-from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.session import JSON_FILE, Force, check_outputs, say_written
 from granular_id.cli.settings import between
 
 __all__ = ["check"]
@@ -50,9 +50,10 @@ def check(
     ] = 0.01,
     strict: Annotated[bool, option("--strict", OUTPUT, "Exit with 3 for warnings too.")] = False,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write findings and verdicts.")] = None,
+    force: Force = False,
 ) -> None:
     """Print findings and verdicts; see `TEXT`."""
-    check_targets(json, source=reading.path)
+    check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
     data = reading.load(quiet=False)
@@ -61,7 +62,10 @@ def check(
     console.print()
     console.print(report.text(width=min(console.width, 100)), soft_wrap=True, markup=False)
     if json is not None:
-        report.save(json)
+        from granular_id._files import whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
+
+        with whole_file(json) as draft:  # JSON also where the name has no ending
+            draft.write_text(report.to_json() + "\n", encoding="utf-8")
         say_written(console, [json], None)
     if report.worst == "error" or (strict and report.worst == "warning"):
         raise typer.Exit(FOUND_ERRORS)

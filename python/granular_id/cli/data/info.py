@@ -10,7 +10,7 @@ from rich.console import Console
 from granular_id.cli.errors import guarded
 from granular_id.cli.groups import option, taking
 from granular_id.cli.reading import Reading
-from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.session import JSON_FILE, Force, check_outputs, say_written
 
 __all__ = ["info"]
 
@@ -35,9 +35,10 @@ def info(
     reading: Reading,
     *,
     json: Annotated[Path | None, option("--json", OUTPUT, "Write the summary and all steps.")] = None,
+    force: Force = False,
 ) -> None:
     """Print a summary; see `TEXT`."""
-    check_targets(json, source=reading.path)
+    check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     data = reading.load(quiet=False)
     console = Console(highlight=False)
     summary = data.summary()

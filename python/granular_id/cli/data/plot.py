@@ -13,7 +13,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.prepare import with_onsets
 from granular_id.cli.reading import Reading
 from granular_id.cli.recordings import Steps
-from granular_id.cli.session import check_targets, say_written
+from granular_id.cli.session import PICTURE, Force, check_outputs, say_written
 from granular_id.cli.settings import at_least, names_in
 
 __all__ = ["plot"]
@@ -30,7 +30,7 @@ Examples:
 `granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
 """
 
-PICTURE = "Picture"
+PANEL = "Picture"
 
 
 class What(str, Enum):
@@ -47,21 +47,20 @@ def plot(
     reading: Reading,
     steps: Steps,
     *,
-    output: Annotated[Path, option("--output -o", PICTURE, "File to write: png, svg or pdf.")] = Path(
+    output: Annotated[Path, option("--output -o", PANEL, "File to write: png, svg or pdf.")] = Path(
         "recordings.png"
     ),
     what: Annotated[
-        What, option("--what", PICTURE, "Single recordings, means of materials, or onsets of motion.")
+        What, option("--what", PANEL, "Single recordings, means of materials, or onsets of motion.")
     ] = What.recordings,
     axes: Annotated[
         str,
-        option(
-            "--axes", PICTURE, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."
-        ),
+        option("--axes", PANEL, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."),
     ] = "",
     n: Annotated[
-        int | None, option("-n", PICTURE, "Recordings per material (recordings) or in all (onset).")
+        int | None, option("-n", PANEL, "Recordings per material (recordings) or in all (onset).")
     ] = None,
+    force: Force = False,
 ) -> None:
     """Draw a picture; see `TEXT`."""
     at_least("-n", n, 1)
@@ -69,12 +68,10 @@ def plot(
         raise ValueError("--axes does not go with --what onset, which draws all forces")
     if n is not None and what is What.mean:
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
-    check_targets(output, source=reading.path)
+    check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
 
     from granular_id import plotting  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.plotting.style import file_format  # noqa: PLC0415
 
-    file_format(output, "--output")
     data = steps.taken(reading.load(quiet=False), quiet=False, onsets=what is What.onset)
     chosen = names_in(axes)
     if what is What.mean:

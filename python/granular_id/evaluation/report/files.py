@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import made_folder
+from granular_id.evaluation.partition import PROTOCOLS
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.tables import shows_paper
 from granular_id.plotting import (
@@ -28,7 +29,13 @@ from granular_id.plotting import (
 if TYPE_CHECKING:
     from granular_id.evaluation.result import EvaluationResult
 
-__all__ = ["figures"]
+__all__ = ["FIGURES", "figures"]
+
+FIGURES = (
+    *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
+    *("mean_forces", "residual", "hfmh", "weights"),
+)
+"""Names of all figures that there may be, without their endings."""
 
 
 def figures(

@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from granular_id._files import check_target, whole_file
+from granular_id._files import PAGES, check_target, refuse_other_kind, whole_file
 from granular_id.evaluation.choice_tables import choice_tables
 from granular_id.evaluation.protocol_names import protocol_name
 from granular_id.evaluation.report.pictures import Picture, pictures
@@ -64,6 +64,7 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
     >>> "SYNTHETIC" in path.read_text(encoding="utf-8")
     True
     """
+    refuse_other_kind(path, PAGES)
     target = check_target(path)
     text = html(result)
     with whole_file(target) as draft:
