@@ -17,7 +17,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.moving import Moving, Sensing
 from granular_id.cli.reading import ACCEPT, Accepted
-from granular_id.cli.session import check_targets
+from granular_id.cli.session import ANSWERS, RERUN_LOG, check_outputs
 from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
@@ -97,8 +97,7 @@ def live(
     if not view and (port or no_browser):
         raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
     positive("--pre-s", pre_s)
-    check_targets(json, rerun, source=model)
-    _check_answers(json, replace=force)
+    check_outputs(("--json", json, ANSWERS), ("--rerun", rerun, RERUN_LOG), source=model, force=force)
 
     from granular_id._files import whole_lines  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.identifier import Identifier  # noqa: PLC0415
@@ -162,21 +161,6 @@ def live(
 
 
 live.__doc__ = TEXT
-
-
-def _check_answers(path: Path | None, *, replace: bool) -> None:
-    """Refuse a file with something in it, unless it is answers that may be replaced."""
-    if path is None:
-        if replace:
-            raise ValueError("--force is about the file of answers: add --json")
-        return
-    if not path.exists() or not path.stat().st_size:
-        return
-    if not replace:
-        raise FileExistsError(f"{path}: there is something already; --force replaces answers")
-    with path.open("rb") as file:
-        if file.read(1) != b"{":
-            raise FileExistsError(f"{path}: holds no answers, nothing else is replaced: give another name")
 
 
 def _views(

@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ANSWERS",
+    "ANSWERS",
     "JSON_FILE",
     "MODEL",
     "PAGE",
     "PICTURE",
     "PREDICTIONS",
+    "RERUN_LOG",
     "Force",
     "Kind",
     "Output",
@@ -62,6 +64,8 @@ PAGE = Kind("HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
 MODEL = Kind("model", MODELS, rb".{8}\{")
 PREDICTIONS = Kind("table of predictions", TABLES, rb"protocol,partition,")
 ANSWERS = Kind("table of answers", TABLES, rb"recording,label,margin,")
+ANSWERS = Kind("file of answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
+RERUN_LOG = Kind("Rerun log", (".rrd",), rb"RRF")
 PICTURE = Kind("picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
 """Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
 

@@ -1,0 +1,147 @@
+"""Every file that a command writes: nothing of another kind is replaced, and nothing at all unasked."""
+
+import hashlib
+
+import pytest
+
+from cli_cases import SMALL, ended_well, make, refused, saved
+from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
+from granular_id.evaluation.export import CSV_COLUMNS as PREDICTED
+from granular_id.evaluation.export import write_csv
+from granular_id.identifier import Identifier
+from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED
+from granular_id.identifier.batch import Batch
+from granular_id.io.formats import FORMATS
+
+ARCHIVE = b"PK\x03\x04 a data set"
+
+SAME = {
+    ".json": b'{"format": "1"}',
+    ".html": b"<!doctype html>",
+    ".png": b"\x89PNG\r\n",
+    ".safetensors": b"\x02\0\0\0\0\0\0\0{}",
+    "predicted.csv": ",".join(PREDICTED).encode(),
+    "answered.csv": ",".join(ANSWERED).encode(),
+}
+
+OUTPUTS = [
+    (("evaluate", "nowhere", "--report"), "r.html"),
+    (("evaluate", "nowhere", "--json"), "r.json"),
+    (("evaluate", "nowhere", "--csv"), "predicted.csv"),
+    (("report", "nowhere.json", "-o"), "r.html"),
+    (("select", "nowhere", "--json"), "r.json"),
+    (("train", "nowhere", "-o"), "m.safetensors"),
+    (("train", "nowhere", "-o", "m", "--figure"), "f.png"),
+    (("train", "nowhere", "-o", "m", "--json"), "r.json"),
+    (("confidence", "nowhere", "--figure"), "f.png"),
+    (("confidence", "nowhere", "--json"), "r.json"),
+    (("explain", "nowhere", "oat", "rice", "--figure"), "f.png"),
+    (("explain", "nowhere", "oat", "rice", "--json"), "r.json"),
+    (("identify", "nowhere", "recordings", "--json"), "r.json"),
+    (("identify", "nowhere", "recordings", "--csv"), "answered.csv"),
+    (("model", "info", "nowhere", "--json"), "r.json"),
+    (("data", "check", "nowhere", "--json"), "r.json"),
+    (("data", "info", "nowhere", "--json"), "r.json"),
+    (("data", "plot", "nowhere", "-o"), "f.png"),
+]
+
+
+def digest(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(("words", "name"), OUTPUTS, ids=[" ".join(words) for words, _ in OUTPUTS])
+def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    there = tmp_path / name
+    same = SAME.get(name) or SAME[there.suffix]
+    for file, content, force, said in [
+        ("other.npz", ARCHIVE, (), "must end in "),
+        ("other.npz", ARCHIVE, ("--force",), "must end in "),
+        (name, ARCHIVE, (), "what is there is no "),
+        (name, ARCHIVE, ("--force",), "what is there is no "),
+        (name, same, (), "there is such a file already; add --force to replace it"),
+        (name, same, ("--force",), "nowhere"),
+        (name, b"", (), "nowhere"),  # nothing is lost
+    ]:
+        path = tmp_path / file
+        path.write_bytes(content)
+        before = digest(path)
+        line = refused(*words, path.name, *force)
+        assert said in line
+        assert digest(path) == before
+    assert {path.name for path in tmp_path.iterdir()} == {"other.npz", name}
+
+
+def test_a_log_of_a_session_replaces_nothing_else(tmp_path):
+    for name in ("other.npz", "log.rrd"):
+        (tmp_path / name).write_bytes(ARCHIVE)
+        words = ("live", "--source", "sim:", "--model", "nowhere", "--rerun", tmp_path / name)
+        assert name in refused(*words)
+        assert (tmp_path / name).read_bytes() == ARCHIVE
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("demo", "-o", "."), "report.html"),
+        (("demo", "-o", "."), "weights.png"),
+        (("evaluate", "nowhere", "--figures", "."), "accuracy.png"),
+        (("report", "nowhere.json", "--figures", "."), "confusion_session.png"),
+    ],
+)
+def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(SAME[f".{name.partition('.')[2]}"])
+    (tmp_path / "holiday.png").write_bytes(ARCHIVE)  # nobody writes this one
+    assert f"{name}: there is such a file already" in refused(*words)
+    (tmp_path / name).write_bytes(ARCHIVE)
+    assert f"{name}: what is there is no " in refused(*words, "--force")
+
+
+def test_what_commands_write_is_known_again_and_replaced_by_force(tmp_path):
+    pytest.importorskip("matplotlib")
+    from granular_id.evaluation.report.files import FIGURES
+
+    folder = saved(make(), tmp_path / "recordings")
+    outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}
+    files = [tmp_path / name for name in outputs.values()]
+    words = ["evaluate", folder, *SMALL, "--quiet", "--figures", tmp_path / "figures"]
+    words += [word for pair in zip(outputs, files, strict=True) for word in pair]
+    ended_well(*words)
+    figures = sorted((tmp_path / "figures").iterdir())
+    assert {path.stem for path in figures} <= set(FIGURES)
+    before = [digest(path) for path in (*files, *figures)]
+    assert "--report" in refused(*words)
+    assert [digest(path) for path in (*files, *figures)] == before
+    for path in files:
+        path.write_bytes(path.read_bytes()[:100])
+    ended_well(*words, "--force")
+    assert all(path.stat().st_size > 100 for path in files)
+
+
+@pytest.mark.parametrize(
+    ("write", "own"),
+    [
+        (lambda path: write_json(path, {}), JSON),
+        (lambda path: write_csv(None, path), TABLES),
+        (lambda path: Batch.to_csv(None, path), TABLES),
+        (lambda path: Identifier.save(None, path), MODELS),
+    ],
+)
+def test_the_library_refuses_names_of_other_kinds_of_files(write, own, tmp_path):
+    every = {suffix for known in FORMATS for suffix in known.suffixes} | {
+        *JSON,
+        *PAGES,
+        *TABLES,
+        *MODELS,
+        ".png",
+    }
+    for suffix in sorted(every - set(own)):
+        there = tmp_path / f"there{suffix}"
+        there.write_bytes(ARCHIVE)
+        with pytest.raises(ValueError, match=f"path must end in {own[0]}.* got .*there{suffix}"):
+            write(there)
+        assert there.read_bytes() == ARCHIVE
