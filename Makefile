@@ -60,7 +60,7 @@ $(BENCH_TOOLS): requirements-bench.txt $(SOURCES) | toolchain
 	@touch $@
 
 demo: $(PACKAGE)
-	$(BIN)/granular-id demo --output demo
+	$(BIN)/granular-id demo --output demo --force
 
 test: lint rust-test python-test
 

@@ -6,6 +6,7 @@ import json
 import pytest
 
 from cli_cases import SMALL, ended_well, make, run, saved
+from granular_id.cli.kept import kept_for
 from granular_id.evaluation import runner
 
 WORDS = (*SMALL, "--no-controls", "--protocol", "paper", "--partitions", "6", "--threads", "1")
@@ -52,6 +53,14 @@ def test_the_same_command_goes_on(interrupted, tmp_path):
     assert "resumed" not in again, "what was kept is gone once the command has ended well"
     assert resumed == afresh
     assert list((tmp_path / "cache").iterdir()) == []
+
+
+def test_replacing_files_is_the_same_work(monkeypatch, tmp_path):
+    monkeypatch.setenv("GRANULAR_ID_CACHE", str(tmp_path))
+    with kept_for("evaluate a --force", fresh=False) as one:
+        folder = one.folder
+    with kept_for("evaluate a", fresh=False) as other:
+        assert other.folder == folder
 
 
 def test_fresh_starts_over(interrupted):

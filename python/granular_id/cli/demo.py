@@ -57,6 +57,7 @@ def demo(
         csv=output / "predictions.csv",
         figures=output,
         force=force,
+        named=dict.fromkeys(("--report", "--json", "--csv", "--figures"), "--output"),
     )
     with outputs.ready():
         _run(outputs, QUICK if quick else FULL, seed, threads)

@@ -17,7 +17,7 @@ from granular_id.cli.groups import option, taking
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.moving import Moving, Sensing
 from granular_id.cli.reading import ACCEPT, Accepted
-from granular_id.cli.session import ANSWERS, RERUN_LOG, check_outputs
+from granular_id.cli.session import LIVE_ANSWERS, RERUN_LOG, Force, check_outputs
 from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def live(
     if not view and (port or no_browser):
         raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
     positive("--pre-s", pre_s)
-    check_outputs(("--json", json, ANSWERS), ("--rerun", rerun, RERUN_LOG), source=model, force=force)
+    check_outputs(("--json", json, LIVE_ANSWERS), ("--rerun", rerun, RERUN_LOG), source=model, force=force)
 
     from granular_id._files import whole_lines  # noqa: PLC0415 (--help must not wait for numpy)
     from granular_id.identifier import Identifier  # noqa: PLC0415

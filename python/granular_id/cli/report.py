@@ -42,7 +42,7 @@ def report(
         raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
     if page == result:
         raise ValueError(f"--output {page} is the result itself: give another file")
-    outputs = Outputs(report=page, figures=figures, force=force)
+    outputs = Outputs(report=page, figures=figures, force=force, named={"--report": "--output"})
     with outputs.ready():
         from granular_id.evaluation import EvaluationResult  # noqa: PLC0415 (slow to import)
 

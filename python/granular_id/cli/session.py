@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ANSWERS",
-    "ANSWERS",
     "JSON_FILE",
+    "LIVE_ANSWERS",
     "MODEL",
     "PAGE",
     "PICTURE",
@@ -59,14 +59,14 @@ class Kind(NamedTuple):
     begins: bytes
 
 
-JSON_FILE = Kind("JSON file", JSON, rb"\s*[{\[]")
-PAGE = Kind("HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
-MODEL = Kind("model", MODELS, rb".{8}\{")
-PREDICTIONS = Kind("table of predictions", TABLES, rb"protocol,partition,")
-ANSWERS = Kind("table of answers", TABLES, rb"recording,label,margin,")
-ANSWERS = Kind("file of answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
-RERUN_LOG = Kind("Rerun log", (".rrd",), rb"RRF")
-PICTURE = Kind("picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
+JSON_FILE = Kind("a JSON file", JSON, rb"\s*[{\[]")
+PAGE = Kind("an HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
+MODEL = Kind("a model", MODELS, rb".{8}\{")
+PREDICTIONS = Kind("a table of predictions", TABLES, rb"protocol,partition,")
+ANSWERS = Kind("a table of answers", TABLES, rb"recording,label,margin,")
+LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
+RERUN_LOG = Kind("a Rerun log", (".rrd",), rb"RRF")
+PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
 """Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
 
 Output = tuple[str, Path | None, Kind]
@@ -77,7 +77,8 @@ Output = tuple[str, Path | None, Kind]
 class Outputs:
     """Files to write, and a folder for figures; None leaves one out.
 
-    `source` is what is read, to be kept; `force` replaces what is there.
+    `source` is what is read, to be kept; `force` replaces what is there. `named` holds the options of commands that
+    name them otherwise than `granular-id evaluate`, by its options.
     """
 
     report: Path | None = None
@@ -86,6 +87,7 @@ class Outputs:
     figures: Path | None = None
     source: Path | None = None
     force: bool = False
+    named: Mapping[str, str] = field(default_factory=dict)
 
     @contextmanager
     def ready(self) -> Iterator[None]:
@@ -101,24 +103,24 @@ class Outputs:
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
         with nullcontext() if self.figures is None else made_folder(self.figures):
-            check_outputs(
+            outputs: list[Output] = [
                 ("--report", self.report, PAGE),
                 ("--json", self.json, JSON_FILE),
                 ("--csv", self.csv, PREDICTIONS),
-                *self._figures_there(),
-                source=self.source,
-                force=self.force,
-            )
+                *(("--figures", path, PICTURE) for path in self._figures_there()),
+            ]
+            of_command = [(self.named.get(name, name), path, kind) for name, path, kind in outputs]
+            check_outputs(*of_command, source=self.source, force=self.force)
             yield
 
-    def _figures_there(self) -> list[Output]:
+    def _figures_there(self) -> list[Path]:
         """Figures that would be replaced; which of all there will be depends on the evaluation."""
         if self.figures is None or not any(self.figures.glob("*.png")):
             return []
         from granular_id.evaluation.report.files import FIGURES  # noqa: PLC0415 (matplotlib is an extra)
 
         paths = (self.figures / f"{name}.png" for name in FIGURES)
-        return [("--figures", path, PICTURE) for path in paths if path.exists()]
+        return [path for path in paths if path.exists()]
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
         """Write everything that was asked for; return the paths."""
@@ -155,14 +157,14 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
         elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
             # rice_0.5 is no kind of file
             wanted = f"must end in {' or '.join(kind.endings)}, or in no kind of file"
-            raise ValueError(f"{name} writes a {kind.name}: it {wanted}, got {path.name!r}")
+            raise ValueError(f"{name} writes {kind.name}: it {wanted}, got {path.name!r}")
     for name, path, kind in outputs:
         if path is None or not path.exists() or not path.stat().st_size:
             continue
         known = kind is not PICTURE or path.suffix.lower() in PICTURES
         with path.open("rb") as stream:
             if known and not re.match(kind.begins, stream.read(4096), re.IGNORECASE | re.DOTALL):
-                raise ValueError(f"{name} {path}: what is there is no {kind.name}; give another name")
+                raise ValueError(f"{name} {path}: what is there is not {kind.name}; give another name")
         if not force:
             raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
 
