@@ -279,6 +279,8 @@ class EvaluationResult:
         ------
         ImportError
             matplotlib or jinja2 is missing, naming the extra to install.
+        ValueError
+            The path ends like another kind of file; a page that is there is replaced.
         """
         from granular_id.evaluation.report import report  # noqa: PLC0415 (its libraries are an extra)
 

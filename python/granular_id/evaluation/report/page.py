@@ -50,6 +50,8 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
     ------
     ImportError
         Without matplotlib or jinja2, saying what to install.
+    ValueError
+        The path ends like another kind of file.
     OSError
         The file cannot be written; this is found out before anything is drawn.
 
