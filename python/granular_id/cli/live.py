@@ -85,9 +85,7 @@ def live(
     json: Annotated[
         Path | None, option("--json", OUTPUT, "Write each answer into this file, one line of JSON each.")
     ] = None,
-    force: Annotated[
-        bool, option("--force", OUTPUT, "Replace the answers that the file of --json holds.")
-    ] = False,
+    force: Force = False,
     quiet: Annotated[bool, option("--quiet -q", OUTPUT, "No screen: one line per push.")] = False,
 ) -> None:
     """Name pushes; see `TEXT`."""
