@@ -134,11 +134,12 @@ TOO_LARGE = {
     "sizes of bands": "_core.MultiBandExtractor(100, 6).band_rms(np.zeros((3_000_000, 1, 6)))",
     "a multi-band design": "_core.MultiBandExtractor(1 << 22, 1)",
     "room for multi-band work": "_core.MultiBandExtractor(1 << 20, 1).extract(np.zeros((1 << 20, 1)))",
-    "names of multi-band features": "_core.MultiBandExtractor(3001, 350, blocks=['coupling']).names",
+    "names of multi-band features": "many = _core.MultiBandExtractor(3001, 350, blocks=['coupling']);"
+    "limit(50); many.names",
     "features": "gid.extract_features(np.zeros((10**7, 1, 1)), n_bins=32768)",
     "names": "gid.FeatureSpec().feature_names(10**7, 9)",
     "ranges": "gid.FeatureSpec(n_bins=32768, bin_range=np.tile([[-1.0, 1.0]], (10**5, 1)))",
-    "scores": "model(np.ones((10**5, 1)), 1, 1, 'ab', np.tile([[1], [-1]], 10**5)).scores(np.zeros((10**7, 1, 1)))",
+    "scores": "model(np.ones((10**5, 1)), 1, 1, codes=np.tile([[1], [-1]], 10**5)).scores(np.zeros((10**7, 1, 1)))",
     "losses": "codes = np.repeat([[1], [-1]], (1, 1023), axis=0);"
     "model(np.ones((1, 1)), 1, 1, list(map(str, range(1024))), codes).losses(np.zeros((10**5, 1)))",
     "a filter": "_core.sosfilt(low_pass(32), np.zeros((1, 4_000_000)), 0, None)",

@@ -152,10 +152,12 @@ class Ticker:
 
 @pytest.mark.thread_unsafe(reason="sets the switch interval of the interpreter")
 @pytest.mark.skipif(not getattr(sys, "_is_gil_enabled", lambda: True)(), reason="there is no lock to release")
-@pytest.mark.parametrize("threads", [1, 2])
-def test_the_interpreter_lock_is_released_during_a_batch(threads):
-    wrench = np.random.default_rng(36).standard_normal((200, 400, 6))
-    out = np.empty((200, 3000))
+@pytest.mark.parametrize(
+    ("shape", "threads"), [((200, 400, 6), 1), ((200, 400, 6), 2), ((80_000, 6), None)], ids=str
+)
+def test_the_interpreter_lock_is_released_during_long_work(shape, threads):
+    wrench = np.random.default_rng(36).standard_normal(shape)
+    out = np.empty_like(extract_features(wrench))
     with Ticker() as ticker:
         # What holds the lock keeps the ticker from running: else a tick would prove nothing.
         assert ticker.during(lambda: [n * n for n in range(200_000)]) == 0

@@ -46,7 +46,8 @@ use crate::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 /// Notes
 /// -----
 /// All memory is allocated by the constructor. One object may be used from several threads: calls take their turn, and
-/// no other thread is held up by a large block.
+/// no other thread is held up by a large block. In a process that is forked while another thread pushes such a block, the
+/// stream is not whole: its methods raise a `RuntimeError`.
 ///
 /// Examples
 /// --------

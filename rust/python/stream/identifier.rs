@@ -42,7 +42,8 @@ use crate::stream::StreamingIdentifier;
 /// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are
 /// those of the rows so far, taken as the beginning of a recording.
 ///
-/// All memory is allocated by the constructor. One object may be used from several threads: calls take their turn.
+/// All memory is allocated by the constructor. One object may be used from several threads, and in a forked process, as
+/// `StreamingExtractor`.
 ///
 /// Examples
 /// --------
