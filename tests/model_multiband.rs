@@ -288,7 +288,7 @@ fn a_small_file_asks_for_no_large_recording() {
         fault_of(with("\"format_version\":\"2\"", "\"format_version\":\"1\"")),
         Fault::Alone { name: "band_scales", .. }
     ));
-    assert!(matches!(fault_of(with("coupling", "coupler")), Fault::Hash));
+    assert!(matches!(fault_of(with("coupling", "coupler")), Fault::Hash { .. }));
 }
 
 #[test]

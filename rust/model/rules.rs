@@ -80,8 +80,10 @@ impl Rules {
     pub(crate) fn verdict(&self) -> Verdict {
         let n_classes = self.candidates.as_ref().map_or(0, |rule| rule.limits.len());
         let nearest = match &self.refusal {
-            Some(Refusal { strangeness: Strangeness::OfScores(nearest), .. }) => nearest.n_values(),
-            Some(Refusal { strangeness: Strangeness::OfLosses(nearest), .. }) => nearest.n_values(),
+            Some(Refusal {
+                strangeness: Strangeness::OfScores(nearest) | Strangeness::OfLosses(nearest),
+                ..
+            }) => nearest.n_values(),
             _ => 0,
         };
         Verdict {

@@ -101,8 +101,8 @@ fn refusal(mut rule: Object, classes: &[String], codes: &Codes) -> Result<Refusa
     let whitener = matrix(&mut rule, "whitener", width, width)?;
     let (rows, columns) = if kind == Kind::Learners { (n_classes, n_learners) } else { (0, 0) };
     let sides = matrix(&mut rule, "coding", rows, columns)?;
-    let own = |(place, side): (usize, &f64)| *side == f64::from(codes.code(place / columns, place % columns));
-    if !sides.iter().enumerate().all(own) {
+    let own = (0..sides.len()).map(|place| f64::from(codes.code(place / columns, place % columns)));
+    if !sides.iter().copied().eq(own) {
         return Err(rule.fault("'coding' must be the coding matrix of the model".to_owned()));
     }
     let nearest = |make: fn(&[f64], &[f64]) -> crate::error::Result<NearestMean>| {
