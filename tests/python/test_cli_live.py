@@ -199,6 +199,8 @@ def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
             "--threshold-n",
         ),
         (("--label", "rice", "--speed", -1), "--speed must be positive"),
+        (("--label", "rice", "--max-lag-s", -1), "--max-lag-s must be at least 0 and finite, got -1"),
+        (("--label", "rice,sa\u202elt"), "holds the control character"),
     ],
 )
 def test_record_refuses_what_cannot_be(tmp_path, words, part):
