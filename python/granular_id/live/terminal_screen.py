@@ -92,7 +92,7 @@ def _answer(shown: Shown, *, ascii_only: bool) -> RenderableType:
     answer = shown.answer
     style = _STYLES[answer.kind]
     provisional = answer.kind == "provisional"
-    strong = f"bold reverse {style}" if answer.kind in GIVEN and not provisional else style
+    strong = style if provisional else f"bold reverse {style}" if answer.kind in GIVEN else f"bold {style}"
     title = f"{answer.title} so far ..." if provisional else f"  {answer.title.upper()}  "
     words = Group(
         Align.center(Text(title, style=strong)),
