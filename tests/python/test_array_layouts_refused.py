@@ -108,11 +108,33 @@ def test_trees_nested_without_end_are_refused():
 _SHAPES = st.lists(st.sampled_from([0, 1, 2, 3, 6, 7]), max_size=4).map(tuple)
 _LEAVES = st.one_of(
     st.builds(np.zeros, _SHAPES, st.sampled_from(["f8", "i4", "c16", "U3", "?"])),
+    st.builds(np.full, _SHAPES, st.sampled_from([0.002, 1.0, 2.0, 7])),
     st.text(max_size=3),
+    st.sampled_from(["mN", "N, N m", "fx, fy, fz, tx, ty, tz", "time, axis", "ms"]),
+    st.sampled_from([["mN"] * 6, list(_AXES), ["time", *_AXES], ["recording", "time", "axis"]]),
     st.none(),
 )
+_STATED = "units t_units force_units columns lengths mask dims dt time_ms joint_pos ft_1 scale_factor _FillValue trial"
 _NAMES = st.sampled_from(
-    ["X", "y", "labels", "fs", "t", "force", "T", *_AXES, "rice", "session", "flags", "axes", "names", "a"]
+    [
+        *(
+            "X",
+            "y",
+            "labels",
+            "fs",
+            "t",
+            "force",
+            "T",
+            *_AXES,
+            "rice",
+            "session",
+            "flags",
+            "axes",
+            "names",
+            "a",
+        ),
+        *_STATED.split(),
+    ]
 )
 
 

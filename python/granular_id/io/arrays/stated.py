@@ -36,6 +36,9 @@ ALL, FORCE, TORQUE = "", "force", "torque"
 _LONGEST = 200
 """Characters of a name that are looked at."""
 
+_LONGEST_LIST = 10_000
+"""Characters of a text that may list names or units."""
+
 _UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
 
 _BETWEEN = re.compile(r"\s*[,;|]\s*")
@@ -56,6 +59,8 @@ def names_of(node: Any) -> tuple[str, ...]:
     if len(named) != 1:
         return tuple(named)
     (text,) = named
+    if len(text) > _LONGEST_LIST:
+        return (text,)
     if text.startswith("["):
         try:
             listed = json.loads(text)
@@ -111,7 +116,7 @@ def units_of(
     said = texts(node)
     if said is None:
         raise origin.fault(key, "does not hold units; wanted texts such as 'N' and 'N m'")
-    if len(said) == 1:
+    if len(said) == 1 and len(said[0]) <= _LONGEST_LIST:
         said = [part for part in re.split(r"\s*(?:[,;|/]|\band\b)\s*", said[0].strip("[] ")) if part]
     return {what: (key, tuple(said))} if said and any(said) else {}
 
