@@ -82,9 +82,9 @@ P = ParamSpec("P")
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
     """Turn the exceptions of a command into one line on standard error and an exit code.
 
-    Bad input (ValueError, TypeError, OSError) exits with 2, a missing extra (an ImportError that says what to
-    install) with 1, Ctrl-C with 130. Anything else is a bug and keeps its traceback. A warning is one line, too. What moves
-    a robot also exits on SIGTERM with 143 and on SIGHUP with 129 (`stopping_the_robot`).
+    Bad input (ValueError, TypeError, OSError) exits with 2, a missing extra (an ImportError that says what to install)
+    with 1, Ctrl-C with 130; what moves a robot also on SIGTERM with 143 and on SIGHUP with 129 (`stopping_the_robot`).
+    Anything else is a bug and keeps its traceback. A warning is one line, too.
     """
 
     @functools.wraps(command)
