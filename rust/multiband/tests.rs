@@ -271,13 +271,13 @@ fn memory_is_asked_for_beforehand() {
         let mut made = None;
         let counted = measure(|| made = Some(design(n_samples, n_axes)));
         assert!(
-            counted.bytes_max as usize <= values * DESIGN_BYTES + small,
+            counted.bytes_max <= (values * DESIGN_BYTES + small) as u64,
             "{n_samples} x {n_axes}: {counted:?}"
         );
         let design = made.unwrap();
         let counted = measure(|| drop(design.workspace().unwrap()));
         assert!(
-            counted.bytes_max as usize <= values * WORK_BYTES + small,
+            counted.bytes_max <= (values * WORK_BYTES + small) as u64,
             "{n_samples} x {n_axes}: {counted:?}"
         );
     }

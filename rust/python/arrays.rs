@@ -82,9 +82,10 @@ impl<'py, B> Held<'py, B> {
         array: &Bound<'py, PyArrayDyn<T>>,
         borrow: impl FnOnce() -> PyResult<B>,
     ) -> PyResult<Self> {
-        // The memory of a view is that of the last array behind it.
+        // The memory of a view is that of the last array behind it; numpy's own attribute, whatever a subclass makes of it.
         let mut owner = array.as_any().clone();
-        while let Ok(base) = owner.getattr("base")?.cast_into::<PyUntypedArray>() {
+        let base = array.py().get_type::<PyUntypedArray>().getattr("base")?;
+        while let Ok(base) = base.call_method1("__get__", (&owner,))?.cast_into::<PyUntypedArray>() {
             owner = base.into_any();
         }
         let owner = PyWeakrefReference::new(&owner)?;

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 
 use super::scalars::count;
 
-/// Values of an array from which on other threads of Python run meanwhile: some 30 microseconds of work. Handing the GIL
+/// Values of an array from which on other threads of Python run meanwhile: some 40 microseconds of work. Handing the GIL
 /// over takes a tenth of one, getting it back from a thread that is busy takes up to 5 ms.
 const MANY_VALUES: usize = 1 << 14;
 

@@ -78,6 +78,7 @@ class Flags(np.ndarray):
     def flags(self):
         shrink()
         return super().flags
+    base = flags
 
 class Type:
     @property

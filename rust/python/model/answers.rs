@@ -37,7 +37,7 @@ pub(super) fn scores<'py>(
         let mut target = writable(&out, "wrench", &[values])?;
         let target = target.as_slice_mut()?;
         let threads = threads(n_recordings == 1);
-        work_on(py, values.len(), || model.scores_into(values, n_recordings, threads, target))?;
+        py.detach(|| model.scores_into(values, n_recordings, threads, target))?;
     }
     Ok(out.cast_into()?)
 }
@@ -60,7 +60,7 @@ pub(super) fn losses<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult
         let scores = scores.as_slice()?;
         let mut losses = writable(&out, "scores", &[scores])?;
         let losses = losses.as_slice_mut()?;
-        work_on(py, scores.len().max(losses.len()), || {
+        work_on(py, scores.len().saturating_mul(n_classes), || {
             let mut rows =
                 scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes)).enumerate();
             rows.try_for_each(|(row, (scores, losses))| {

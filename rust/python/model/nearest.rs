@@ -88,7 +88,8 @@ impl PyNearestMean {
             error => error.into(),
         };
         let scores = scores.as_slice()?;
-        let distances = work_on(py, scores.len(), || self.nearest.distances(scores)).map_err(not_finite)?;
+        let distances = work_on(py, scores.len().saturating_mul(width), || self.nearest.distances(scores))
+            .map_err(not_finite)?;
         Ok(PyArray1::from_vec(py, distances))
     }
 }

@@ -8,7 +8,7 @@ use pyo3::types::{PyDict, PyTuple};
 
 use self::arguments::{blocks_of, given_scales};
 use super::arrays::{self, contiguous_real, copied, readable, writable, zeros};
-use super::pool::{threads_for, work_on};
+use super::pool::threads_for;
 use super::scalars::{count, number};
 use crate::error::brief;
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
@@ -231,7 +231,7 @@ impl PyMultiBandExtractor {
             let mut target = writable(&out, "X", &[values])?;
             let target = target.as_slice_mut()?;
             let (design, threads) = (&self.design, threads(single));
-            work_on(py, values.len(), || match wanted {
+            py.detach(|| match wanted {
                 Wanted::Features => design.extract_batch(values, shape, threads, target),
                 Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
             })?;
