@@ -102,7 +102,8 @@ impl Work<'_> {
         let mut target = writable(out, "wrench", &[wrench])?;
         let target = target.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
-        work_on(out.py(), wrench.len(), || extract(extractor, wrench, shape, threads, target))?;
+        let n_values = wrench.len().max(target.len());
+        work_on(out.py(), n_values, || extract(extractor, wrench, shape, threads, target))?;
         Ok(())
     }
 }
