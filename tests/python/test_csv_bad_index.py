@@ -105,11 +105,12 @@ def test_an_index_without_labels_says_so(tmp_path):
 
 
 def test_a_tip_to_skip_is_given_only_where_something_would_be_left(tmp_path):
-    (tmp_path / "00.csv").write_bytes(b"time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
-    with pytest.raises(RecordingFileError, match="gives no label") as caught:
+    (tmp_path / "00.csv").write_bytes(b"")
+    (tmp_path / "index.csv").write_bytes(b"file\nno.txt\n")
+    with pytest.raises(RecordingFileError, match="no known format") as caught:
         load(tmp_path)
     assert not caught.value.skippable
-    (tmp_path / "rice_1.csv").write_bytes((tmp_path / "00.csv").read_bytes())
-    with pytest.raises(RecordingFileError, match="gives no label") as caught:
+    (tmp_path / "index.csv").write_bytes(b"file\nno.txt\n00.csv\n")
+    with pytest.raises(RecordingFileError, match="no known format") as caught:
         load(tmp_path)
     assert caught.value.skippable

@@ -1,5 +1,6 @@
 """Reading CSV: layouts, time, sessions, and what the history says about it."""
 
+import gzip
 import math
 import os
 import re
@@ -38,7 +39,7 @@ def test_single_file_has_no_label(tmp_path):
     )
     assert data[0].rate_hz == 100
     np.testing.assert_array_equal(data[0].wrench, wrench)
-    assert data.history[-1].parameters["format"] == "CSV (*.csv)"
+    assert data.history[-1].parameters["format"] == "CSV (*.csv, *.tsv, *.csv.gz, *.tsv.gz)"
 
 
 def test_label_folders_in_natural_order(tmp_path):
@@ -319,3 +320,115 @@ def test_start_times_of_the_index_may_be_dates(tmp_path, text):
     (tmp_path / "a.csv").write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n")
     (tmp_path / "index.csv").write_text(f"file,start_time,rate_hz\na.csv,{text},500\n")
     assert load(tmp_path)[0].start_time == 1581072654.25
+
+
+WRENCH = np.random.default_rng(4).normal(size=(6, 6)).round(4)
+STAMPS = np.arange(6) / 500
+
+
+def savetxt(path, delimiter, header):
+    np.savetxt(path, np.column_stack([STAMPS, WRENCH]), fmt="%.17g", delimiter=delimiter, header=header)
+
+
+def frame(**more):
+    pandas = pytest.importorskip("pandas")
+    return pandas.DataFrame({"time": STAMPS} | dict(zip(AXES, WRENCH.T, strict=True)) | more)
+
+
+def of_robot(path):
+    """Write what a recorder of a UR robot does: blanks between columns, poses and joints beside the wrench."""
+    about = frame(actual_q_0=0.5, output_int_register_0=7)
+    names = {"time": "timestamp"} | {axis: f"actual_TCP_force_{i}" for i, axis in enumerate(AXES)}
+    about.rename(columns=names).to_csv(path, sep=" ", index=False)
+
+
+WRITERS = {
+    "pandas with its index": ("a.csv", lambda path: frame().to_csv(path), "''"),
+    "pandas twice": (
+        "a.csv",
+        lambda path: frame(**{"Unnamed: 0": range(6)}).to_csv(path),
+        "'', 'Unnamed: 0'",
+    ),
+    "savetxt": ("a.csv", lambda path: savetxt(path, ",", "time,fx,fy,fz,tx,ty,tz"), None),
+    "savetxt with blanks": ("a.csv", lambda path: savetxt(path, " ", "time fx fy fz tx ty tz"), None),
+    "gzip": ("a.csv.gz", lambda path: frame().to_csv(path, index=False), None),
+    "tabs": ("a.tsv", lambda path: frame().to_csv(path, index=False, sep="\t"), None),
+    "tabs, gzip": ("a.TSV.gz", lambda path: frame().to_csv(path, index=False, sep="\t"), None),
+    "semicolons": ("a.csv", lambda path: frame().to_csv(path, index=False, sep=";"), None),
+    "other columns": (
+        "a.csv",
+        lambda path: frame(note='a, "b"', temp=20.5).to_csv(path, index=False),
+        "'note', 'temp'",
+    ),
+    "a robot": ("a.csv", of_robot, "'actual_q_0', 'output_int_register_0'"),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_tables_as_others_write_them(tmp_path, name):
+    file, write_it, unread = WRITERS[name]
+    write_it(tmp_path / file)
+    data = load(tmp_path / file)
+    assert data[0].wrench.tolist() == WRENCH.tolist()
+    assert data[0].rate_hz == 500
+    notes = [note for note in data.history[-1].notes if "not read" in note]
+    assert notes == ([] if unread is None else [f"columns that are not read: {unread}"])
+
+
+def test_one_long_table_of_many_recordings(tmp_path):
+    about = frame(trial=[7, 7, 7, 3, 3, 3], material=["rice"] * 3 + ["oats, rolled"] * 3, session="s1")
+    about["time"] %= 0.006
+    about.to_csv(tmp_path / "all.csv", index=False)
+    data = load(tmp_path / "all.csv")
+    assert data.names == ("all.csv[7]", "all.csv[3]")
+    assert [r.label for r in data] == ["rice", "oats, rolled"]
+    assert set(data.sessions) == {"s1"}
+    assert [r.rate_hz for r in data] == [500, 500]
+    assert np.vstack([r.wrench for r in data]).tolist() == WRENCH.tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda data: data[:-20], "cut off"),
+        (lambda data: data * 2, "several gzip streams"),
+        (lambda data: data[:20] + b"\0\0" + data[22:], "cannot be decompressed|cut off"),
+        (lambda _: gzip.compress(bytes(9_000_000)), "more than 8388608 bytes"),
+        (lambda _: b"fx,fy", "cannot be decompressed"),
+    ],
+)
+def test_gzip_that_is_damaged_or_a_bomb(tmp_path, change, problem):
+    file = tmp_path / "a.csv.gz"
+    write(tmp_path / "a.csv", times=np.arange(50) / 100)
+    file.write_bytes(change(gzip.compress((tmp_path / "a.csv").read_bytes())))
+    with pytest.raises(RecordingFileError, match=problem):
+        load(file)
+
+
+FOLDERS = {
+    "train/rice/a.csv": ("rice", None, {"split": "train"}),
+    "Test/rice/a.csv": ("rice", None, {"split": "Test"}),
+    "train/rice_1.csv": ("rice", None, {"split": "train"}),
+    "label=oat%20flakes/a.csv": ("oat flakes", None, {}),
+    "label=rice/session=3/speed=0.03/a.csv": ("rice", "3", {"speed": "0.03"}),
+    "session=3/rice/a.csv": ("rice", "3", {}),
+    "rice/speed=3/a.csv": ("rice", None, {"speed": "3"}),
+    "speed=3/rice/day 1/a.csv": ("rice", "day 1", {"speed": "3"}),
+    "val/material=rice/trial=2/a.csv": ("rice", None, {"split": "val", "trial": "2"}),
+    "rice/test/a.csv": ("rice", None, {"split": "test"}),
+}
+
+
+@pytest.mark.parametrize("path", FOLDERS)
+def test_folders_that_are_no_labels(tmp_path, path):
+    write(tmp_path / path)
+    data = load(tmp_path)
+    assert (data[0].label, data[0].session, data[0].meta) == FOLDERS[path]
+    kept = ", ".join(sorted(data[0].meta))
+    assert list(data.history[-1].notes) == ([f"names of folders kept in meta: {kept}"] if kept else [])
+
+
+def test_a_material_may_be_called_test_beside_others(tmp_path):
+    for label in ("test", "rice"):
+        write(tmp_path / label / "a.csv")
+    assert load(tmp_path).labels == ("rice", "test")

@@ -97,8 +97,11 @@ def test_pandas_writes_what_is_loaded(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"fx": None}, "no column for fx"),
-        ({"Fx": WRENCH[:, 0]}, "columns 'fx' and 'Fx' both mean fx"),
+        ({"fx": None}, "column 'fx' is missing"),
+        ({"Fx": WRENCH[:, 0]}, "column 'Fx' occurs twice"),
+        ({"Mx": WRENCH[:, 0]}, "columns 'tx' and 'Mx' both mean tx"),
+        ({"time_min": WRENCH[:, 0]}, "the unit of column 'time_min' is 'min'"),
+        ({"recording": range(6)}, "column recording: has another value in every row"),
         ({"fx": ["1"] * 6}, "column fx: holds .*string.*; wanted numbers"),
         ({"fx": [1.0, 2, None, 4, 5, 6]}, "column fx: has 1 empty cells"),
         ({"fx": [1.0, 2, np.inf, 4, 5, 6]}, "column fx, row 2: is inf"),

@@ -121,9 +121,11 @@ def npy(array):
     return "push.npy", lambda path: np.save(path, array)
 
 
-def csv(stamps):
-    rows = "\n".join(",".join(map(repr, [float(t), *w.tolist()])) for t, w in zip(stamps, W, strict=True))
-    return "push.csv", lambda path: path.write_text(f"time,{','.join(AXES)}\n{rows}\n")
+def csv(stamps, name="time", axes=AXES, values=W):
+    rows = "\n".join(
+        ",".join(map(repr, [float(t), *w.tolist()])) for t, w in zip(stamps, values, strict=True)
+    )
+    return "push.csv", lambda path: path.write_text(f"{name},{','.join(axes)}\n{rows}\n")
 
 
 def own(units, name="wrench", values=W):
@@ -234,6 +236,14 @@ READ = {
         [W],
     ),
     "parquet time_ms": (parquet(time_ms=T * 1e3), [W]),
+    "parquet fs in kHz": (parquet(**{"fs [kHz]": np.full(50, 0.5)}), [W]),
+    "csv units": (
+        csv(T, axes=["Fx [mN]", "fy_mN", "fz_kN", *AXES[3:]], values=W * [1e3, 1e3, 1e-3, 1, 1, 1]),
+        [W],
+    ),
+    "csv time_ms": (csv(T * 1e3, "time_ms"), [W]),
+    "csv fs as column": (csv(np.full(50, 500.0), "fs"), [W]),
+    "csv fs in kHz": (csv(np.full(50, 0.5), "fs_kHz"), [W]),
     "pandas attrs": (pandas(units=dict.fromkeys(AXES[:3], "N"), fs=500), [W]),
     # the clock
     "npz dt": (npz(X=X, dt=0.002), X),
@@ -362,6 +372,7 @@ REFUSED = {
     "npz ns since 1970": (npz(X=W, t=1_700_000_000_000_000_000 + (T * 1e9).astype(np.int64)), "time_unit="),
     "npz days": (npz(X=W, t=739000 + T / 86400), "time_unit="),
     "mat stamps in ms": (mat(X=W, t=T * 1e3), "time_unit="),
+    "csv mask": (csv(np.ones(50), "valid"), "valid"),
     "csv stamps in ms": (csv(T * 1e3), "time_unit="),
     "parquet stamps in us": (parquet(time=(T * 1e6).astype(np.int64)), "time_unit="),
     "npz dt of 2": (npz(X=X, dt=2.0), "time_unit="),

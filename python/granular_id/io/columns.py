@@ -10,28 +10,69 @@ flags                                                         (bits of ``SampleF
 ====== ===================================================== =========================
 
 Likewise y and z. Case, blanks, ``_ . / -`` between the words and ``field.`` or a topic before ``wrench`` do not
-matter. A unit may follow: ``Fx [N]``, ``tx (Nm)``, ``time_s``. One that is not N, N m or s is refused, as nothing
-is scaled on the strength of a name; so is what could mean two things (``T``: time, torque, temperature; ``ts``).
+matter. A unit may follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. One that ``units`` does not know is refused; so is what
+could mean two things (``T``: time, torque, temperature).
+
+``actual_TCP_force_0`` to ``_5`` are what RTDE recorders of Universal Robots call fx to tz. Columns of tables may
+also tell recordings apart, label them and state their rate. Other columns are left out, by name.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 from granular_id.io.units import NAMED, factor
 from granular_id.recording import AXES
 
-__all__ = ["FLAGS", "TIME", "ColumnError", "axis_of", "columns_of", "refusal", "split_unit"]
+__all__ = [
+    "ABOUT",
+    "FLAGS",
+    "LABEL",
+    "MASKS",
+    "RATE",
+    "RATES",
+    "RECORDING",
+    "SESSION",
+    "TIME",
+    "ColumnError",
+    "axis_of",
+    "columns_of",
+    "refusal",
+    "split_unit",
+]
 
 TIME, FLAGS = "time", "flags"
+RECORDING, LABEL, SESSION, RATE, _MASK = "recording", "label", "session", "rate", "mask"
+
+RATES = (
+    "fs ratehz rate samplingrate samplerate samplingratehz sampleratehz samplingfrequency frequency freq hz"
+)
+MASKS = "mask masks valid validmask paddingmask padmask"
+"""Names of rates, and of what tells which samples are padding, without case and separators."""
+
+_KINDS = {
+    RECORDING: "recording id name trial run episode",
+    LABEL: "label material class",
+    SESSION: "session",
+    RATE: RATES,
+    _MASK: MASKS,
+}
+ABOUT = {
+    name: what
+    for what, names in _KINDS.items()
+    for word in names.split()
+    for name in (word, *(f"{word}{end}" for end in ("id", "index", "number") if what == RECORDING))
+}
+"""What a column of a table says about the recordings in it, by its name without case and separators."""
 
 _WORDS = {
     **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force")},
     **{word + axis: "t" + axis for axis in "xyz" for word in ("t", "m", "tau", "torque", "moment")},
     **dict.fromkeys(("t", "time", "timestamp", "stamp", "seconds", "sec"), TIME),
+    **{f"actualtcpforce{i}": axis for i, axis in enumerate(AXES)},
     "flags": FLAGS,
 }
 
@@ -44,9 +85,6 @@ _OTHER_UNITS = (
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
-
-_NAMED = 9
-"""Columns to leave out that an error names."""
 
 _SEPARATORS = r"[\s_./-]+"
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
@@ -88,11 +126,11 @@ class _Meaning:
         return None if self.axis in (FLAGS, None) else "N" if self.axis[0] == "f" else "N m"
 
     @property
-    def holds(self) -> bool:
-        """Whether the axis is known and the unit, if there is one, is right."""
+    def scale(self) -> float | None:
+        """What one of the unit is in the unit wanted; None where the axis or the unit is not known."""
         if self.axis is None or self.unit is None:
-            return self.axis is not None
-        return self.wanted is not None and factor(self.unit, self.wanted) == 1
+            return None if self.axis is None else 1.0
+        return None if self.wanted is None else factor(self.unit, self.wanted)
 
 
 def axis_of(name: str) -> str | None:
@@ -110,7 +148,7 @@ def axis_of(name: str) -> str | None:
     ['fx', 'tz', 'ty', 'time', None, None]
     """
     meaning = _meaning(name)
-    return meaning.axis if meaning.holds else None
+    return meaning.axis if meaning.scale == 1 else None
 
 
 def split_unit(name: str) -> tuple[str | None, str | None]:
@@ -138,22 +176,30 @@ def refusal(name: str) -> str:
     return f"unknown column {shown}; wanted {', '.join(AXES)}, and optionally time (s) and flags ({also})"
 
 
-def columns_of(names: Sequence[str]) -> dict[str, int]:
-    """Find the six axes, and time and flags where they are there, among the names of all columns.
+def columns_of(
+    names: Sequence[str], *, label: str | None = None, known: Mapping[str, str] | None = None
+) -> dict[str, int]:
+    """Find the six axes, and the time, flags and what tells recordings apart where they are there, among all columns.
+
+    What means none of these is left out, unless it may be an axis or the time.
 
     Parameters
     ----------
     names : sequence of str
+    label : str, optional
+        The column of labels; others are left out.
+    known : mapping, optional
+        What columns mean whose names do not tell.
 
     Returns
     -------
     dict
-        From ``"fx"`` ... ``"tz"``, ``"time"``, ``"flags"`` to the index of the name.
+        From ``"fx"`` ... ``"tz"``, ``"time"``, ``"flags"``, ``"recording"`` ... to the index of the name.
 
     Raises
     ------
     ColumnError
-        A name that is not known, two that mean the same, or an axis that is missing.
+        An axis whose unit is not known, or that is missing; two names that mean the same; a mask of samples.
 
     Examples
     --------
@@ -161,38 +207,48 @@ def columns_of(names: Sequence[str]) -> dict[str, int]:
     >>> columns_of(["t", "Fx", "Fy", "Fz", "Mx", "My", "Mz"])["tx"]
     4
     """
+    if label is not None and label not in names:
+        raise ColumnError(f"label={label!r} is no column of it")
     found: dict[str, int] = {}
+    others: list[int] = []
     for i, name in enumerate(names):
-        axis = axis_of(name)
-        if axis is None:
-            raise ColumnError(refusal(name) + _way_round(names, name), i)
-        if axis in found:
-            first = names[found[axis]]
+        what = (known or {}).get(name) or _what_in_table(name)
+        if label is not None and (name == label or what == LABEL):
+            what = LABEL if name == label else None
+        elif what is None and (name.strip() == "T" or _meaning(name).axis is not None):
+            raise ColumnError(refusal(name), i)
+        if what is None:
+            others.append(i)
+            continue
+        if what == _MASK:
+            wanted = "leave the others out first, and then the column"
+            raise ColumnError(f"column {name!r} tells which rows are samples: {wanted}", i)
+        if what in found:
+            first = names[found[what]]
             same = first.strip().lower() == name.strip().lower()
             problem = (
                 f"column {name!r} occurs twice"
                 if same
-                else f"columns {first!r} and {name!r} both mean {axis}; wanted one of them"
+                else f"columns {first!r} and {name!r} both mean {what}; wanted one of them"
             )
             raise ColumnError(problem, i)
-        found[axis] = i
+        found[what] = i
     missing = [axis for axis in AXES if axis not in found]
+    if missing and others:
+        raise ColumnError(f"{refusal(names[others[0]])}; column {missing[0]!r} is missing", others[0])
     if missing:
         raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}")
     return found
 
 
-def _way_round(names: Sequence[str], unknown: str) -> str:
-    """Say what to do about a column that is not known, where that can be told."""
-    if re.fullmatch(r"[-+\d.eE]+|#.*", unknown.strip()):
-        return "; line 1 names the columns"
-    known = unknown.strip() == "T" or _meaning(unknown).axis is not None
-    if known or not set(AXES) <= {axis_of(name) for name in names}:
-        return ""
-    others = [repr(n.strip()[:40]) for n in names if n != unknown and _meaning(n).axis is None]
-    also = f", and without {', '.join(others[:_NAMED])}" + (", ..." if len(others) > _NAMED else "")
-    pandas = "" if unknown.strip() else " (pandas: to_csv(file, index=False))"
-    return f"; write the file without it{pandas}{also if others else ''}"
+def _what_in_table(name: str) -> str | None:
+    meaning = _meaning(name)
+    if meaning.scale is not None:
+        return meaning.axis
+    plain = re.sub(_SEPARATORS, "", name.strip().lower())
+    if plain not in ABOUT and meaning.unit is not None and factor(meaning.unit, "Hz") is not None:
+        plain = re.sub(r"[^a-z]", "", plain).removesuffix(meaning.unit.lower())  # "fs [kHz]"
+    return ABOUT.get(plain)
 
 
 @lru_cache(maxsize=1024)  # every file of a folder has the same header

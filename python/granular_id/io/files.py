@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -104,8 +105,10 @@ def read_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
 
 
 def read_text_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
-    """Read a text file as `read_bounded` does, a line counting as at least 40 bytes."""
+    """Read a text file as `read_bounded` does, a line counting as at least 40 bytes; ``.gz`` is expanded."""
     data = read_bounded(path, root, max_bytes)
+    if path.suffix.lower() == ".gz":
+        data = _gunzipped(data, path, max_bytes)
     lines = data.count(b"\n")
     if lines * MIN_LINE_BYTES > max_bytes:
         most = max_bytes // MIN_LINE_BYTES
@@ -114,6 +117,26 @@ def read_text_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
         )
         raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
     return data
+
+
+def _gunzipped(data: bytes, path: Path, max_bytes: int) -> bytes:
+    """Expand one gzip member within the bounds of its file and of all texts."""
+    most = min(max_bytes, max(FREE_BYTES, MAX_EXPANSION * len(data)))
+    unpacker = zlib.decompressobj(wbits=31)  # gzip, its checksum verified
+    try:
+        text = unpacker.decompress(data, most + 1)
+    except zlib.error as error:
+        raise RecordingFileError(path, f"cannot be decompressed (gzip: {error})") from error
+    if len(text) > most:
+        problem = f"expands from {len(data)} to more than {most} bytes (max_file_bytes={max_bytes})"
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
+    if not unpacker.eof:
+        raise RecordingFileError(path, "is cut off: the end of its gzip stream is missing")
+    if unpacker.unused_data.strip(b"\0"):
+        raise RecordingFileError(
+            path, "holds several gzip streams, one after the other; wanted one file in it"
+        )
+    return text
 
 
 def check_expansion(path: Path, n_bytes: int, expanded: int, *, place: str | None = None) -> None:

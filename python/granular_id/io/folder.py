@@ -4,7 +4,12 @@ Three layouts, recognised in this order:
 
 1. ``index.csv`` lists the files (see ``index``); files it does not list are not read.
 2. ``label/*``: a sub-folder per label; with one more level, ``label/session/*``.
-3. ``label_*``: all files in one folder, the label being the name up to the last underscore.
+3. ``label_*``: all files in one folder, the label being the name up to the last underscore; a name without one
+   gives none.
+
+Folders that are no label are recognised: ``label=rice`` and ``session=3`` state them, any other ``key=value`` is kept
+in ``meta``, and so is, as ``split``, a level on which all folders are called train, test, validation or alike. Below
+them the layouts are the same.
 
 Files of every known format count, several side by side too, and folders that are a recording themselves (ROS 2
 bags). They are read in natural order (``rice_2`` before ``rice_10``). Sessions come from the index, the files or
@@ -15,12 +20,15 @@ files of no known format are passed over.
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from urllib.parse import unquote
 
 from granular_id._words import counted, verb
+from granular_id.io.columns import ABOUT, LABEL, SESSION
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, read_bounded, refuse_outside
 from granular_id.io.flat_checks import checked_history
@@ -35,6 +43,11 @@ __all__ = ["LAYOUTS", "FoundFiles", "find_files"]
 
 _FOLDERS, _INDEX = "label/*.csv, label/session/*.csv", "or an index.csv with the columns file and label"
 LAYOUTS = f"{_FOLDERS}, label_*.csv, {_INDEX}"
+
+_SPLITS = frozenset(("train", "training", "test", "testing", "val", "valid", "validation"))
+_STATED = re.compile(r"(\w+)=(.+)")
+_MOST_DEEP = 12
+"""Folders within each other; more are a circle of links."""
 
 _LOOKED_AT = 100
 """Folders that are looked into for what to say of one without recordings."""
@@ -129,51 +142,65 @@ def _read_history(path: Path, root: Path, options: LoadOptions, n_recordings: in
         raise RecordingFileError(path, f"is no history of a data set: {error}") from error
 
 
-def _find_flat(root: Path, entries: list[Path]) -> FoundFiles:
+def _find_flat(root: Path, entries: list[Path], known: FileSource | None = None) -> FoundFiles:
+    """List files whose label stands in `known`, or else in their names."""
+    known = FileSource(root, root, "") if known is None else known
     found = FoundFiles("label_*")
+    unnamed = []
     for path in entries:
+        source = replace(known, path=path, name=path.relative_to(known.root).as_posix())
         label, _, rest = path.stem.rpartition("_")
-        if label and rest:
-            found.sources.append(FileSource(path, root, path.name, folder_label=label))
-        elif (known := format_of(path)) is not None and known.knows_labels:
-            found.sources.append(FileSource(path, root, path.name))
-        else:
-            wanted = f"label_*.csv, or another layout: {_FOLDERS}, {_INDEX}"
-            problem = f"the name {path.name!r} gives no label; wanted {wanted}"
-            found.problems.append(RecordingFileError(path, problem))
+        if known.folder_label is None and label and rest:
+            source = replace(source, folder_label=label)
+        elif known.folder_label is None:
+            unnamed.append(path.name)
+        found.sources.append(source)
+    if unnamed:
+        gives = f"{counted(len(unnamed), 'file')} whose name gives no label ({unnamed[0]!r})"
+        found.notes.append(f"{gives}: wanted {LAYOUTS}")
     return found
 
 
 def _find_nested(root: Path, folders: list[Path]) -> FoundFiles:
     found = FoundFiles("label/*")
-    for folder in folders:
-        sources = attempt(found.problems, _labelled, folder, root) or []
-        if any(source.folder_session is not None for source in sources):
-            found.layout = "label/session/*"
-        found.sources += sources
+    _add_folders(found, folders, FileSource(root, root, ""))
+    if any(source.folder_session is not None for source in found.sources):
+        found.layout = "label/session/*"
+    keys = sorted({key for source in found.sources for key in source.meta})
+    if keys:
+        found.notes.append(f"names of folders kept in meta: {', '.join(keys)}")
     return found
 
 
-def _labelled(folder: Path, root: Path) -> list[FileSource]:
-    """List the files of one label, with or without a level for sessions."""
-    sources, deeper = _sources_in(folder, root, session=False)
-    sessions = [source for sub in deeper for source in _sessions_in(sub, root)]
-    if sources and sessions:
-        problem = f"recordings both here ({sources[0].path.name!r}) and in sub-folders; wanted one of the two"
+def _add_folders(found: FoundFiles, folders: list[Path], known: FileSource) -> None:
+    split = bool(folders) and {folder.name.lower() for folder in folders} <= _SPLITS
+    for folder in folders:
+        attempt(found.problems, _add_folder, found, folder, known, split=split)
+
+
+def _add_folder(found: FoundFiles, folder: Path, known: FileSource, *, split: bool) -> None:
+    """Add the files below a folder, of which `known` is known from the folders above it."""
+    entries, deeper = _listed(folder, known.root)
+    stated = _STATED.fullmatch(folder.name)
+    key, name = ("split" if split else "", folder.name) if stated is None else (stated[1], unquote(stated[2]))
+    meaning = ABOUT.get(key.lower())
+    if not key and known.folder_label is not None and known.folder_session is not None:
+        if entries:
+            raise RecordingFileError(folder, f"recordings lie too deep; wanted {LAYOUTS}")
+        return
+    if meaning == LABEL or not (key or known.folder_label):
+        known = replace(known, folder_label=name, folder_session=known.folder_session or known.folder_label)
+    elif meaning == SESSION or not key:
+        known = replace(known, folder_session=name)
+    else:
+        known = replace(known, meta={**known.meta, key: name})
+    n_before = len(found.sources)
+    if len(folder.relative_to(known.root).parts) < _MOST_DEEP:
+        _add_folders(found, deeper, known)
+    if entries and len(found.sources) > n_before:
+        del found.sources[n_before:]
+        problem = f"recordings both here ({entries[0].name!r}) and in sub-folders; wanted one of the two"
         raise RecordingFileError(folder, problem)
-    return sources + sessions
-
-
-def _sessions_in(folder: Path, root: Path) -> list[FileSource]:
-    sources, deeper = _sources_in(folder, root, session=True)
-    for sub in deeper:
-        if _listed(sub, root)[0]:
-            raise RecordingFileError(sub, f"recordings lie too deep; wanted {LAYOUTS}")
-    return sources
-
-
-def _sources_in(folder: Path, root: Path, *, session: bool) -> tuple[list[FileSource], list[Path]]:
-    entries, folders = _listed(folder, root)
-    label = folder.parent.name if session else folder.name
-    source = FileSource(folder, root, "", folder_label=label, folder_session=folder.name if session else None)
-    return [replace(source, path=path, name=path.relative_to(root).as_posix()) for path in entries], folders
+    here = _find_flat(folder, entries, known)
+    found.sources += here.sources
+    found.notes += here.notes

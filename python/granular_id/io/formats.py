@@ -46,8 +46,6 @@ class FileFormat:
         ``save(dataset, path)``; None: it is only read.
     saves_folder : bool
         Whether what `save` writes is a folder.
-    knows_labels : bool
-        Whether a file may say itself which material it holds; otherwise the name of file or folder must.
     is_folder : callable or None
         Tells whether a folder is a file of this format; None: never.
     """
@@ -58,12 +56,11 @@ class FileFormat:
     read: Callable[[FileSource, LoadOptions], FileContent]
     save: Callable[..., Path] | None = None
     saves_folder: bool = False
-    knows_labels: bool = True
     is_folder: Callable[[Path], bool] | None = None
 
 
 def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read a CSV file as what its first line shows it to be."""
+    """Read a CSV file as what its first line shows it to be (compressed: an ordinary table)."""
     if is_echo(source.path):
         return read_echo(source, options)
     return (read_gm10 if is_gm10(source.path) else read_csv)(source, options)
@@ -72,15 +69,14 @@ def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
 FORMATS = (
     FileFormat(
         "csv",
-        "CSV (*.csv)",
-        (".csv",),
+        "CSV (*.csv, *.tsv, *.csv.gz, *.tsv.gz)",
+        (".csv", ".tsv", ".csv.gz", ".tsv.gz"),
         _read_csv,
         save_csv,
         saves_folder=True,
-        knows_labels=False,
     ),
     FileFormat("npz", "NumPy archives (*.npz)", (".npz",), read_npz, save_npz),
-    FileFormat("npy", "NumPy arrays (*.npy)", (".npy",), read_npy, knows_labels=False),
+    FileFormat("npy", "NumPy arrays (*.npy)", (".npy",), read_npy),
     FileFormat("mat", "MATLAB (*.mat)", (".mat",), read_mat),
     FileFormat("hdf5", "HDF5 (*.h5, *.hdf5)", (".h5", ".hdf5"), read_hdf5, save_hdf5),
     FileFormat(
@@ -98,7 +94,6 @@ FORMATS = (
         "ROS bags (*.bag, *.db3, folders with metadata.yaml)",
         (".bag", ".db3"),
         read_ros,
-        knows_labels=False,
         is_folder=is_bag_folder,
     ),
 )
@@ -114,8 +109,8 @@ def format_of(path: Path) -> FileFormat | None:
 
 
 def _by_ending(path: Path) -> FileFormat | None:
-    suffix = path.suffix.lower()
-    return next((known for known in FORMATS if suffix in known.suffixes), None)
+    name = path.name.lower()
+    return next((known for known in FORMATS if name.endswith(known.suffixes)), None)
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:

@@ -8,8 +8,6 @@ recording's ``meta`` as text.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections.abc import Callable
@@ -17,7 +15,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from granular_id.io.csv.numbers import plain_number, split_header
+from granular_id.io.csv.numbers import plain_number, split_header, split_rows
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import read_text_bounded
 from granular_id.io.json_text import check_parts
@@ -62,8 +60,8 @@ def read_index(
     """
     path = root / INDEX_NAME
     data = read_text_bounded(path, root, max_bytes)
-    header, start = split_header(data, path)
-    columns = [column.lower() for column in header]
+    header = split_header(data, path)
+    columns = [column.lower() for column in header.names]
     for i, column in enumerate(columns):
         if not column or not column.isprintable() or column in columns[:i]:
             problem = (
@@ -78,7 +76,10 @@ def read_index(
     sources: list[FileSource] = []
     problems: list[RecordingFileError] = []
     seen: dict[str, int] = {}
-    for line, cells in _rows(data, start, path):
+    rows = list(split_rows(data, header, path))
+    if not rows:
+        raise RecordingFileError(path, "has a header but lists no file", line=2)
+    for line, cells in rows:
         source = attempt(problems, _listed, root, columns, cells, line, seen)
         if source is not None and not readable(source.path):
             problem = f"{cells[columns.index('file')]!r} is of no known format"
@@ -87,31 +88,6 @@ def read_index(
         if source is not None:
             sources.append(source)
     return sources, problems, columns
-
-
-def _rows(data: bytes, start: int, path: Path) -> list[tuple[int, list[str]]]:
-    try:
-        text = data[start:].decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = 2 + data.count(b"\n", start, start + error.start)
-        problem = f"byte 0x{data[start + error.start]:02x} is not UTF-8 text"
-        raise RecordingFileError(path, problem, line=line) from error
-    if "\0" in text:
-        problem = "is binary (holds NUL bytes); wanted text"
-        raise RecordingFileError(path, problem, line=2 + text.count("\n", 0, text.index("\0")))
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    rows = []
-    line = 2
-    try:
-        for cells in reader:
-            if cells:
-                rows.append((line, cells))
-            line = reader.line_num + 2
-    except csv.Error as error:
-        raise RecordingFileError(path, f"is not valid CSV: {error}", line=line) from error
-    if not rows:
-        raise RecordingFileError(path, "has a header but lists no file", line=2)
-    return rows
 
 
 def _listed(root: Path, columns: list[str], cells: list[str], line: int, seen: dict[str, int]) -> FileSource:

@@ -245,7 +245,7 @@ def _clock(
     if stamps is None and source.irregular:
         raise RecordingFileError(source.path, f"has no {clock}, but is called irregular", **where(None))
     if stamps is None:
-        stated = file_rate_hz if stated is None else stated
+        stated = stated if file_rate_hz is None else file_rate_hz  # `completed` refuses another one
         if stated is None:
             problem = f"has no {clock} and no rate is stated; pass rate_hz=, or a rate_hz column in index.csv"
             raise RecordingFileError(source.path, problem, **where(None))

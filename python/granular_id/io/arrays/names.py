@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from granular_id.io.arrays.tree import is_leaf
-from granular_id.io.columns import FLAGS, TIME, split_unit
+from granular_id.io.columns import FLAGS, MASKS, RATES, TIME, split_unit
 
 Role = (
     Literal["labels", "class_names", "sessions", "names", "rate", "step", "time", "start", "trigger", "flags"]
@@ -19,7 +19,7 @@ _NAMES: dict[Role, str] = {
     "class_names": "classes materials classnames labelnames materialnames targetnames categories",
     "sessions": "session sessions sessionid sessionids",
     "names": "name names recordingname recordingnames file files filename filenames id ids",
-    "rate": "fs ratehz rate samplingrate samplerate samplingratehz sampleratehz samplingfrequency frequency freq hz",
+    "rate": RATES,
     "step": "dt timestep samplingperiod sampleperiod samplingtime sampletime samplinginterval sampleinterval",
     "time": "times timestamps stamps",
     "start": "starttime starttimes",
@@ -28,7 +28,7 @@ _NAMES: dict[Role, str] = {
     "units": "unit units",
     "dimensions": "dims dimnames dimensions dimensionnames dimensionlabels dimorder",
     "lengths": "length lengths nsamples numsamples nsteps numsteps seqlen seqlens seqlengths sequencelengths",
-    "mask": "mask masks valid validmask paddingmask padmask",
+    "mask": MASKS,
     "scaling": "scalefactor addoffset countsperforce countspertorque countspernewton cpf cpt",
     "fill": "fillvalue missingvalue",
 }

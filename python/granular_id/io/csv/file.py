@@ -1,69 +1,159 @@
-"""One CSV file to one ``Recording``.
+"""A CSV file: one recording, or many told apart by a column.
 
-Line 1 names the columns, in any order: the six axes of a wrench (N, N m), and optionally a time (seconds) and
-``flags`` (bits of ``SampleFlag``). ``columns`` lists the names that are known. Names with other units (``fx_mN``)
-and other columns are refused: what they hold would have to be guessed.
+Line 1 names the columns, in any order: the six axes of a wrench (N, N m), and optionally a time (seconds), ``flags``
+(bits of ``SampleFlag``), and what tells recordings apart and names them. ``columns`` lists the names that are known.
+Names with other units (``fx_mN``) are converted, or refused; other columns are not read, and a note names them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.columns import FLAGS, TIME, ColumnError, columns_of
-from granular_id.io.csv.numbers import parse_numbers, split_header
+from granular_id.io.columns import (
+    FLAGS,
+    LABEL,
+    RATE,
+    RECORDING,
+    SESSION,
+    TIME,
+    ColumnError,
+    columns_of,
+    split_unit,
+)
+from granular_id.io.csv.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
+from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.io.stamped import stamped_recording
 from granular_id.recording import AXES, SampleFlag
+
+_TEXTS = (RECORDING, LABEL, SESSION)
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read one file as one recording; see ``stamped_recording`` for what its stamps mean.
+    """Read one file; see ``stamped_recording`` for what its stamps mean.
 
     Raises
     ------
     RecordingFileError
         With the line and column of the first fault.
     """
-    data = read_text_bounded(source.path, source.root, options.max_text_bytes)
-    header, start = split_header(data, source.path)
-    columns = _columns(header, source.path)
-    values = parse_numbers(data, start, header, source.path)
-    time_name = header[columns[TIME]] if TIME in columns else None
+    path = source.path
+    data = read_text_bounded(path, source.root, options.max_text_bytes)
+    header = split_header(data, path)
+    names = header.names
+    columns = _columns(names, path)
+    called = {meaning: names[i] for meaning, i in columns.items()}
+    stated = Stated.of(called, path, options)
+    notes = list(stated.notes)
+    texts: dict[str, Coded] = {}
+    if header.separator == "," and len(columns) == len(names) and not set(columns) & set(_TEXTS):
+        values, numbers = parse_numbers(data, header.end, names, path), columns
+    else:
+        values, numbers, texts = _picked(data, header, columns, path)
+        unread = [repr(name) for i, name in enumerate(names) if i not in columns.values()]
+        notes += [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
+    time_name = called.get(TIME)
 
-    def locate(sample: int | None) -> dict[str, Any]:
-        if sample is None:
+    def place(_: str, row: int | None) -> dict[str, Any]:
+        if row is None:
             return {"column": time_name} if time_name else {"line": 1}
-        return {"line": sample + 2, "column": time_name}
+        return {"line": row + 2, "column": time_name}
 
-    recording, remarks = stamped_recording(
-        _wrench(values, columns),
-        source,
-        options,
-        stamps=np.ascontiguousarray(values[:, columns[TIME]]) if TIME in columns else None,
-        flags=_flags(values[:, columns[FLAGS]], source.path) if FLAGS in columns else None,
-        locate=locate,
-        clock="time column",
+    keys, key_names = texts.get(RECORDING, (None, []))
+    table = LongTable(
+        _wrench(values, numbers),
+        called,
+        stated,
+        place,
+        stamps=np.ascontiguousarray(values[:, numbers[TIME]]) if TIME in columns else None,
+        flags=_flags(values[:, numbers[FLAGS]], path) if FLAGS in columns else None,
+        rates=values[:, numbers[RATE]] if RATE in columns else None,
+        keys=keys,
+        names=[f"{source.name}[{key}]" if key.isdecimal() else key for key in map(str, key_names)],
+        texts=texts,
     )
+    recordings, remarked = recordings_of(table, source, options, clock="time column")
     if not data.endswith(b"\n"):
-        remarks = {"remark": "no line end after the last line: it may be cut off", **remarks}
-    rows = [{"name": recording.name, **remarks}] if remarks else []
-    return FileContent([recording], rows, _renamed(header, columns))
+        last = {"name": recordings[-1].name, "remark": "no line end after the last line: it may be cut off"}
+        if remarked and remarked[-1]["name"] == last["name"]:
+            last |= remarked.pop()
+        remarked.append(last)
+    return FileContent(recordings, remarked, notes + _renamed(called, stated))
 
 
-def _columns(header: list[str], path: Path) -> dict[str, int]:
+def _columns(header: Sequence[str], path: Path) -> dict[str, int]:
     try:
         return columns_of(header)
     except ColumnError as error:
         column = None if error.index is None else str(error.index + 1)
-        raise RecordingFileError(path, error.problem, line=1, column=column) from error
+        no_names = (
+            "" if set(AXES) & {split_unit(name)[0] for name in header} else "; line 1 names the columns"
+        )
+        raise RecordingFileError(path, error.problem + no_names, line=1, column=column) from error
+
+
+def _picked(
+    data: bytes, header: Header, columns: Mapping[str, int], path: Path
+) -> tuple[NDArray[np.float64], dict[str, int], dict[str, Coded]]:
+    """Return the numbers of the columns that are read, where each is among them, and texts."""
+    numbers = {meaning: i for meaning, i in columns.items() if meaning not in _TEXTS}
+    unnamed = [i for i, name in enumerate(header.names) if not name or name.lower().startswith("unnamed:")]
+    kept: list[str] = []
+    others: dict[int, list[str]] = {i: [] for i in (*columns.values(), *unnamed) if i not in numbers.values()}
+    for line, cells in split_rows(data, header, path):
+        if len(cells) != len(header.names):
+            problem = f"{len(cells)} cells; wanted {len(header.names)}, as in the header"
+            raise RecordingFileError(path, problem, line=line)
+        if line != len(kept) + 2:
+            problem = "the line is empty, or a quoted cell goes on in it"
+            raise RecordingFileError(path, problem, line=len(kept) + 2)
+        row = [cells[i] for i in numbers.values()]
+        for name, cell in zip(numbers, row, strict=True):
+            if "," in cell or "\n" in cell:
+                problem = f"{cell[:40]!r} is no number with a decimal point"
+                way_out = PANDAS.format(f"sep={header.separator!r}, decimal=','")
+                raise RecordingFileError(
+                    path, f"{problem}; {way_out}", line=line, column=header.names[numbers[name]]
+                )
+        kept.append(",".join(row))
+        for i, values in others.items():
+            values.append(cells[i].strip())
+    where = [header.names[i] for i in numbers.values()]
+    table = parse_numbers("\n".join(kept).encode(), 0, where, path)
+    for i in unnamed:
+        _check_index(others[i], i, path)
+    texts = {meaning: _coded(others[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
+    if RECORDING in texts and None in texts[RECORDING][1]:
+        row_of_none = others[columns[RECORDING]].index("")
+        raise RecordingFileError(
+            path, "the cell is empty", line=row_of_none + 2, column=header.names[columns[RECORDING]]
+        )
+    return table, {meaning: i for i, meaning in enumerate(numbers)}, texts
+
+
+def _coded(cells: Sequence[str]) -> Coded:
+    known: dict[str | None, int] = {}
+    codes = [known.setdefault(cell or None, len(known)) for cell in cells]
+    return np.array(codes, np.int64), list(known)
+
+
+def _check_index(cells: Sequence[str], column: int, path: Path) -> None:
+    """Refuse a column without a name unless it numbers rows, as the index does that pandas writes."""
+    counts = all(cell.isdecimal() for cell in cells)
+    if not counts or any(int(after) not in (0, int(before) + 1) for before, after in pairwise(cells)):
+        problem = f"the column has no name and does not number the rows (0, 1, 2 ...): it begins {cells[:3]}"
+        way_out = (
+            "name it if it is the time (pandas: frame.index.name = 'time'), or write the file without it"
+        )
+        raise RecordingFileError(path, f"{problem}; {way_out}", line=1, column=str(column + 1))
 
 
 def _wrench(values: NDArray[np.float64], columns: Mapping[str, int]) -> NDArray[np.float64]:
@@ -73,8 +163,12 @@ def _wrench(values: NDArray[np.float64], columns: Mapping[str, int]) -> NDArray[
     return wrench
 
 
-def _renamed(header: list[str], columns: Mapping[str, int]) -> list[str]:
-    names = {header[i]: axis for axis, i in columns.items() if header[i].lower() not in (axis, "timestamp")}
+def _renamed(called: Mapping[str, str], stated: Stated) -> list[str]:
+    names = {
+        name: meaning
+        for meaning, name in called.items()
+        if name.lower() not in (meaning, "timestamp") and not (stated.notes and meaning in AXES)
+    }
     if not names:
         return []
     return [f"columns {', '.join(map(repr, names))} taken as {', '.join(names.values())}"]

@@ -2,29 +2,43 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from os import PathLike
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import MAX_LINE_BYTES, NumberTableError, parse_number_table
-from granular_id.io.columns import axis_of
+from granular_id.io.columns import split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.recording import AXES
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t]*")
 
+PANDAS = "with pandas: read_csv(path, {}).to_csv(path, index=False)"
+"""What to do about a table that is not read."""
 
-def split_header(data: bytes, path: str | PathLike[str]) -> tuple[list[str], int]:
-    """Return the cells of line 1 (without blanks and quotes around them) and where line 2 begins.
+
+class Header(NamedTuple):
+    """Line 1 of a table: its cells without blanks and quotes, where line 2 begins, the separator (None: blanks)."""
+
+    names: list[str]
+    end: int
+    separator: str | None
+
+
+def split_header(data: bytes, path: str | PathLike[str]) -> Header:
+    """Split line 1; ``#`` before the names, as numpy.savetxt writes it, is left out.
 
     Raises
     ------
     RecordingFileError
-        Empty, binary, not UTF-8, a separator other than a comma, an over-long first line.
+        Empty, binary, not UTF-8, an over-long first line, several lines of comments.
     """
     if not data:
         raise RecordingFileError(path, "is empty (0 bytes)")
@@ -48,12 +62,49 @@ def split_header(data: bytes, path: str | PathLike[str]) -> tuple[list[str], int
     text = text.removesuffix("\r")
     if "\r" in text:
         raise RecordingFileError(path, "lines end with a bare carriage return; wanted LF or CR LF", line=1)
-    for separator, name in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars"), (None, "blanks")):
-        parts = text.split(separator) if "," not in text else []
-        if len(parts) > 1 and (separator or set(AXES) <= {axis_of(part) for part in parts}):
-            problem = f"columns are separated by {name}; wanted commas (and points in decimal numbers)"
-            raise RecordingFileError(path, problem, line=1)
-    return [_plain(cell) for cell in text.split(",")], end + 1
+    if text.startswith("#"):
+        if data[end + 1 : end + 2] == b"#":
+            how = "comment='#', names=[...]"
+            problem = "is a second line that begins with #; wanted the names of the columns in line 1, alone"
+            raise RecordingFileError(path, f"{problem}; {PANDAS.format(how)}", line=2)
+        text = text[1:]
+    for separator in () if "," in text else (";", "\t", "|", None):
+        cells = text.split(separator)
+        if len(cells) > 1 and (separator or set(AXES) <= {split_unit(cell)[0] for cell in cells}):
+            return Header([_plain(cell) for cell in cells], end + 1, separator)
+    return Header([_plain(cell) for cell in text.split(",")], end + 1, ",")
+
+
+def split_rows(data: bytes, header: Header, path: str | PathLike[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the cells of each line from 2 on that is not empty; quoted cells may hold separators.
+
+    Raises
+    ------
+    RecordingFileError
+        Not UTF-8, binary, a quote that is not closed.
+    """
+    start = header.end
+    try:
+        text = data[start:].decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = 2 + data.count(b"\n", start, start + error.start)
+        problem = f"byte 0x{data[start + error.start]:02x} is not UTF-8 text"
+        raise RecordingFileError(path, problem, line=line) from error
+    if "\0" in text:
+        problem = "is binary (holds NUL bytes); wanted text"
+        raise RecordingFileError(path, problem, line=2 + text.count("\n", 0, text.index("\0")))
+    if header.separator is None:
+        yield from ((line, row.split()) for line, row in enumerate(text.split("\n"), 2) if row.strip())
+        return
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=header.separator)
+    line = 2
+    try:
+        for cells in reader:
+            if cells:
+                yield line, cells
+            line = reader.line_num + 2
+    except csv.Error as error:
+        raise RecordingFileError(path, f"is not valid CSV: {error}", line=line) from error
 
 
 def parse_numbers(

@@ -1,0 +1,256 @@
+"""Tables with a row per sample, of one recording or of many: how CSV and Parquet files of others keep them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.arrays.details import Entries, stated_rates
+from granular_id.io.arrays.names import Role, role_of
+from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
+from granular_id.io.arrays.tree import Origin
+from granular_id.io.columns import LABEL, RATE, RECORDING, SESSION, TIME, split_unit
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileSource
+from granular_id.io.stamped import stamped_recording
+from granular_id.io.units import factor
+from granular_id.recording import AXES, Recording
+from granular_id.recording._values import FloatArray, checked_text
+
+__all__ = ["Coded", "LongTable", "Stated", "recordings_of"]
+
+_OF_ROLE: dict[Role | None, str] = {"labels": LABEL, "sessions": SESSION}
+
+Coded = tuple[NDArray[np.int64], list[str | None]]
+"""A column of texts: codes, and what each means; None is an empty cell."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the names of columns, and the metadata of them and of the table, say.
+
+    Attributes
+    ----------
+    scales : tuple of float or None
+        What each axis must be multiplied with; None: nothing.
+    time_unit : str or None
+    rate_hz : float or None
+        Of the whole table.
+    rate_unit : str
+        Of the column of rates.
+    texts : dict
+        Label and session of the whole table.
+    notes : list of str
+        What was converted.
+    """
+
+    scales: tuple[float, ...] | None
+    time_unit: str | None
+    rate_hz: float | None
+    rate_unit: str
+    texts: dict[str, str]
+    notes: list[str]
+
+    @classmethod
+    def of(
+        cls,
+        columns: Mapping[str, str],
+        path: Path,
+        options: LoadOptions,
+        *,
+        about: Mapping[str, Any] | None = None,
+        units_of_columns: Mapping[str, str] | None = None,
+    ) -> Stated:
+        """Read what is stated.
+
+        Parameters
+        ----------
+        columns : mapping
+            What each column that is read is called in the file, by what it means.
+        path, options
+        about : mapping, optional
+            Metadata of the table.
+        units_of_columns : mapping, optional
+            From the names of columns to units that stand in their metadata.
+
+        Raises
+        ------
+        RecordingFileError
+            Units that are not known, or that contradict each other.
+        """
+        origin = Origin(path, "metadata", about or {})
+        units: dict[str, tuple[str, tuple[str, ...]]] = {}
+        entries: Entries = {}
+        for key, value in (about or {}).items():
+            whose, role = what_has_unit(key, {}), role_of(key)
+            if whose is not None and value is not None:
+                units |= units_of(value, whose, key, {}, origin)
+            elif role in ("rate", "step"):
+                entries.setdefault(role, {})[key] = value
+        units |= {
+            meaning: (f"of column {name}", (unit,))
+            for meaning, name in columns.items()
+            if meaning in (*AXES, TIME, RATE) and (unit := (units_of_columns or {}).get(name))
+        }
+        named = tuple(columns[axis] for axis in AXES)
+        rates = stated_rates(entries, 1, units, origin, options)
+        time_unit = single_unit(units.get(TIME))
+        if time_unit is None and TIME in columns:
+            time_unit = time_unit_in_name(columns[TIME])
+        wrench = Columns.named(named, {ALL: ("", ()), **units}, "the table", origin)
+        texts = {
+            what: text
+            for key, text in (about or {}).items()
+            if isinstance(text, str) and (what := _OF_ROLE.get(role_of(key))) and what not in columns
+        }
+        return cls(
+            scales=wrench.scales,
+            time_unit=time_unit,
+            rate_hz=None if rates is None else rates[0],
+            rate_unit=single_unit(units.get(RATE)) or split_unit(columns.get(RATE, ""))[1] or "Hz",
+            texts=texts,
+            notes=[] if wrench.scales is None else [wrench.said(named)],
+        )
+
+
+@dataclass(frozen=True)
+class LongTable:
+    """The columns that were read.
+
+    Attributes
+    ----------
+    wrench : ndarray, shape (T, 6)
+    columns : mapping
+        What each column that was read is called in the file, by what it means.
+    stated : Stated
+    place : callable
+        From the name of a recording and a row (None: all of it) to the place that an error names.
+    stamps : ndarray, shape (T,), or None
+    nanoseconds : ndarray of int64, shape (T,), or None
+        Since 1970, in place of `stamps`.
+    flags : ndarray of uint8, shape (T,), or None
+    rates : ndarray, shape (T,), or None
+        The rate of the recording, in each of its rows.
+    keys : ndarray of int, shape (T,), or None
+        Which recording each row belongs to; None: all to one.
+    names : sequence of str or None
+        What a key stands for; None: it is a number.
+    texts : mapping
+        Label and session of each row, where they are there.
+    """
+
+    wrench: FloatArray
+    columns: Mapping[str, str]
+    stated: Stated
+    place: Callable[[str, int | None], dict[str, Any]]
+    stamps: FloatArray | None = None
+    nanoseconds: NDArray[np.int64] | None = None
+    flags: NDArray[np.uint8] | None = None
+    rates: FloatArray | None = None
+    keys: NDArray[Any] | None = None
+    names: list[str | None] | None = None
+    texts: Mapping[str, Coded] = field(default_factory=dict)
+
+
+def recordings_of(
+    table: LongTable, source: FileSource, options: LoadOptions, *, clock: str = "time"
+) -> tuple[list[Recording], list[dict[str, Any]]]:
+    """Make the recordings of a table, in the order in which they begin, and remarks on them.
+
+    Raises
+    ------
+    RecordingFileError
+        A recording with two labels, a column that numbers samples, what `stamped_recording` says of the clock.
+    """
+    made = [
+        _recording(table, rows, replace(source, name=name), options, clock)
+        for rows, name in _parts(table, source)
+    ]
+    remarked = [{"name": recording.name, **remarks} for recording, remarks in made if remarks]
+    return [recording for recording, _ in made], remarked
+
+
+def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp], str]]:
+    """Return the rows and the name of each recording."""
+    n_rows = len(table.wrench)
+    if table.keys is None:
+        return [(np.arange(n_rows), source.name)]
+    kinds, firsts, codes = np.unique(table.keys, return_index=True, return_inverse=True)
+    if RECORDING in table.columns and 1 < n_rows == len(kinds):
+        problem = "has another value in every row: it numbers samples, not recordings; leave the column out"
+        raise RecordingFileError(source.path, problem, column=table.columns[RECORDING])
+    values = table.names
+    names = [f"{source.name}[{kind}]" if values is None else str(values[kind]) for kind in kinds.tolist()]
+    rows = np.split(np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes))[:-1])
+    return [(rows[i], names[i]) for i in np.argsort(firsts).tolist()]
+
+
+def _recording(
+    table: LongTable, rows: NDArray[np.intp], source: FileSource, options: LoadOptions, clock: str
+) -> tuple[Recording, dict[str, Any]]:
+    def locate(sample: int | None) -> dict[str, Any]:
+        return table.place(source.name, None if sample is None else int(rows[sample]))
+
+    stamps = None if table.stamps is None else table.stamps[rows]
+    start_time = None
+    if table.nanoseconds is not None:
+        own = table.nanoseconds[rows]
+        stamps, start_time = (own - own[0]) / 1e9, float(own[0]) / 1e9
+    wrench, scales = table.wrench[rows], table.stated.scales
+    recording, remarks = stamped_recording(
+        wrench if scales is None else wrench * scales,
+        source,
+        options,
+        stamps=stamps,
+        start_time=start_time,
+        flags=None if table.flags is None else table.flags[rows],
+        locate=locate,
+        clock=clock,
+        time_unit="s" if table.nanoseconds is not None else table.stated.time_unit,
+        file_rate_hz=_rate_hz(table, rows, source),
+    )
+    known = {name: _one_text(table, name, rows, source) for name in (LABEL, SESSION)}
+    return Recording._trusted(**{**vars(recording), **known}), remarks
+
+
+def _rate_hz(table: LongTable, rows: NDArray[np.intp], source: FileSource) -> float | None:
+    """Return the rate that a recording's rows, or the whole table, state."""
+    of_table = table.stated.rate_hz
+    if table.rates is None:
+        return of_table
+    rates = np.unique(table.rates[rows])
+    scale = factor(table.stated.rate_unit, "Hz")
+    if scale is None:
+        problem = f"is in {table.stated.rate_unit!r:.40}; wanted Hz"
+    elif len(rates) > 1 or rates[0] <= 0 or of_table not in (None, rates[0] * scale):
+        beside = "" if of_table is None else f", the table one of {of_table:g} Hz"
+        shown = f"{rates[:5].tolist()}{beside}"
+        problem = f"recording {source.name!r:.60} states the rates {shown}; wanted one above 0"
+    else:
+        return float(rates[0] * scale)
+    raise RecordingFileError(source.path, problem, column=table.columns[RATE])
+
+
+def _one_text(table: LongTable, meaning: str, rows: NDArray[np.intp], source: FileSource) -> str | None:
+    """Return what a recording's rows, or the whole table, say of its label or session: all of them the same."""
+    column = table.columns.get(meaning)
+    if meaning not in table.texts:
+        text = table.stated.texts.get(meaning)
+    else:
+        codes, values = table.texts[meaning]
+        said = {values[code] for code in np.unique(codes[rows]).tolist()}
+        if len(said) > 1:
+            shown = ", ".join(sorted(f"{text!r:.30}" for text in said))[:80]
+            problem = f"recording {source.name!r:.60} has {len(said)} values: {shown}; wanted one"
+            raise RecordingFileError(source.path, problem, column=column)
+        text = said.pop()
+    try:
+        return None if text is None else checked_text(text, meaning, spaced=False)
+    except ValueError as error:
+        raise RecordingFileError(source.path, str(error), column=column) from error
