@@ -177,3 +177,58 @@ def test_dictionaries_with_indices_of_any_width(tmp_path, indices, group_rows):
     data = load(write(tmp_path, values, row_group_size=group_rows), rate_hz=10)
     assert [(r.name, r.label) for r in data] == [("b", "rice"), ("a", None)]
     assert data[0].wrench[:, 0].tolist() == WRENCH[:3, 0].round(1).tolist()
+
+
+def rows_of_lists(kind=None, **more):
+    """A table of two recordings, each a row whose cells hold all samples of an axis."""
+    parts = {axis: [WRENCH[:3, j], WRENCH[3:, j]] for j, axis in enumerate(AXES)}
+    return {axis: pa.array(cells, kind) for axis, cells in parts.items()} | more
+
+
+@pytest.mark.parametrize("kind", [None, pa.large_list(pa.float64()), pa.list_(pa.float64(), 3)])
+def test_a_row_may_be_a_recording(tmp_path, kind):
+    times = [[0.0, 0.1, 0.2], [7.0, 7.5, 8.0]]
+    values = rows_of_lists(
+        kind, time=times, label=pa.array(["rice", "peas"]).dictionary_encode(), trial=["b", "a"]
+    )
+    data = load(write(tmp_path, values))
+    assert [(r.name, r.label, r.rate_hz) for r in data] == [("b", "rice", 10), ("a", "peas", 2)]
+    assert np.vstack([r.wrench for r in data]).tobytes() == WRENCH.tobytes()
+
+
+def test_rows_of_lists_by_pandas_with_a_rate_each(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    cells = {axis: [WRENCH[:2, j], WRENCH[2:, j]] for j, axis in enumerate(AXES)}
+    pandas.DataFrame(cells | {"fs": [500, 100]}).to_parquet(tmp_path / "a.parquet")
+    data = load(tmp_path / "a.parquet")
+    assert [(r.name, r.n_samples, r.rate_hz) for r in data] == [
+        ("a.parquet[0]", 2, 500),
+        ("a.parquet[1]", 4, 100),
+    ]
+    with pytest.raises(RecordingFileError, match="200 Hz is stated"):
+        load(tmp_path / "a.parquet", rate_hz=200)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"tz": [[1.0, 2, 3], [1.0, 2]]}, "column tz: row 1 has 2 values; wanted as many as 'fx'"),
+        ({"tz": [1.0, 2.0]}, "column tz: holds a value a row, 'fx' a list"),
+        ({"time": [0.0, 1.0]}, "column time: holds a value a row"),
+        ({"tz": [[1.0, 2, None]] * 2}, "column tz: has 2 empty cells"),
+        ({"tz": [[1.0, 2, 3], None]}, "column tz: has 1 empty cells"),
+        ({"tz": [[[1.0], [2.0], [3.0]]] * 2}, "column tz: holds list"),
+        ({axis: [[], [1.0]] for axis in AXES}, "row 0 has 0 values"),
+        ({"rate_hz": [[500, 500, 100]] * 2}, r"states the rates \[100.0, 500.0\]; wanted one"),
+        ({"rate_hz": [-5, 5]}, r"states the rates \[-5.0\]; wanted one above 0"),
+    ],
+)
+def test_rows_of_lists_that_are_refused(tmp_path, change, problem):
+    with pytest.raises(RecordingFileError, match=problem):
+        load(write(tmp_path, rows_of_lists(**change)), rate_hz=None if "rate_hz" in change else 10)
+
+
+def test_a_wrench_in_each_row_comes_with_a_way_round(tmp_path):
+    values = {"wrench": pa.array(WRENCH.tolist(), pa.list_(pa.float64(), 6))}
+    with pytest.raises(RecordingFileError, match=r"with pandas: frame\[.* = frame\['wrench'\]\.tolist\(\)"):
+        load(write(tmp_path, values), rate_hz=10)

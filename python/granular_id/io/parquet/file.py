@@ -16,7 +16,7 @@ from granular_id.io.files import check_expansion, open_bounded
 from granular_id.io.parquet.footer import MAX_FOOTER_BYTES, Footer, read_footer
 from granular_id.io.parquet.pages import unpacked_bytes
 
-__all__ = ["TEXTS", "CheckedParquet", "open_parquet", "parquet_library"]
+__all__ = ["TEXTS", "CheckedParquet", "is_list", "open_parquet", "parquet_library"]
 
 TEXTS = ("string", "large_string", "string_view")
 """Types of Arrow that hold texts."""
@@ -171,11 +171,12 @@ class CheckedParquet:
                 for chunk in self._footer.chunks[group]:
                     if not {chunk.column, chunk.column.partition(".")[0]} & wanted:
                         continue
-                    if chunk.n_values != rows:
+                    kind = self.columns.get(chunk.column, self.columns.get(chunk.column.partition(".")[0]))
+                    if chunk.n_values != rows and not is_list(kind):
                         raise ValueError(
                             f"column {chunk.column[:40]} has {chunk.n_values} values for {rows} rows"
                         )
-                    total += 8 * rows + unpacked_bytes(self._read_at, chunk)
+                    total += 8 * max(rows, chunk.n_values) + unpacked_bytes(self._read_at, chunk)
             check_expansion(self.path, self._n_bytes, total, place=f"row group {group}")
         self._checked |= wanted
 
@@ -201,6 +202,14 @@ def _unit_of_field(field: Any) -> str | None:
     about = {key.lower(): value for key, value in (field.metadata or {}).items()}
     said = about.get(b"units", about.get(b"unit"))
     return None if said is None else str(said.decode("utf-8", "replace")).strip() or None
+
+
+def is_list(kind: Any) -> bool:
+    """Tell whether a type of Arrow is one of lists."""
+    types = need("pyarrow", extra="app", why="to read Parquet files").types
+    return kind is not None and bool(
+        types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+    )
 
 
 def _with_plain_dictionaries(table: Any) -> Any:

@@ -10,12 +10,22 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.columns import FLAGS, LABEL, RATE, RECORDING, SESSION, TIME, ColumnError, columns_of
+from granular_id.io.columns import (
+    FLAGS,
+    LABEL,
+    RATE,
+    RECORDING,
+    SESSION,
+    TIME,
+    ColumnError,
+    columns_of,
+    split_unit,
+)
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
 from granular_id.io.long_table import LongTable, Stated, recordings_of
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.file import TEXTS, CheckedParquet, open_parquet
+from granular_id.io.parquet.file import TEXTS, CheckedParquet, is_list, open_parquet
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
@@ -37,8 +47,8 @@ def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
     """Read a table with columns fx fy fz tx ty tz, and optionally time, flags, recording, label and session.
 
     Rows with the same value in the column ``recording`` make a recording, in the order of the file; without that
-    column the whole file is one. A recording has one label and one session. Columns that mean nothing here are not
-    read, and a note says so.
+    column the whole file is one. Where the columns hold lists, each row is a recording. A recording has one label and
+    one session. Columns that mean nothing here are not read, and a note says so.
 
     Raises
     ------
@@ -91,14 +101,18 @@ def _columns(parquet: CheckedParquet, label: str | None) -> dict[str, str]:
     try:
         found = columns_of(names, label=label, known={_PANDAS_INDEX: TIME} if dated else None)
     except ColumnError as error:
-        raise RecordingFileError(parquet.path, error.problem) from error
+        lists = (name for name, kind in parquet.columns.items() if is_list(kind))
+        six = next((name for name in lists if split_unit(name)[0] is None), None)
+        wide = f"frame[{list(AXES)}] = frame[{six!r:.60}].tolist()"
+        split = f"; if {six!r:.60} holds a wrench in each row, with pandas: {wide}"
+        raise RecordingFileError(parquet.path, error.problem + (split if six else "")) from error
     return {meaning: names[i] for meaning, i in found.items()}
 
 
 def _decoded(columns: _Columns, stated: Stated) -> LongTable:
     known = columns.names
     nanoseconds = columns.nanoseconds() if TIME in known else None
-    keys, names = columns.keys() if RECORDING in known else (None, None)
+    keys, names = columns.keys() if RECORDING in known else (columns.lists, None)
 
     def place(recording: str, row: int | None) -> dict[str, Any]:
         said = f"recording {recording!r:.60}"
@@ -120,13 +134,51 @@ def _decoded(columns: _Columns, stated: Stated) -> LongTable:
 
 
 class _Columns:
-    """A decoded table, its columns called by what they mean."""
+    """A decoded table, its columns called by what they mean.
+
+    Attributes
+    ----------
+    lists : ndarray of int, or None
+        Which row of the file each sample lies in, where a row is a recording and its columns hold lists.
+    """
 
     def __init__(self, table: Any, names: Mapping[str, str], path: Path) -> None:
         self.names = names
+        self.lists: NDArray[np.intp] | None = None
         self._table = table
         self._path = path
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
+        listed = {name: meaning for meaning, name in names.items() if is_list(table.column(name).type)}
+        if listed:
+            self._expand(listed)
+
+    def _expand(self, listed: Mapping[str, str]) -> None:
+        """Make a row of each sample."""
+        compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
+        for meaning in (*AXES, *({TIME, FLAGS} & set(self.names))):
+            if self.names[meaning] not in listed:
+                self._refuse(
+                    meaning, f"holds a value a row, {next(iter(listed))!r} a list; wanted lists in both"
+                )
+        lengths = {}
+        for name, meaning in listed.items():
+            lengths[name] = compute.list_value_length(self._filled(meaning)[1]).to_numpy()
+        first = next(iter(lengths.values()))
+        for name, own in lengths.items():
+            wrong = np.flatnonzero((own != first) | (own < 1))
+            if len(wrong):
+                wanted = f"as many as {self.names['fx']!r}, and at least one"
+                problem = f"row {wrong[0]} has {own[wrong[0]]} values; wanted {wanted}"
+                self._refuse(listed[name], problem)
+        rows = np.repeat(np.arange(len(first)), first)
+        self.lists = rows
+        whole = {name: self._table.column(name) for name in self.names.values()}
+        self._table = self._arrow.table(
+            {
+                name: compute.list_flatten(column) if name in listed else column.take(rows)
+                for name, column in whole.items()
+            }
+        )
 
     def keys(self) -> tuple[NDArray[Any], list[str | None] | None]:
         """Return which recording each row belongs to, and what the keys are called if they are no numbers."""
