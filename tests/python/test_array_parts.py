@@ -15,7 +15,7 @@ FORCES, TORQUES = X[..., :3], X[..., 3:]
     ("force", "torque"),
     [
         *[("force", "torque"), ("forces", "torques"), ("Force", "moment"), ("F", "T"), ("F", "M")],
-        *[("f", "tau"), ("forces_N", "moments_Nm"), ("Force [N]", "Torque [N m]")],
+        *[("f", "tau"), ("forces_N", "moments_Nm"), ("Force [N]", "Torque [N m]"), ("ee_force", "ee_torque")],
     ],
 )
 def test_forces_and_torques_side_by_side_are_joined_whatever_they_are_called(force, torque):

@@ -145,7 +145,7 @@ def test_a_folder_without_labels_is_read_file_by_file(folder, model, tmp_path):
     for file in tmp_path.iterdir():
         file.unlink()
     (tmp_path / "zz.csv").write_text("fx\nno number\n", encoding="utf-8")
-    assert "none of 1 files could be read" in refused("identify", model, tmp_path, "--on-error", "skip")
+    assert "none of 1 recording could be read" in refused("identify", model, tmp_path, "--on-error", "skip")
 
 
 def test_several_paths_are_named_after_where_they_are(folder, model, fresh):

@@ -26,10 +26,10 @@ __all__ = [
 THREE = ("x", "y", "z")
 """Axes of a force, and of a torque."""
 
-FORCES = frozenset(f"{word}{unit}" for word in ("f", "force", "forces") for unit in ("", "n"))
+FORCES = frozenset(f"{word}{unit}" for word in ("f", "force", "forces", "eeforce") for unit in ("", "n"))
 TORQUES = frozenset(
     f"{word}{unit}"
-    for word in ("t", "m", "tau", "torque", "torques", "moment", "moments")
+    for word in ("t", "m", "tau", "torque", "torques", "moment", "moments", "eetorque")
     for unit in ("", "nm")
 )
 """As ``plain_name`` gives them; other units (``force_mN``) are not known here, and nothing is scaled."""
