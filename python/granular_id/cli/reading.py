@@ -91,7 +91,14 @@ RecordedHz = Annotated[
         "--recorded-hz", PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."
     ),
 ]
-Topic = Annotated[str | None, option("--topic", PANEL, "Topic of a bag, where several hold a wrench.")]
+Topic = Annotated[
+    str | None,
+    option(
+        "--topic",
+        PANEL,
+        "Topic of a bag, where several hold a wrench; with .field after it one inside its messages.",
+    ),
+]
 TimeUnit = Annotated[
     Unit | None,
     option("--time-unit", PANEL, "What stamps count, where a file does not state it. Default: seconds."),

@@ -52,8 +52,9 @@ def load(
     ----------
     path : str or path
         A file of a known format, or a folder of such files: ``label/*``, ``label/session/*``, ``label_*``, or with
-        an ``index.csv``. Formats: CSV, NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), the native Parquet folder,
-        ROS 1 and ROS 2 bags, MCAP, and the rows of GM10-ts.
+        an ``index.csv``; folders ``train``, ``test`` and ``key=value`` are no labels. Formats: CSV, NumPy (.npy,
+        .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a native folder, or a table), ROS 1 and ROS 2 bags, MCAP, and the
+        rows of GM10-ts.
     rate_hz : float, optional
         Rate at which files that have no clock were recorded, Hz (``--recorded-hz`` on the command line, where
         ``--rate-hz`` is ``.resample(rate_hz)``). Where there are stamps they must fit it (each within
@@ -69,7 +70,8 @@ def load(
         minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than 64-fold beyond 64 MiB: a
         file that is no recording is refused within a second and 256 MB.
     topic : str, optional
-        Which topic of a bag holds the wrench, where there are several. Refused where no file is a bag or MCAP.
+        Which topic of a bag holds the wrench, where there are several; ``"/topic.field"`` is the wrench in a field of
+        its messages. Refused where no file is a bag or MCAP.
     time_unit : {"s", "ms", "us", "ns", "sample"}, optional
         What stamps count, where the file does not state it; "sample": they are an index, and a rate is stated. By
         default stamps are seconds, and refused where samples would lie 1 s or more, or 10 us or less apart.

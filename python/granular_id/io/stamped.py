@@ -209,7 +209,7 @@ def _order_time(
             what = f"the stamp {after!r} is repeated"
         problem = f"{what}; on_time_error='repair' sorts samples and averages those that share a stamp"
         if first and after <= stamps[0]:
-            one_each = "a file each, in a Parquet table a column recording"
+            one_each = "a file each, or in a table a column recording"
             problem = (
                 f"{what}, where it began: several recordings must be told apart ({one_each}); of a single one "
                 "on_time_error='repair' sorts samples and averages those that share a stamp"
