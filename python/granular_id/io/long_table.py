@@ -197,19 +197,22 @@ def _recording(
     def locate(sample: int | None) -> dict[str, Any]:
         return table.place(source.name, None if sample is None else int(rows[sample]))
 
-    stamps = None if table.stamps is None else table.stamps[rows]
+    def picked(values: NDArray[Any]) -> NDArray[Any]:
+        return values if table.keys is None else values[rows]  # all of one recording need not be copied
+
+    stamps = None if table.stamps is None else picked(table.stamps)
     start_time = None
     if table.nanoseconds is not None:
-        own = table.nanoseconds[rows]
+        own = picked(table.nanoseconds)
         stamps, start_time = (own - own[0]) / 1e9, float(own[0]) / 1e9
-    wrench, scales = table.wrench[rows], table.stated.scales
+    wrench, scales = picked(table.wrench), table.stated.scales
     recording, remarks = stamped_recording(
         wrench if scales is None else wrench * scales,
         source,
         options,
         stamps=stamps,
         start_time=start_time,
-        flags=None if table.flags is None else table.flags[rows],
+        flags=None if table.flags is None else picked(table.flags),
         locate=locate,
         clock=clock,
         time_unit="s" if table.nanoseconds is not None else table.stated.time_unit,

@@ -106,6 +106,7 @@ def _picked(
     """Return the numbers of the columns that are read, where each is among them, and texts."""
     numbers = {meaning: i for meaning, i in columns.items() if meaning not in _TEXTS}
     unnamed = [i for i, name in enumerate(header.names) if not name or name.lower().startswith("unnamed:")]
+    where = [header.names[i] for i in numbers.values()]
     kept: list[str] = []
     others: dict[int, list[str]] = {i: [] for i in (*columns.values(), *unnamed) if i not in numbers.values()}
     for line, cells in split_rows(data, header, path):
@@ -116,17 +117,14 @@ def _picked(
             problem = "the line is empty, or a quoted cell goes on in it"
             raise RecordingFileError(path, problem, line=len(kept) + 2)
         row = [cells[i] for i in numbers.values()]
-        for name, cell in zip(numbers, row, strict=True):
-            if "," in cell or "\n" in cell:
-                problem = f"{cell[:40]!r} is no number with a decimal point"
-                way_out = PANDAS.format(f"sep={header.separator!r}, decimal=','")
-                raise RecordingFileError(
-                    path, f"{problem}; {way_out}", line=line, column=header.names[numbers[name]]
-                )
         kept.append(",".join(row))
+        if kept[-1].count(",") != len(row) - 1:
+            wrong, cell = next((i, cell) for i, cell in enumerate(row) if "," in cell)
+            way_out = PANDAS.format(f"sep={header.separator!r}, decimal=','")
+            problem = f"{cell[:40]!r} is no number with a decimal point; {way_out}"
+            raise RecordingFileError(path, problem, line=line, column=where[wrong])
         for i, values in others.items():
             values.append(cells[i].strip())
-    where = [header.names[i] for i in numbers.values()]
     table = parse_numbers("\n".join(kept).encode(), 0, where, path)
     for i in unnamed:
         _check_index(others[i], i, path)
