@@ -8,9 +8,9 @@ what is left are messages of the plain types, read as every other. No code is ma
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -270,7 +270,8 @@ def _ros2_name(type_name: str) -> str:
     return f"{package}/msg/{name}"
 
 
-def _parsed(definition: str, type_name: str, *, ros1: bool) -> dict[str, Any]:
+@lru_cache(16)  # all bags of a folder have the same definition
+def _parsed(definition: str, type_name: str, *, ros1: bool) -> Mapping[str, Any]:
     """Return the fields of each type, as rosbags gives them."""
     parse = need("rosbags.typesys", extra="ros", why="to read messages of makers' types").get_types_from_msg
     standard = parse(DEFINITION, STAMPED)

@@ -176,7 +176,7 @@ def _decoded(topic: Topic, field: str, bag: _Bag, refuse: Refuse) -> Wrenches:
         bag.unpacker.spend(len(data), shown(topic.name))
     type_name = topic.type_name
     if field:
-        data, lengths, type_name = topic.inside().plain(data, lengths, field, refuse)
+        data, lengths, type_name = topic.inside.plain(data, lengths, field, refuse)
     return decode_wrenches(data, lengths, cast(Encoding, topic.encoding), type_name, refuse)
 
 

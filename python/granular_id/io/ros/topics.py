@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -64,6 +65,7 @@ class Topic:
         known = self.is_wrench or self.encoding not in _ENCODINGS
         return not known and may_hold_wrench(self.definition)
 
+    @cached_property
     def inside(self) -> Inside:
         """Return the type of the messages, by its definition; ValueError where that is no proper one."""
         return Inside(self.definition, self.type_name, cast(Encoding, self.encoding))
@@ -183,7 +185,7 @@ class Topics:
 
     def _fields_of(self, topic: Topic) -> list[str]:
         try:
-            return list(topic.inside().places)
+            return list(topic.inside.places)
         except ValueError as error:
             raise self._refusal(f"has {topic}, but {error}") from error
 
