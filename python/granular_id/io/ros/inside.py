@@ -8,7 +8,7 @@ what is left are messages of the plain types, read as every other. No code is ma
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -90,7 +90,8 @@ class Inside:
     def __init__(self, definition: str, type_name: str, encoding: Encoding) -> None:
         self._cdr = encoding == "cdr"
         self._name = _ros2_name(type_name)
-        self._types = _parsed(definition, type_name, ros1=not self._cdr)
+        library = need("rosbags.typesys", extra="ros", why="to read messages of makers' types")
+        self._types = _parsed(library.get_types_from_msg, definition, type_name, ros1=not self._cdr)
 
     @cached_property
     def places(self) -> dict[str, _Place]:
@@ -271,9 +272,10 @@ def _ros2_name(type_name: str) -> str:
 
 
 @lru_cache(16)  # all bags of a folder have the same definition
-def _parsed(definition: str, type_name: str, *, ros1: bool) -> Mapping[str, Any]:
+def _parsed(
+    parse: Callable[[str, str], dict[str, Any]], definition: str, type_name: str, *, ros1: bool
+) -> Mapping[str, Any]:
     """Return the fields of each type, as rosbags gives them."""
-    parse = need("rosbags.typesys", extra="ros", why="to read messages of makers' types").get_types_from_msg
     standard = parse(DEFINITION, STAMPED)
     if ros1:
         seq = parse("uint32 seq\n", "x/Seq")["x/msg/Seq"][1]
