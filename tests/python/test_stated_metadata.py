@@ -11,6 +11,7 @@ from granular_id.io import RecordingFileError, load
 h5py = pytest.importorskip("h5py")
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
+csv_of_arrow = pytest.importorskip("pyarrow.csv")
 
 AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
 X = np.random.default_rng(5).normal(size=(4, 50, 6))
@@ -434,6 +435,8 @@ CHOSEN_WRONGLY = {
     "an array without samples": (npz(X=X, fs=500), {"array": "fs"}, RecordingFileError, "array='fs'"),
     "no such label": (npz(X=X, fs=500), {"label": "z"}, RecordingFileError, "label='z'"),
     "no such column": (parquet(time=T), {"label": "z"}, RecordingFileError, "label='z'"),
+    "no label where ROS printed": (csv(T, "%time"), {"label": "z"}, RecordingFileError, "label='z'"),
+    "no such column of text": (csv(T), {"label": "z"}, RecordingFileError, "label='z'"),
     "an array of a table": (csv(T), {"array": "fx"}, ValueError, "array must be left out"),
     "another unit than the file's": (
         npz(X=X, time_ms=T * 1e3),
@@ -501,9 +504,15 @@ def test_labels_are_chosen(tmp_path, file, label):
     assert load(made(tmp_path, file), label=label).y.tolist() == LABELS
 
 
-def test_labels_of_a_table_are_chosen(tmp_path):
-    file = parquet(label=["a"] * 50, material=["rice"] * 50, time=T)
-    assert load(made(tmp_path, file), label="material").y.tolist() == ["rice"]
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_labels_of_a_table_are_chosen(tmp_path, ending):
+    path = made(tmp_path, parquet(label=["a"] * 50, material=["rice"] * 50, time=T))
+    if ending == "csv":
+        table, path = pq.read_table(path), tmp_path / "push.csv"
+        csv_of_arrow.write_csv(table, path)
+    assert load(path, label="material").y.tolist() == ["rice"]
+    with pytest.raises(RecordingFileError, match="both mean label"):
+        load(path)
 
 
 def test_what_pandas_keeps_of_attrs_is_about_the_table(tmp_path):

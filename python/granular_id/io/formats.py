@@ -10,6 +10,7 @@ from pathlib import Path
 from granular_id.io.csv.file import read_csv
 from granular_id.io.csv.gm10 import is_gm10, read_gm10
 from granular_id.io.csv.save import save_csv
+from granular_id.io.errors import RecordingFileError
 from granular_id.io.hdf5.file import read_hdf5
 from granular_id.io.hdf5.save import save_hdf5
 from granular_id.io.matlab.mat import read_mat
@@ -61,9 +62,10 @@ class FileFormat:
 
 def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     """Read a CSV file as what its first line shows it to be (compressed: an ordinary table)."""
-    if is_echo(source.path):
-        return read_echo(source, options)
-    return (read_gm10 if is_gm10(source.path) else read_csv)(source, options)
+    read = read_echo if is_echo(source.path) else read_gm10 if is_gm10(source.path) else read_csv
+    if options.label is not None and read is not read_csv:
+        raise RecordingFileError(source.path, f"label={options.label!r} is no column of it")
+    return read(source, options)
 
 
 FORMATS = (

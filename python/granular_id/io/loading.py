@@ -14,18 +14,12 @@ from granular_id._words import counted
 from granular_id.io.errors import RecordingFileError, attempt, naming
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of
-from granular_id.io.hdf5.file import read_hdf5
-from granular_id.io.matlab.mat import read_mat
-from granular_id.io.npz.npy import read_npy
-from granular_id.io.npz.npz import read_npz
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.read import read_parquet
-from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileContent, FileSource, completed
 from granular_id.recording import Dataset, Recording, StepReport
 
-_ARRAYS = (read_npy, read_npz, read_mat, read_hdf5)
-_OF_FORMATS = {"topic": (read_ros,), "array": _ARRAYS, "label": (*_ARRAYS, read_parquet)}
+_ARRAYS = ("npy", "npz", "mat", "hdf5")
+_OF_FORMATS = {"topic": ("mcap", "ros"), "array": _ARRAYS, "label": (*_ARRAYS, "csv", "parquet")}
 """Which formats have what an option names."""
 
 
@@ -79,7 +73,7 @@ def load(
         Which array (variable, data set or group) holds the samples, where there are several that may: its name,
         with the names of the groups around it or without. It counts whatever it is called.
     label : str, optional
-        Which array, or column of a Parquet table, holds the labels.
+        Which array, or column of a table (CSV, Parquet), holds the labels.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 
@@ -161,10 +155,15 @@ def _read(
 def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:
     """Refuse options that would change nothing, as no file is of a format that has what they name."""
     for name, wanted in _OF_FORMATS.items():
-        known = {one.read for source in sources if (one := format_of(source.path)) is not None}
+        known = {one.name for source in sources if (one := format_of(source.path)) is not None}
         if sources and getattr(options, name) is not None and known.isdisjoint(wanted):
             came = f"{counted(len(sources), 'file')}, the first is {sources[0].path}"
-            what = "a bag or MCAP" if name == "topic" else "of named arrays"
+            kinds = {
+                "topic": "a bag or MCAP",
+                "array": "of named arrays",
+                "label": "of named arrays or a table",
+            }
+            what = kinds[name]
             raise ValueError(f"{name} must be left out where no file is {what}: {came}")
 
 

@@ -49,7 +49,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     data = read_text_bounded(path, source.root, options.max_text_bytes)
     header = split_header(data, path)
     names = header.names
-    columns = _columns(names, path)
+    columns = _columns(names, options.label, path)
     called = {meaning: names[i] for meaning, i in columns.items()}
     stated = Stated.of(called, path, options)
     notes = list(stated.notes)
@@ -89,9 +89,9 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(recordings, remarked, notes + _renamed(called, stated))
 
 
-def _columns(header: Sequence[str], path: Path) -> dict[str, int]:
+def _columns(header: Sequence[str], label: str | None, path: Path) -> dict[str, int]:
     try:
-        return columns_of(header)
+        return columns_of(header, label=label)
     except ColumnError as error:
         column = None if error.index is None else str(error.index + 1)
         no_names = (
