@@ -195,12 +195,12 @@ class Columns:
         twice = next((axis for axis in (*AXES, TIME) if found.count(axis) > 1), None)
         if twice is not None:
             raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
-        if all(is_other_thing(name) for name in names):
-            raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
         if set(AXES) <= set(found):
             order = [found.index(axis) for axis in AXES]
             axes = AXES
             time = found.index(TIME) if TIME in found else None
+        elif all(is_other_thing(name) for name in names):
+            raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
         columns = list(range(len(names))) if order is None else order
         stated = _by_column(names, units, axes, origin)
         time_unit = None
