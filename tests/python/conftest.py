@@ -30,10 +30,13 @@ def data_dir() -> Path:
 
 @pytest.fixture
 def heeding_interrupts():
-    """Undo what shells do to programs in the background: they ignore Ctrl-C, and so would the children of this one."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Undo what shells and nohup do to programs in the background: their children would ignore these signals, too."""
+    before = {signal.SIGINT: signal.signal(signal.SIGINT, signal.default_int_handler)}
+    if hasattr(signal, "SIGHUP"):
+        before[signal.SIGHUP] = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="module")

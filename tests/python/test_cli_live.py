@@ -62,15 +62,14 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
         assert answer["failure"] is None
     before = rows.read_bytes()
     line = refused("live", *words, "--n", 1, "--quiet", "--json", rows)
-    assert line == f"error: {rows}: there is something already; --force replaces answers"
+    assert line == f"error: --json {rows}: there is such a file already; add --force to replace it"
     assert rows.read_bytes() == before
     ended_well("live", *words, "--n", 1, "--quiet", "--json", rows, "--force")
     assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
-    other = tmp_path / "other.npz"
-    other.write_bytes(b"PK")
-    assert "holds no answers" in refused("live", *words, "--json", other, "--force")
-    assert "add --json" in refused("live", *words, "--force")
-    assert other.read_bytes() == b"PK"
+    for other in (tmp_path / "other.npz", tmp_path / "other.json"):
+        other.write_bytes(b"PK")
+        assert f"--json {other}" in refused("live", *words, "--json", other, "--force")
+        assert other.read_bytes() == b"PK"
 
 
 def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(model, tmp_path):

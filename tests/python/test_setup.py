@@ -18,6 +18,7 @@ from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, se
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
 from granular_id.recording.setup import ACCEPTABLE, setups_in, values_in
+from model_cases import put_together, taken_apart
 
 PAGE = Path(__file__).parents[2] / "docs" / "live" / "setup.md"
 FLANGE = {
@@ -237,14 +238,10 @@ def test_models_of_before_still_load_and_say_nothing_false(data, model, tmp_path
 
 @pytest.mark.parametrize("setup", [[], {"frame": "flange"}, {"frame": [1]}])
 def test_a_file_with_a_set_up_of_another_shape_is_refused(model, tmp_path, setup):
-    core = model.core
-    bad = json.dumps({**model.trained, "setup": setup}).encode()
-    text = json.dumps(core.metadata["trained"])
-    raw = core.to_bytes()
-    size = int.from_bytes(raw[:8], "little")
-    header = raw[8 : 8 + size].replace(text.encode()[1:-1], json.dumps(bad.decode())[1:-1].encode())
+    metadata, tensors = taken_apart(model.core.to_bytes())
+    metadata["trained"] = json.dumps({**model.trained, "setup": setup})
     path = tmp_path / "bad.safetensors"
-    path.write_bytes(len(header).to_bytes(8, "little") + header + raw[8 + size :])
+    path.write_bytes(put_together(metadata, tensors))
     with pytest.raises(_core.ModelFileError, match="setup"):
         gid.Identifier.load(path)
 
