@@ -69,7 +69,8 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
     for other in (tmp_path / "other.npz", tmp_path / "other.json"):
         other.write_bytes(b"PK")
         line = refused("live", *words, "--json", other, "--force")
-        assert line.startswith("error: --json") and other.name in line
+        assert line.startswith("error: --json")
+        assert other.name in line
         assert other.read_bytes() == b"PK"
 
 
