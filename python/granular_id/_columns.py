@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -12,7 +13,8 @@ from granular_id._core import AXES
 
 __all__ = ["by_name", "column_names", "samples_of", "wrench_of"]
 
-_TIMES = frozenset(("t", "time", "timestamp", "time_stamp", "stamp", "time_s", "seconds", "sec"))
+_TIME = re.compile(r"[%#\s]*(t|time|time_?stamp|stamp|sec|secs|seconds)([\s_.(\[].*)?", re.IGNORECASE)
+"""Names of stamps, with or without a unit: time_ms, time [s]."""
 
 
 def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | None:
@@ -85,7 +87,7 @@ def by_name(
     elif own.keys() == set(AXES):
         chosen = [(axis, own[axis]) for axis in AXES]
     else:
-        times = [name for name in names if name.strip().lower() in _TIMES]
+        times = [name for name in names if _TIME.fullmatch(name)]
         beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
         if times or beside:
             axes = [name for name in names if name not in times and name not in beside]

@@ -25,11 +25,18 @@ __all__ = [
 JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
 
-RECORDINGS = (".csv", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".parquet", ".mcap", ".bag", ".db3")
+RECORDINGS = (
+    *(".csv", ".tsv", ".csv.gz", ".tsv.gz", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".parquet"),
+    *(".mcap", ".bag", ".db3"),
+)
+"""Endings of what is read as recordings: those of `granular_id.io.formats`, which stands above this file."""
 
 PICTURES = (".png", ".svg", ".pdf")
 
-_KNOWN = {*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES, ".rrd"}
+_KNOWN = (
+    *(*JSON, *PAGES, *TABLES, *MODELS, *RECORDINGS, *PICTURES),
+    *(".rrd", ".jsonl", ".ndjson", ".eps", ".jpg", ".jpeg"),
+)
 
 
 def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> None:
@@ -58,8 +65,8 @@ def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> N
     ...
     ValueError: path must end in .json, not like another kind of file, got 'recordings.npz'
     """
-    suffix = Path(path).suffix.lower()
-    if suffix in _KNOWN and suffix not in endings:
+    name = Path(path).name.lower()
+    if name.endswith(_KNOWN) and not name.endswith(tuple(endings)):
         wanted = " or ".join(endings)
         raise ValueError(f"path must end in {wanted}, not like another kind of file, got {os.fspath(path)!r}")
 

@@ -268,8 +268,9 @@ fn memory_is_asked_for_beforehand() {
         [(1, 1), (1600, 6), (7, 20_000), (12, 20_000), (65, 4000), (1 << 17, 1), (100_003, 2), (4000, 400)]
     {
         let values = n_samples * n_axes;
+        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap(); // the caller's own
         let mut made = None;
-        let counted = measure(|| made = Some(design(n_samples, n_axes)));
+        let counted = measure(|| made = Some(MultiBand::new(ALL, n_samples, n_axes, &scales).unwrap()));
         assert!(
             counted.bytes_max <= (values * DESIGN_BYTES + small) as u64,
             "{n_samples} x {n_axes}: {counted:?}"

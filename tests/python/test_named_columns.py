@@ -86,6 +86,8 @@ def test_axes_choose_columns(table):
     ("given", "keywords", "named"),
     [
         (frame().assign(time=0.0), {}, "time"),
+        (frame().assign(time_ms=0.0)[["time_ms", "fx", "fy", "fz"]], {}, "time_ms"),
+        (frame().assign(**{"Time [s]": 0.0})[["Time [s]", "fx"]], {}, "Time"),
         (frame(WRENCH[:, :3], ["Timestamp", "gx", "gy"]), {}, "Timestamp"),
         (frame().assign(temperature=20.0), {}, "temperature"),
         (frame(names=GYRO), {"axes": AXES}, "gx"),
@@ -95,18 +97,6 @@ def test_axes_choose_columns(table):
         (frame(), {"axes": "fx"}, "axes"),
         (frame(), {"axes": []}, "axes"),
         (frame(), {"axes": np.array(AXES)}, "axes"),
-    ],
-    ids=[
-        "time",
-        "stamps",
-        "beside",
-        "contradicted",
-        "twice",
-        "text",
-        "text chosen",
-        "one name",
-        "none",
-        "an array",
     ],
 )
 def test_what_is_no_axis_is_refused_by_name(table, given, keywords, named):

@@ -114,7 +114,14 @@ class Recordings:
             )
         self.model, *self.paths = given
         self.settings = load_settings(
-            on_error, on_time_error, recorded_hz, topic, time_unit, array, label, max_file_mb
+            on_error=on_error,
+            on_time_error=on_time_error,
+            recorded_hz=recorded_hz,
+            topic=topic,
+            time_unit=time_unit,
+            array=array,
+            label=label,
+            max_file_mb=max_file_mb,
         )
 
     def load(self, *, quiet: bool) -> Dataset:

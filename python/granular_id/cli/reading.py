@@ -135,7 +135,14 @@ class Reading:
     ) -> None:
         self.path = path
         self.settings = load_settings(
-            on_error, on_time_error, recorded_hz, topic, time_unit, array, label, max_file_mb
+            on_error=on_error,
+            on_time_error=on_time_error,
+            recorded_hz=recorded_hz,
+            topic=topic,
+            time_unit=time_unit,
+            array=array,
+            label=label,
+            max_file_mb=max_file_mb,
         )
 
     def refuse_absent(self) -> None:
@@ -159,6 +166,7 @@ def say_loaded(data: Dataset, *, quiet: bool) -> None:
 
 
 def load_settings(
+    *,
     on_error: Handling,
     on_time_error: Repair,
     recorded_hz: float | None,

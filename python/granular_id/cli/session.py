@@ -156,7 +156,7 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
             file_format(path, name)
         elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
             # rice_0.5 is no kind of file
-            wanted = f"must end in {' or '.join(kind.endings)}, or in no kind of file"
+            wanted = f"must end in {' or '.join(kind.endings)}, or have no ending"
             raise ValueError(f"{name} writes {kind.name}: it {wanted}, got {path.name!r}")
     for name, path, kind in outputs:
         if path is None or not path.exists() or not path.stat().st_size:

@@ -158,7 +158,7 @@ def strict_partitions(
     max_folds: int = MAX_SESSION_FOLDS,
     names: Sequence[str] | None = None,
 ) -> tuple[list[Partition], str]:
-    """Draw the strictest partitions that recordings allow: the one rule of all that judge by held-out recordings.
+    """Draw the strictest partitions that recordings allow: the rule of `evaluate`, `train`, `select` and `explain`.
 
     Whole sessions where every class has two or more; else halves in time order, both ways, where an order is known;
     else none. Halves, and not more blocks: a short block lies between neighbours that trained.
