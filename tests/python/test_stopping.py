@@ -123,6 +123,16 @@ def test_a_closed_terminal(tmp_path, model):
     assert session.end()[0] == 129
 
 
+@pytest.mark.parametrize("what", ["record", "live"])
+def test_a_connection_without_a_terminal_that_ends(tmp_path, model, what):
+    session = Session(tmp_path, "command", *command(what, tmp_path, model), stderr=subprocess.DEVNULL)
+    session.wait_for("moving")
+    session.process.stdout.close()  # what reads the output is gone; nobody sends a signal
+    assert session.process.wait(60) == 129
+    assert session.told[-1] == "stop"
+    assert session.told.count("moving") == 1
+
+
 def _own():
     import fcntl
     import termios

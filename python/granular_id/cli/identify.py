@@ -233,7 +233,8 @@ def identify(
     console = Console(highlight=False)
     if quiet:
         for answer in answers:
-            typer.echo(f"{answer.name}\t{answer.label}")  # rich would turn the tab into blanks
+            said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label
+            typer.echo(f"{answer.name}\t{said}")  # rich would turn the tab into blanks
         for difference in differences:
             Console(stderr=True).print(f"warning: {difference}", style="yellow", soft_wrap=True, markup=False)
         if answers.synthetic:

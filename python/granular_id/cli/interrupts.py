@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import os
+import select
 import signal
 import sys
 import threading
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["heeding_interrupts", "leave_lost_terminal", "say", "stopping_the_robot"]
 
 _AGAIN_S = 0.02
+
+_LOOK_S = 0.1
+"""Between two looks whether anybody reads what is written."""
 
 _ENDINGS = {
     128 + number: number
@@ -60,7 +64,7 @@ def stopping_the_robot() -> Iterator[None]:
     """Stop the robot on every signal that ends a session, say so, and exit with the signal's code."""
     from granular_id.live.stopping import stop_on_signals  # noqa: PLC0415 (--help must not wait for numpy)
 
-    with stop_on_signals():
+    with stop_on_signals(), _hanging_up_with_the_output():
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as end:
@@ -70,6 +74,36 @@ def stopping_the_robot() -> Iterator[None]:
             leave_lost_terminal()
             say(f"Ended by {number.name}: the robot is stopped, no file was left half-written.", "yellow")
             raise typer.Exit(128 + number) from None
+
+
+@contextmanager
+def _hanging_up_with_the_output() -> Iterator[None]:
+    """Raise SIGHUP where nobody reads standard output any more: connections without a terminal end without a signal."""
+    over = threading.Event()
+    watch = threading.Thread(target=_watch_output, args=(over,), daemon=True)
+    if hasattr(select, "poll"):  # not on Windows
+        watch.start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def _watch_output(over: threading.Event) -> None:
+    while not over.wait(_LOOK_S):
+        if _is_lost(sys.stdout):
+            _thread.interrupt_main(signal.SIGHUP)
+            return
+
+
+def _is_lost(stream: TextIO) -> bool:
+    """Whether the reader of a pipe is gone, or the terminal."""
+    poll = select.poll()
+    try:
+        poll.register(stream.fileno(), 0)
+    except ValueError:  # no file
+        return False
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def leave_lost_terminal() -> None:
@@ -84,7 +118,10 @@ def _leave_lost(stream: TextIO) -> None:
     try:
         stream.flush()
         os.write(descriptor, b"")
+        lost = hasattr(select, "poll") and _is_lost(stream)
     except OSError:
+        lost = True
+    if lost:
         os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
 
 

@@ -141,10 +141,10 @@ def live(
         over = False
         try:
             for push in identifying.pushes(n):
-                if answer is not None:
-                    answer(json_format.dumps(_row(push, identifying)))
                 if quiet:
                     console.print(_line(push), soft_wrap=True, markup=False)
+                if answer is not None:  # said before: the disk may be full
+                    answer(json_format.dumps(_row(push, identifying)))
             over = n is None
             if over and not identifying.n_answered:
                 raise ValueError("the source came to its end before any push was answered")

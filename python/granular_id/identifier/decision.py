@@ -97,15 +97,14 @@ class Decision:
         stage = (
             "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
         )
-        line = f"{self.label} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
+        name = f"like no known material, nearest {self.label}," if self.unknown else self.label
+        line = f"{name} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
         if len(self.ranking) > 1:
             line += f" ahead of {self.ranking[1][0]}"
         if self.probability is not None:
             line += f", probability {self.probability:.3f}"
         if len(self.candidates) > 1:
             line += f"; may be {' or '.join(self.candidates)}"
-        if self.unknown:
-            line += "; like no known material"
         return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
 
     def to_dict(self) -> dict[str, Any]:
