@@ -1,6 +1,7 @@
 """A session with a robot that notes when it is told what, in a process of its own, to be ended by a signal.
 
 Usage: signals_work.py LOG command|api|thread|nested|deaf|blocked|slow|broken|exit FOLDER|words of a command
+       signals_work.py LOG during|between|leaving MODEL
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import threading
 import time
 from pathlib import Path
 
-from granular_id.live import Recorder, opened, stop_on_signals
+from granular_id import Identifier
+from granular_id.live import CaptureError, LiveIdentifier, Recorder, Views, opened, setup_of, stop_on_signals
 from granular_id.live.sim import SimRobot, SimSource
 
 LOG, WHAT, *WORDS = Path(sys.argv[1]), *sys.argv[2:]
@@ -65,12 +67,54 @@ def swallow(step, capture):
         note("swallowed")
 
 
+class NotingView:
+    """Notes provisional answers."""
+
+    def publish(self, snapshot):
+        if snapshot.decision is not None and not snapshot.decision.final:
+            note("provisional answer")
+
+    def close(self):
+        pass
+
+
+def name(model, over):
+    """Name pushes until it is told to end; it hears of a signal during a push, or while nothing moves."""
+    speed = 1 if WHAT == "during" else 20
+    with opened(f"sim:rice?seed=1&speed={speed}") as stream:
+        live = LiveIdentifier(
+            stream, model, setup_of(stream.source), early=True, pre_s=0.25, views=Views([NotingView()])
+        )
+        try:
+            for push in live.pushes():
+                note("answer" if push.reason is None else push.reason.value)
+                if WHAT != "during":
+                    time.sleep(1)
+        except CaptureError as error:
+            note(error.reason.value)
+    over.set()
+
+
+def name_in_a_thread(model):
+    over = threading.Event()  # Python forgets a thread whose join() a signal has ended
+    with stop_on_signals():
+        threading.Thread(target=name, args=(Identifier.load(model), over)).start()
+        try:
+            over.wait()
+        finally:
+            if WHAT == "between":  # else the block is left before the thread goes on
+                over.wait()
+
+
 def main():
     if WORDS[0] in ("record", "live"):
         from granular_id.cli import main as command
 
         sys.argv = ["granular-id", *WORDS]
         command()
+        return
+    if WHAT in ("during", "between", "leaving"):
+        name_in_a_thread(WORDS[0])
         return
     folder = WORDS[0]
     if WHAT == "exit":

@@ -96,6 +96,18 @@ def test_the_robot_is_stopped_while_its_driver_holds_the_main_thread(tmp_path, m
     assert session.told.index("stop", session.told.index("driver returns")), "and again: commands may cross"
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("what", ["during", "between", "leaving"])
+def test_nothing_moves_again_after_a_signal(tmp_path, model, what, number):
+    ready = "provisional answer" if what == "during" else "answer"
+    session = Session(tmp_path, what, model)
+    session.wait_for(ready)
+    assert session.end(number)[0] == (-number if number == signal.SIGINT else 128 + number)
+    assert session.told.count("moving") == 1
+    assert session.told.count("answer") == (what != "during"), "what was stopped is no answer"
+    assert session.told[-1] == "interrupted", session.told
+
+
 @pytest.mark.parametrize("numbers", [(signal.SIGINT,) * 3, (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)])
 def test_further_signals_do_not_cut_stop_short(tmp_path, numbers):
     session = Session(tmp_path, "slow")

@@ -61,12 +61,18 @@ class FailureReason(Enum):
 
     @property
     def is_lasting(self) -> bool:
-        """Whether the next capture would fail as well: nobody delivers, nobody moves."""
+        """Whether the next capture would fail as well: nobody delivers, nobody moves, the program is to end."""
         return self in _LASTING
 
 
 _LASTING = frozenset(
-    (FailureReason.SOURCE, FailureReason.ROBOT, FailureReason.NO_ROWS, FailureReason.NO_TRIGGER)
+    (
+        FailureReason.SOURCE,
+        FailureReason.ROBOT,
+        FailureReason.NO_ROWS,
+        FailureReason.NO_TRIGGER,
+        FailureReason.INTERRUPTED,
+    )
 )
 
 

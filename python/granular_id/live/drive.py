@@ -75,7 +75,7 @@ def drive(
 
     Whenever this ends, the robot stands or was told to stop: on any failure, on Ctrl-C, where a motion does not
     end by itself, where you leave the loop early and close the generator (``contextlib.closing``), and at the end of
-    the interpreter. On SIGTERM and SIGHUP it ends within `stop_on_signals`.
+    the interpreter. On SIGTERM and SIGHUP it ends within `stop_on_signals`, and none begins after one.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def drive(
     moving = InMotion(robot)
     try:
         moving.begin()
-        while not capture.state.is_over and moving.signum is None:
+        while not capture.state.is_over and not moving.is_told:
             reader.wait(_WAIT_S)
             block = reader.read()
             if len(block):
@@ -120,7 +120,8 @@ def drive(
             rows = capture.feed(block, stream.lag_s())
             if not len(block):
                 _check_source(stream, capture, time.monotonic() - heard_s, rows_timeout_s)
-            if robot is not None and motion is None and capture.state is CaptureState.ARMED:
+            ready = capture.state is CaptureState.ARMED and not moving.is_told
+            if robot is not None and motion is None and ready:
                 motion = _set_in_motion(robot, capture, direction, speed_m_s, newest)
             if motion is not None:
                 motion.finished()  # many controllers tell an error only when asked for the end
@@ -130,16 +131,15 @@ def drive(
         if capture.state is CaptureState.COMPLETE:
             stands = motion is None
             deadline_s = time.monotonic() + motion_duration_s(capture)
-            while (
-                motion is not None and not stands and moving.signum is None and time.monotonic() < deadline_s
-            ):
+            while motion is not None and not stands and not moving.is_told and time.monotonic() < deadline_s:
                 stands = motion.finished()
                 reader.wait(_WAIT_S)
                 yield Step(reader.read(), Rows.none().wrench, motion)
     finally:
         try:
             if not stands:
-                capture.fail(FailureReason.INTERRUPTED, "ended from outside")
+                who = "by a signal; nothing begins to move any more" if moving.is_told else "from outside"
+                capture.fail(FailureReason.INTERRUPTED, f"ended {who}")
                 _stop(moving, capture)
         finally:
             moving.over(stands=stands)

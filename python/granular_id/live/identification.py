@@ -184,6 +184,7 @@ class LiveIdentifier:
         self._n_looks = self._n_moments = 0
         self._builder.begin_capture()
         decision: Decision | None = None
+        answered_early = False
         steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
         with closing(steps):
             for step in steps:
@@ -192,10 +193,11 @@ class LiveIdentifier:
                     on_decision(new)
                 decision = new or decision
                 if self._early and decision is not None and self._is_answer(decision):
+                    answered_early = True
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
                     self._show(capture, decision)
-        return self._finished(capture, decision, patient=patient)
+        return self._finished(capture, decision, answered_early=answered_early, patient=patient)
 
     def pushes(self, n: int | None = None) -> Iterator[Push]:
         """Name the material of one push after another.
@@ -213,7 +215,8 @@ class LiveIdentifier:
         Raises
         ------
         CaptureError
-            A failure that the next push would share: nobody delivers or moves; the end of a source before `n` answers.
+            A failure that the next push would share: nobody delivers or moves, a signal ended it (see
+            `granular_id.live.stop_on_signals`); the end of a source before `n` answers.
         """
         while n is None or self.n_answered < n:
             push = self._push(patient=n is None)
@@ -253,9 +256,10 @@ class LiveIdentifier:
         is_due, self._n_moments = moment > self._n_moments, moment
         return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
 
-    def _finished(self, capture: Capture, decision: Decision | None, *, patient: bool) -> Push:
+    def _finished(
+        self, capture: Capture, decision: Decision | None, *, answered_early: bool, patient: bool
+    ) -> Push:
         truth = self.stream.truth
-        answered_early = self._early and decision is not None and capture.reason is FailureReason.INTERRUPTED
         failed = capture.state is CaptureState.FAILED and not answered_early
         push = Push(
             None if failed else decision,

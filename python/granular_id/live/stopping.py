@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
 from typing import TYPE_CHECKING
+from weakref import WeakSet
 
 if TYPE_CHECKING:
     from granular_id.live.robot import Robot
@@ -25,6 +26,12 @@ _GRACE_S = 0.2
 """So long has the main thread for stopping what moves: most drivers are used by one thread only."""
 
 _IN_MOTION: set[InMotion] = set()
+
+_HEARD: list[int] = []
+"""Signals that the blocks of now have heard: nothing begins to move until the outermost one ends."""
+
+_TOLD: WeakSet[threading.Thread] = WeakSet()
+"""Threads that ran when such a block ended: no exception tells them that the program is to end."""
 
 
 class InMotion:
@@ -49,13 +56,18 @@ class InMotion:
         self._in_main_thread = threading.current_thread() is threading.main_thread()
 
     @property
+    def is_told(self) -> bool:
+        """Whether a signal says that it must not move, or not any more."""
+        return self.signum is not None or bool(_HEARD) or threading.current_thread() in _TOLD
+
+    @property
     def keeps_signals(self) -> bool:
         """Whether the main thread is about to stop it, which no second signal may cut short."""
         about_to = self.is_ending or self.signum is not None
         return self._in_main_thread and about_to and not self.was_stopped
 
     def begin(self) -> None:
-        """Note that it may move from now on."""
+        """Note that it may move from now on, unless it `is_told` already: a signal sees the one or the other."""
         _IN_MOTION.add(self)
 
     def tell(self, signum: int) -> None:
@@ -110,7 +122,8 @@ def stop_on_signals() -> Iterator[None]:
     SystemExit with 128 and the signal's number (143, 129). A `Recorder`, a `LiveIdentifier` and
     `granular_id.identify` call the robot's ``stop()`` on the way out. Where the main thread is held up (in a driver, or
     because the push runs in another thread) a thread of this block calls it after 0.2 s. Further signals wait until
-    ``stop()`` has returned.
+    ``stop()`` has returned. Once a signal was heard, no motion begins in this block, nor later in another thread that
+    ran within it: pushes there end with `FailureReason.INTERRUPTED`.
 
     What is ignored when the block begins stays ignored (``nohup``). At its end the handlers of before are back. Blocks
     may stand in one another.
@@ -141,6 +154,8 @@ def stop_on_signals() -> Iterator[None]:
             "stop_on_signals must be entered in the main thread: Python gives signals to no other"
         )
     with ExitStack() as undo:
+        if _raise not in map(signal.getsignal, SIGNALS):  # no block stands around this one
+            undo.callback(_over)
         ear, bell = socket.socketpair()
         bell.setblocking(False)
         fd_before = signal.set_wakeup_fd(bell.fileno(), warn_on_full_buffer=False)
@@ -164,7 +179,14 @@ def stop_on_signals() -> Iterator[None]:
             _stop_all(one for one in tuple(_IN_MOTION) if one.signum is not None and not one.was_stopped)
 
 
+def _over() -> None:
+    if _HEARD:
+        _TOLD.update(set(threading.enumerate()) - {threading.main_thread()})
+    _HEARD.clear()
+
+
 def _raise(signum: int, _frame: FrameType | None) -> None:
+    _HEARD.append(signum)
     moving = tuple(_IN_MOTION)
     waits = any(one.keeps_signals for one in moving)
     for one in moving:
@@ -181,6 +203,7 @@ def _watch(ear: socket.socket, fd_before: int, leaving: threading.Event) -> None
                 with suppress(OSError):  # whoever listened before is not deaf meanwhile
                     os.write(fd_before, number)
             if number[0] in SIGNALS and signal.getsignal(number[0]) is _raise:
+                _HEARD.append(number[0])  # the main thread may be long in hearing it
                 moving = tuple(_IN_MOTION)
                 leaving.wait(_GRACE_S)
                 left = [one for one in moving if one in _IN_MOTION and not (one.is_ending or one.was_stopped)]
