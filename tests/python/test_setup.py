@@ -269,7 +269,6 @@ def test_a_file_with_a_set_up_of_another_shape_is_refused(model, tmp_path, setup
                 "serial": "FT1",
                 "compensated": "no",
                 "transform": "0;0;0;0;0;90",
-                "filter": "setuserfilter 0",
                 "trigger": "force",
             },
         ),
@@ -283,6 +282,12 @@ def test_a_file_with_a_set_up_of_another_shape_is_refused(model, tmp_path, setup
             {"tool": '{"width_mm": 17}', "tare": "[0, 1]"},
         ),
         ({"frame": "x" * 300}, {"frame": "x" * 200}),
+        *(
+            ({"source": {"meta": {"page": {"setuserfilter": number}}}}, {"filter": told})
+            for number, told in ((0, None), ("0", None), (3, "setuserfilter 3"), ("3", "setuserfilter 3"))
+        ),
+        ({"serial": 12345678}, {"serial": "12345678"}),
+        ({"serial": 12345678.0, "speed_m_s": 0.03}, {"serial": "12345678", "motion": "0.03 m/s"}),
     ],
 )
 def test_metadata_are_read_where_recorders_and_people_put_them(data, meta, known):

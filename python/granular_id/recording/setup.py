@@ -134,10 +134,10 @@ class Setup:
         if known["transform"] is None:
             known["transform"] = _text(page.get("cfgtfx"))
         if known["filter"] is None:
-            number = page.get("setuserfilter")  # of a Net F/T box; 0 is none
-            known["filter"] = _text(_first(places, "filter_hz"), " Hz") or (
-                number and f"setuserfilter {number}"
-            )
+            known["filter"] = _text(_first(places, "filter_hz"), " Hz")
+            number = _text(page.get("setuserfilter"))  # of a Net F/T box; 0 is none
+            if known["filter"] is None and number not in (None, "0"):
+                known["filter"] = f"setuserfilter {number}"
         if known["motion"] is None:
             robot = _tree(meta.get("robot"))
             known["motion"] = _text(
@@ -268,7 +268,7 @@ def _text(value: Any, unit: str = "") -> str | None:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return f"{value:g}{unit}"
+        return f"{str(value).removesuffix('.0')}{unit}"  # all digits: a serial number may have many
     text = value if isinstance(value, str) else json.dumps(thaw(value), sort_keys=True)
     return text.strip()[:_LONGEST] or None
 
