@@ -61,6 +61,26 @@ def replayed(data, model, **keywords):
         return live.differences, live.push().decision
 
 
+def of_two(data, name, values):
+    """Recordings with one value of a thing, then with the other."""
+    return Dataset(
+        [replace(one, meta={**FLANGE, name: values[k % 2]}) for k, one in enumerate(data)], data.history
+    )
+
+
+@pytest.mark.parametrize("name", ["frame", "serial", "trigger", "filter", "motion"])
+def test_a_replay_of_several_set_ups_is_compared_one_by_one(data, name):
+    both = of_two(data, name, ("one", "other"))
+    model = gid.Identifier.fit(both, "hfmh", estimate=False)
+    assert replayed(both, model)[0] == ()
+    changed = of_two(data, name, ("one", "third"))
+    told = f"{name} 'third', in training 'one' or 'other'"
+    assert replayed(changed, model, accept=name if name in ACCEPTABLE else ())[0] == (told,)
+    if name in ACCEPTABLE:
+        with pytest.raises(ValueError, match=re.escape(told)):
+            replayed(changed, model)
+
+
 def table():
     """Return thing -> what follows, as the page says it."""
     rows = re.findall(

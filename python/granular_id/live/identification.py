@@ -132,7 +132,10 @@ class LiveIdentifier:
         if starts_exactly(self._setup.robot):
             facts["robot"] = {"speed_m_s": speed_m_s}
         meta = meta_of(info, facts)
-        found = comparison(model.core)(RecordedSetup.of(meta), meta)
+        compared, now = comparison(model.core), RecordedSetup.of(meta)
+        # Recordings that are played again may be of several set-ups.
+        each = [now.completed(one) for one in getattr(stream.source, "setups", ())] or [now]
+        found = dict.fromkeys(difference for one in each for difference in compared(one, meta))
         self.differences = settled(found, accept, f"{info.name} has ")
         synthetic = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
         self._always = (*synthetic, *self.differences)

@@ -37,6 +37,11 @@ class ReplaySource(ThreadedSource):
     pause_s : float, default 1
         Device time between two recordings in which no sample comes.
 
+    Attributes
+    ----------
+    setups : tuple of granular_id.recording.Setup
+        Those of the recordings, each once.
+
     Raises
     ------
     ValueError
@@ -58,8 +63,9 @@ class ReplaySource(ThreadedSource):
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]
-        # As the recordings say; of several values all, which is none that a model was trained with.
-        known = {name: " or ".join(values) for name, values in values_in(setups_in(recordings)).items()}
+        # What all that know it agree in; `setups` has each.
+        self.setups = tuple(dict.fromkeys(setups_in(recordings)))
+        known = {name: values[0] for name, values in values_in(self.setups).items() if len(values) == 1}
         super().__init__(
             SourceInfo(
                 f"replay of {counted(len(recordings))}",

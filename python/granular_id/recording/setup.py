@@ -145,6 +145,11 @@ class Setup:
             )
         return cls(**known)
 
+    def completed(self, other: Setup) -> Setup:
+        """Take from another set-up what this one does not know."""
+        known = {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
+        return replace(other, **known)
+
     def differences(self, other: Setup) -> list[Difference]:
         """Compare the set-up of a training with another one; what either does not know is no difference."""
         return other_values(values_in([self]), other)
