@@ -167,7 +167,7 @@ def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]
     Parameters
     ----------
     path : path-like
-        File to write; what is in it is replaced. A new one is removed again where no line was written.
+        File to write; what is in it is replaced by the first line. A new one is removed again where no line was written.
 
     Yields
     ------
@@ -182,15 +182,21 @@ def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]
     target = Path(path)
     is_new = not target.exists()
     try:
-        file = target.open("xb" if is_new else "wb", buffering=0)
+        file = target.open("xb" if is_new else "ab", buffering=0)
     except OSError as error:
         raise cannot_write(target, error) from error
+    end = 0
 
     def write(line: str) -> None:
-        end, left = file.tell(), (line + "\n").encode()
+        nonlocal end
+        left = (line + "\n").encode()
         try:
+            if not end:
+                file.truncate(0)
+                file.seek(0)
             while left:
                 left = left[file.write(left) :]
+            end = file.tell()
         except BaseException as error:
             file.truncate(end)
             file.seek(end)
@@ -201,9 +207,8 @@ def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]
     try:
         yield write
     finally:
-        is_empty = not file.tell()
         file.close()
-        if is_new and is_empty:
+        if is_new and not end:
             target.unlink(missing_ok=True)
 
 

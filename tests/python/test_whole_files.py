@@ -98,6 +98,9 @@ def test_lines_replace_what_was_there_and_none_leave_no_file(tmp_path):
         pass
     assert names_in(tmp_path) == []
     target.write_text("old\n")
+    with whole_lines(target):
+        pass
+    assert target.read_text() == "old\n"
 
     def interrupted():
         with whole_lines(target) as write:
