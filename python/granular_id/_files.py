@@ -167,7 +167,7 @@ def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]
     Parameters
     ----------
     path : path-like
-        File to write; what is in it is replaced by the first line. A new one is removed again where no line was written.
+        File to write; the first line replaces what is in it. A new one is removed again where no line was written.
 
     Yields
     ------

@@ -10,12 +10,16 @@ import sys
 import threading
 import time
 import warnings
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+import typer
 
 import granular_id as gid
-from granular_id.live import stop_on_signals
+from granular_id.cli.interrupts import stopping_the_robot
+from granular_id.live import ForceTrigger, opened, stop_on_signals, stopping
+from granular_id.live.drive import capture_from, drive
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
 
@@ -46,8 +50,13 @@ class Session:
         )
 
     @property
+    def noted(self):
+        lines = (line.split(" ", 1) for line in self.log.read_text("utf-8").splitlines())
+        return [(int(stamp), what) for stamp, what in lines]
+
+    @property
     def told(self):
-        return [line.split(" ", 1)[1] for line in self.log.read_text("utf-8").splitlines()]
+        return [what for _, what in self.noted]
 
     def wait_for(self, what):
         while not (self.log.exists() and what in self.told):
@@ -57,6 +66,7 @@ class Session:
     def end(self, *signals):
         """Send signals while the robot moves; return the exit code and what was said."""
         self.wait_for("moving")
+        self.signalled_ns = time.monotonic_ns()
         for number in signals:
             self.process.send_signal(number)
             time.sleep(0.1)
@@ -81,6 +91,21 @@ def test_the_command_line_stops_the_robot_and_says_so(tmp_path, model, what, num
 
 
 @pytest.mark.parametrize("number", SIGNALS)
+def test_where_nothing_moves_no_robot_is_said_to_be_stopped(capsys, number):
+    def session():
+        with stopping_the_robot(), opened("sim:rice?seed=1") as stream:
+            live = drive(stream, capture_from(stream, ForceTrigger(), n_samples=200))
+            with closing(live):
+                next(live)
+                signal.raise_signal(number)
+
+    with pytest.raises(typer.Exit) as ended:
+        session()
+    assert ended.value.exit_code == 128 + number
+    assert capsys.readouterr().err == f"Ended by {number.name}: no file was left half-written.\n"
+
+
+@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.parametrize("what", ["api", "thread", "nested", "deaf"])
 def test_a_program_that_asks_for_it_stops_the_robot(tmp_path, what, number):
     code, _, _ = Session(tmp_path, what).end(number)
@@ -94,6 +119,19 @@ def test_the_robot_is_stopped_while_its_driver_holds_the_main_thread(tmp_path, m
     assert session.end(signal.SIGTERM)[0] == 143
     assert session.told.index("stop") < session.told.index("driver returns")
     assert session.told.index("stop", session.told.index("driver returns")), "and again: commands may cross"
+
+
+@pytest.mark.parametrize("what", ["api", "thread", "deaf", "blocked", "command"])
+def test_stop_is_called_within_half_a_second(tmp_path, model, what):
+    def seconds(k):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        session = Session(folder, what, *(command("record", folder, model) if what == "command" else ()))
+        session.end(signal.SIGTERM)
+        called_ns = next(stamp for stamp, told in session.noted if told == "stop begins")
+        return 1e-9 * (called_ns - session.signalled_ns)
+
+    assert any(seconds(k) < 0.5 for k in range(3)), "once at least, on a machine that is busy otherwise"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -177,12 +215,25 @@ def test_what_is_ignored_stays_ignored_and_handlers_come_back():
 
 
 def test_signals_of_a_forked_child_do_not_stop_the_parents_robot():
+    class Arm:
+        n_stops = 0
+
+        def stop(self):
+            self.n_stops += 1
+
+    arm = Arm()
+    moving = stopping.InMotion(arm)
+    moving.begin()
     with stop_on_signals(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of a fork beside threads
         child = os.fork()
         if not child:
-            os._exit(signal.set_wakeup_fd(-1) != -1)
+            stopping._at_exit()
+            os._exit(arm.n_stops or signal.set_wakeup_fd(-1) != -1)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    stopping._at_exit()
+    assert arm.n_stops == 1, "it is the parent's"
+    moving.over(stands=True)
 
 
 def test_other_threads_are_refused():

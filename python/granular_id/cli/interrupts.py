@@ -61,8 +61,11 @@ def heeding_interrupts() -> Iterator[None]:
 
 @contextmanager
 def stopping_the_robot() -> Iterator[None]:
-    """Stop the robot on every signal that ends a session, say so, and exit with the signal's code."""
-    from granular_id.live.stopping import stop_on_signals  # noqa: PLC0415 (--help must not wait for numpy)
+    """Stop the robot on every signal that ends a session, say so where it moved, and exit with the signal's code."""
+    from granular_id.live.stopping import (  # noqa: PLC0415 (--help must not wait for numpy)
+        robot_was_stopped,
+        stop_on_signals,
+    )
 
     with stop_on_signals(), _hanging_up_with_the_output():
         try:
@@ -72,7 +75,8 @@ def stopping_the_robot() -> Iterator[None]:
             if number is None:
                 raise
             leave_lost_terminal()
-            say(f"Ended by {number.name}: the robot is stopped, no file was left half-written.", "yellow")
+            robot = "the robot is stopped, " if robot_was_stopped() else ""
+            say(f"Ended by {number.name}: {robot}no file was left half-written.", "yellow")
             raise typer.Exit(128 + number) from None
 
 

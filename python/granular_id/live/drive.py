@@ -15,6 +15,7 @@ from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.rows import BlockLike, Rows
+from granular_id.live.setup import starts_exactly
 from granular_id.live.stopping import InMotion
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import MotionTrigger, Trigger
@@ -122,6 +123,7 @@ def drive(
                 _check_source(stream, capture, time.monotonic() - heard_s, rows_timeout_s)
             ready = capture.state is CaptureState.ARMED and not moving.is_told
             if robot is not None and motion is None and ready:
+                moving.moves = starts_exactly(robot)  # else a person, who was only told
                 motion = _set_in_motion(robot, capture, direction, speed_m_s, newest)
             if motion is not None:
                 motion.finished()  # many controllers tell an error only when asked for the end

@@ -16,7 +16,7 @@ from weakref import WeakSet
 if TYPE_CHECKING:
     from granular_id.live.robot import Robot
 
-__all__ = ["InMotion", "ending", "stop_on_signals"]
+__all__ = ["InMotion", "ending", "robot_was_stopped", "stop_on_signals"]
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 SIGNALS = tuple(signal.Signals[name] for name in _NAMES if hasattr(signal, name))
@@ -29,6 +29,9 @@ _IN_MOTION: set[InMotion] = set()
 
 _HEARD: list[int] = []
 """Signals that the blocks of now have heard: nothing begins to move until the outermost one ends."""
+
+_STOPPED: list[InMotion] = []
+"""What moved when such a signal came, and was stopped for it."""
 
 _TOLD: WeakSet[threading.Thread] = WeakSet()
 """Threads that ran when such a block ended: no exception tells them that the program is to end."""
@@ -43,6 +46,8 @@ class InMotion:
         The signal that told it to stop.
     is_ending : bool
         Whether the thread that drives it has called ``stop()``.
+    moves : bool
+        Whether a motion was commanded, of a machine.
     was_stopped : bool
         Whether ``stop()`` was called and has returned or failed; where there is no robot, nothing is left to do.
     """
@@ -52,7 +57,7 @@ class InMotion:
         self.was_stopped = robot is None
         self._robot = robot
         self._lock = threading.Lock()
-        self.is_ending = False
+        self.is_ending = self.moves = False
         self._in_main_thread = threading.current_thread() is threading.main_thread()
 
     @property
@@ -92,6 +97,8 @@ class InMotion:
             raise
         else:
             self.was_stopped = True
+            if self.moves and _HEARD:
+                _STOPPED.append(self)
         finally:
             if alone:
                 self._lock.release()
@@ -111,6 +118,11 @@ class InMotion:
 def ending(signum: int) -> BaseException:
     """Return what a signal raises: KeyboardInterrupt, or SystemExit with the code by which shells know it."""
     return KeyboardInterrupt() if signum == signal.SIGINT else SystemExit(128 + signum)
+
+
+def robot_was_stopped() -> bool:
+    """Whether a signal that the blocks of now have heard has stopped a robot."""
+    return bool(_STOPPED)
 
 
 @contextmanager
@@ -183,6 +195,7 @@ def _over() -> None:
     if _HEARD:
         _TOLD.update(set(threading.enumerate()) - {threading.main_thread()})
     _HEARD.clear()
+    _STOPPED.clear()
 
 
 def _raise(signum: int, _frame: FrameType | None) -> None:
