@@ -47,7 +47,8 @@ class Capture:
     allow_saturated : bool, default False
         Take rows at the end of the sensor's range, flagged, instead of failing.
     rate_tolerance : float, default 0.001
-        How far the measured rate may be off, relative: HFMH moves with it.
+        How far the measured rate may be off, relative: HFMH moves with it. So far may the clocks of sensor and host be
+        off, too, where a robot tells its motion by the host's.
     max_lag_s : float, default 0.02
         Lag that is no cause for alarm. Rows of a sensor with its own clock that come in later are good nevertheless,
         and the recording's ``meta["late_s"]`` tells how late at most. Without such a clock nobody knows when they
@@ -116,7 +117,7 @@ class Capture:
         self._utc_at_zero_s = utc_at_zero_s
         self._device_clock = info is None or info.device_clock
         self._speed = 1.0 if info is None else info.speed
-        self._arrival = ArrivalClock(self._speed)
+        self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
 
         self.state = CaptureState.IDLE
         self.reason: FailureReason | None = None
@@ -155,7 +156,7 @@ class Capture:
         if self._epoch not in (None, block.epoch):
             self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
             self._last = Rows.none()
-            self._arrival = ArrivalClock(self._speed)
+            self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._epoch = block.epoch
         rows = filled(self._last, Rows.of(block), self._max_gap)
         first = not len(self._last)

@@ -13,7 +13,7 @@ from granular_id import _core
 __all__ = ["ArrivalClock", "host_ns", "late_s", "start_utc_s", "utc_at_origin_s"]
 
 _DRIFT = 1e-4
-"""So much faster or slower than the host's, relative, may a sensor's clock run."""
+"""No two clocks agree better than this, relative, whatever tolerance is asked for."""
 
 
 def host_ns() -> int:
@@ -72,10 +72,12 @@ class ArrivalClock:
     ----------
     speed : float
         Seconds of device time per second.
+    drift : float
+        So much faster or slower than the host's, relative, may the sensor's clock run.
     """
 
-    def __init__(self, speed: float) -> None:
-        self._per_second = 1e9 / speed
+    def __init__(self, speed: float, drift: float) -> None:
+        self._per_second, self._drift = 1e9 / speed, max(drift, _DRIFT)
         self._first: tuple[float, int] | None = None
         self._offset = float("inf")
 
@@ -88,7 +90,7 @@ class ArrivalClock:
         device_ns = self._per_second * (time_s - self._first[0])
         host_ns = arrived_ns - self._first[1]
         # The offset of a clock that is slower grows: what is least of (offset - drift) follows it.
-        tilted = (1 + _DRIFT) * device_ns
+        tilted = (1 + self._drift) * device_ns
         offset = np.minimum.accumulate(np.concatenate([[self._offset], host_ns - tilted]))[1:]
         self._offset = float(offset[-1])
         return self._first[1] + np.rint(tilted + offset).astype(np.int64)
