@@ -228,6 +228,7 @@ def identify(
 
     from granular_id.cli.render import print_table  # noqa: PLC0415
     from granular_id.identifier.batch import identify_all  # noqa: PLC0415
+    from granular_id.recording.setup import other_setup  # noqa: PLC0415
 
     answers = identify_all(identifier, data, differences)
     console = Console(highlight=False)
@@ -236,7 +237,9 @@ def identify(
             said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label
             typer.echo(f"{answer.name}\t{said}")  # rich would turn the tab into blanks
         for difference in differences:
-            Console(stderr=True).print(f"warning: {difference}", style="yellow", soft_wrap=True, markup=False)
+            Console(stderr=True).print(
+                f"warning: {other_setup(difference)}", style="yellow", soft_wrap=True, markup=False
+            )
         if answers.synthetic:
             Console(stderr=True).print(answers.synthetic, style="bold yellow")
     else:

@@ -184,8 +184,10 @@ def _views(
 
 
 def _warn(console: Console, differences: tuple[str, ...]) -> None:
+    from granular_id.recording.setup import other_setup  # noqa: PLC0415 (--help must not wait for numpy)
+
     for difference in differences:
-        text = f"warning: another set-up than in the training: {difference}"
+        text = f"warning: {other_setup(difference)}"
         console.print(text, style="bold yellow", soft_wrap=True, markup=False)
 
 

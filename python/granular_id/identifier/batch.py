@@ -18,6 +18,7 @@ from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.building import fingerprint, marks_in, marks_of
 from granular_id.identifier.held_out import margins_of
 from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.recording.setup import other_setup
 
 __all__ = ["Batch", "Named", "identify_all"]
 
@@ -180,7 +181,7 @@ class Batch:
 
     def _notes(self) -> Iterator[str]:
         if self.differences:
-            yield f"warning: another set-up than in the training: {'; '.join(self.differences)}"
+            yield f"warning: {other_setup(*self.differences)}"
         judged, accuracy = self.judged, self.accuracy
         if accuracy is not None:
             right = _rightly(judged)

@@ -21,6 +21,7 @@ __all__ = [
     "Setup",
     "common_units",
     "mixed",
+    "other_setup",
     "other_units",
     "other_values",
     "settled",
@@ -237,10 +238,15 @@ def settled(
     for difference in found:
         if difference.consequence == "refuse" and difference.name not in accepted:
             raise ValueError(
-                f"{where}another set-up than in the training: {difference}; nothing is turned or converted: train on "
+                f"{where}{other_setup(str(difference))}; nothing is turned or converted: train on "
                 f"recordings of this set-up, or where it is the same all the same, pass accept=({difference.name!r},)"
             )
     return tuple(str(difference) for difference in found)
+
+
+def other_setup(*differences: str) -> str:
+    """Say that recordings or a sensor are not of the set-up of a training, for messages and warnings."""
+    return f"another set-up than in the training: {'; '.join(differences)}"
 
 
 def mixed(data: Dataset) -> list[str]:
