@@ -33,20 +33,31 @@ def test_a_table_of_one_recording(tmp_path):
 
 def test_recordings_are_told_apart_by_a_column(tmp_path):
     values = columns(
-        recording=["b", "b", "a", "a", "b", "a"],
-        label=["rice", "rice", None, None, "rice", None],
+        recording=["b"] * 3 + ["a"] * 3,
+        label=["rice"] * 3 + [None] * 3,
         session=["s1"] * 6,
-        time=[0.0, 0.1, 5.0, 5.1, 0.2, 5.2],
-        flags=np.array([0, 0, 2, 0, 0, 4], np.int8),
+        time=[0.0, 0.1, 0.2, 5.0, 5.1, 5.2],
+        flags=np.array([0, 0, 0, 2, 0, 4], np.int8),
     )
     data = load(write(tmp_path, values, row_group_size=2))
     assert data.names == ("b", "a")
     assert [r.label for r in data] == ["rice", None]
     assert data.sessions.tolist() == ["s1", "s1"]
     assert [r.rate_hz for r in data] == [10, 10]
-    assert data[0].wrench.tobytes() == WRENCH[[0, 1, 4]].tobytes()
+    assert data[0].wrench.tobytes() == WRENCH[:3].tobytes()
     assert data[1].flags.tolist() == [2, 0, 4]
     assert data[0].flags is None
+
+
+@pytest.mark.parametrize("column", ["material", "session"])
+def test_trials_may_be_counted_anew(tmp_path, column):
+    values = columns(
+        trial=[1, 1, 2, 1, 2, 2], time=[0.0, 1, 0, 0, 0, 1], **{column: ["rice"] * 3 + ["peas"] * 3}
+    )
+    data = load(write(tmp_path, values), time_unit="s", rate_hz=1)
+    assert [r.n_samples for r in data] == [2, 1, 1, 2]
+    assert data.names[::3] == ("pushes.parquet[1] (rice)", "pushes.parquet[2] (peas)")
+    assert [r.label or r.session for r in data] == ["rice", "rice", "peas", "peas"]
 
 
 def test_numbers_name_recordings_and_other_names_of_columns_are_known(tmp_path):
@@ -118,6 +129,9 @@ def test_pandas_writes_what_is_loaded(tmp_path):
         ({"label": ["a\tb"] * 6}, "control character"),
         ({"recording": [0.5] * 6}, "holds double; wanted whole numbers or texts that name recordings"),
         ({"recording": [1, 1, None, 1, 1, 1]}, "recording: has 1 empty cells"),
+        ({"recording": [1, 1, 2, 2, 1, 1]}, "recording: has the same value again"),
+        ({"recording": [1, 1, 2, 2, 1, 1], "label": ["a"] * 6}, "recording: has the same value again"),
+        ({"recording": [1, 1, 2, 2, 1, 1], "time": [0.0, 1, 0, 1, 0, 1]}, "has the same value again"),
         ({"recording": ["a"] * 6, "id": ["b"] * 6}, "both mean recording"),
     ],
 )

@@ -166,7 +166,7 @@ def recordings_of(
     Raises
     ------
     RecordingFileError
-        A recording with two labels, a column that numbers samples, what `stamped_recording` says of the clock.
+        A recording with two labels or in several pieces, a column that numbers samples, what `stamped_recording` says of the clock.
     """
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)
@@ -187,8 +187,24 @@ def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp],
         raise RecordingFileError(source.path, problem, column=table.columns[RECORDING])
     values = table.names
     names = [f"{source.name}[{kind}]" if values is None else str(values[kind]) for kind in kinds.tolist()]
+    for own, texts in (table.texts[name] for name in (LABEL, SESSION) if name in table.texts):
+        if _n_pieces(codes) > len(firsts):  # trials are counted anew for each label or session
+            kinds, firsts, codes = np.unique(codes * len(texts) + own, return_index=True, return_inverse=True)
+            pairs = (divmod(kind, len(texts)) for kind in kinds.tolist())
+            names = [names[key] + (f" ({texts[code]})" if texts[code] else "") for key, code in pairs]
+    if _n_pieces(codes) > len(firsts):
+        problem = (
+            "has the same value again behind other recordings: which rows belong together cannot be told; wanted a "
+            "value of its own for each recording, or columns material and session that tell them apart"
+        )
+        raise RecordingFileError(source.path, problem, column=table.columns.get(RECORDING))
     rows = np.split(np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes))[:-1])
     return [(rows[i], names[i]) for i in np.argsort(firsts).tolist()]
+
+
+def _n_pieces(codes: NDArray[np.intp]) -> int:
+    """Return how many times the key changes, and one."""
+    return int(np.count_nonzero(np.diff(codes))) + 1
 
 
 def _recording(
