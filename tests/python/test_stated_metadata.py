@@ -217,6 +217,25 @@ READ = {
         [W],
     ),
     "h5 unit of halves": (h5({"force": (FORCES * 1e3, {"unit": "mN"}), "torque": TORQUES, "fs": 500}), X),
+    "h5 units of parts": (
+        h5({"X": (MILLI, {"force_units": "mN", "torque_units": "mN m"}), "fs": 500}),
+        X,
+    ),
+    **{
+        f"h5 {key} beside units": (h5({"X": (X * scale, {key: unit, "units": "N"}), "fs": 500}), X)
+        for key, unit, scale in (
+            ("force_units", "mN", HALF),
+            ("moment_units", "N mm", [1, 1, 1, 1e3, 1e3, 1e3]),
+        )
+    },
+    "h5 units of parts of another": (
+        h5({"wrench": W, "ee_pose": (JOINTS, {"force_units": "mN", "torque_units": "mN m"}), "fs": 500}),
+        [W],
+    ),
+    "h5 force_units of halves": (
+        h5({"force": (FORCES * 1e3, {"force_units": "mN"}), "torque": TORQUES, "fs": 500}),
+        X,
+    ),
     "h5 units of vectors": (
         h5(
             {

@@ -166,7 +166,8 @@ def recordings_of(
     Raises
     ------
     RecordingFileError
-        A recording with two labels or in several pieces, a column that numbers samples, what `stamped_recording` says of the clock.
+        A recording with two labels or in several pieces, a column that numbers samples, what `stamped_recording`
+        says of the clock.
     """
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)

@@ -72,6 +72,8 @@ _INDEX = re.compile(r"\[[0-9]+\]")
 
 _MEANINGS = ("recordings", "samples", "axes")
 
+_PARTS = (FORCE, TORQUE, *AXES)
+
 _OF_ONE: tuple[Role, ...] = ("labels", "names", "start", "trigger")
 """What says of a struct or group, where it has one value, that it is one recording."""
 
@@ -206,7 +208,9 @@ class Search:
     def _known_of(self, key: str, known: Known) -> Known:
         """Return what is known of one array: also the units that it has of its own."""
         own = known.units.get(f"/{key}") or (key, unit_in_name(key))
-        return replace(known, units={**known.units, ALL: own}) if own[1] else known
+        units = {ALL: own} if own[1] else {}
+        units |= {what: known.units[f"/{key}:{what}"] for what in _PARTS if f"/{key}:{what}" in known.units}
+        return replace(known, units={**known.units, **units}) if units else known
 
     def _of_wrench(self, known: Known, name: str, axes: tuple[str, ...] = AXES) -> Known:
         """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
@@ -392,7 +396,8 @@ class Search:
         """Put torques behind forces, of one array or of each item of two lists."""
         known = self._of_wrench(known, level)
         sides_of = ((FORCE, halves.force), (TORQUE, halves.torque))
-        own = {what: known.units[f"/{key}"] for what, key in sides_of if f"/{key}" in known.units}
+        stated = [(what, f"/{key}{part}") for what, key in sides_of for part in ("", f":{what}")]
+        own = {what: known.units[whose] for what, whose in stated if whose in known.units}
         known = replace(known, units={**known.units, **own})
         three = replace(known, axes=THREE)
         listed = isinstance(halves.pair[0], list)

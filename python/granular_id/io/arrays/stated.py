@@ -101,6 +101,8 @@ def units_of(
 ) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Read one entry that states units: a text, a list, or a struct with a unit for each thing.
 
+    Of one array, ``/X``, a struct may state what ``/X:force`` and ``/X:torque`` have.
+
     Raises
     ------
     RecordingFileError
@@ -109,9 +111,12 @@ def units_of(
     if isinstance(node, Mapping):
         found: dict[str, tuple[str, tuple[str, ...]]] = {}
         for name, inner in node.items():
-            whose = _whose(name, siblings)
+            around = siblings if what == ALL else {}
+            whose = what_has_unit(name, around)
+            whose = _whose(name, around) if whose is None else whose
             if whose is not None:
-                found |= units_of(inner, whose, f"{key}/{name}", siblings, origin)
+                of_part = f"{what}:{whose}" if whose and what.startswith("/") else what
+                found |= units_of(inner, of_part if what else whose, f"{key}/{name}", siblings, origin)
         return found
     said = texts(node)
     if said is None:

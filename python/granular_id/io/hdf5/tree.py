@@ -82,8 +82,10 @@ class Hdf5Tree:
             about = self._attributes(item, inner)
             inside = {key: about[key] for key in about if role_of(key) in _BESIDE_SAMPLES}
             found[name] = {"samples": leaf, **inside} if inside and len(leaf.shape) > 1 else leaf
-            for key in [key for key in about if key not in inside]:  # beside it, as for vectors
-                found[key if role_of(key) == "scaling" else f"{name}_units"] = about[key]
+            beside = {key: value for key, value in about.items() if key not in inside}
+            found.update({key: beside.pop(key) for key in list(beside) if role_of(key) == "scaling"})
+            if beside:  # as for vectors, which have one unit
+                found[f"{name}_units"] = beside if len(leaf.shape) > 1 else next(iter(beside.values()))
         return found
 
     def _met_first(self, group: Any, place: str) -> None:
