@@ -348,6 +348,11 @@ READ = {
     "mat structs with joints": (structs(wrench=W, q=JOINTS), [W, W]),
     "npz parts that are the same": (npz(wrench=X, force=FORCES, torque=TORQUES, fs=500), X),
     "npz joints of all": (npz(ft=X, joint_positions=X * 0, fs=500), X),
+    **{
+        f"npz materials and one {name}": (npz(rice=W, peas=W + 1, **{"fs": 500, name: value}), [W, W + 1])
+        for name, value in {"name": "day 1", "start_time": 1.7e9, "trigger_index": 9}.items()
+    },
+    "npz materials and stamps": (npz(rice=W, peas=W + 1, t=T), [W, W + 1]),
     "mat joints": (mat(wrench=W, q=JOINTS, qd=JOINTS, fs=500.0), [W]),
 }
 
@@ -423,7 +428,7 @@ REFUSED = {
     "h5 groups of sensors": (h5({"demo_0/ft/data": W, "demo_0/imu/data": JOINTS}, fs=500), "array="),
     "mat structs with two": (structs(ft=W, arm=W + 1), "array="),
     "npz data1 and data2": (npz(data1=X, data2=X, fs=500), "array="),
-    "npz signals of one recording": (npz(first=W, second=W + 1, t=T), "array="),
+    "npz signals of one recording": (npz(wrench=W, second=W + 1, t=T), "array="),
     "npz parts that differ": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
     "npz vectors that differ": (npz(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
     "npz left and right": (npz(left=X, right=X + 1, fs=500), "array="),

@@ -291,7 +291,7 @@ class Search:
         several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
         alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
         signals = any(is_signal(key) for key in samples)
-        if (signals and (of_one or several or not numbered)) or (of_one and alike and not numbered):
+        if (signals and (of_one or several or not numbered)) or (name and of_one and alike and not numbered):
             rivals = " and ".join(map(repr, list(samples)[:5]))
             raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
 
