@@ -79,7 +79,7 @@ BAD_TREES = {
     "trigger": ({"X": X, "trigger_index": np.array(50)}, r"trigger_index\[0\].* is 50"),
     "flags": ({"X": X, "flags": np.full((4, 50), 99)}, r"flags\[0\].* is 99; wanted bits of SampleFlag"),
     "flags of half": ({"X": X, "flags": np.zeros((4, 25))}, "variable flags: has 25 values"),
-    "axes": ({"X": X, "axes": np.arange(6)}, "variable axes: does not hold names"),
+    "axes": ({"X": X, "axes": np.ones((2, 3))}, "variable axes: does not hold names"),
     "deep": ({"X": None}, "no recordings are recognised"),
 }  # fmt: skip
 

@@ -311,6 +311,12 @@ READ = {
         npz(X=np.concatenate(CUT), lengths=LENGTHS, t=np.concatenate([T[:n] for n in LENGTHS])),
         CUT,
     ),
+    **{
+        f"npz {name}={value}": (npz(X=X, fs=500, **{name: value}), X)
+        for name, value in {"length": 40, "n_steps": 200, "num_samples": 20, "channels": 6, "axes": 6}.items()
+    },
+    "npz columns by number": (npz(X=X, fs=500, columns=np.arange(6)), X),
+    "h5 attribute channels": (h5({"X": (X, {"channels": 6}), "fs": 500}), X),
     "npz length in m": (npz(X=X, fs=500, length=0.08), X),
     "npz lengths and stamps": (npz(X=PADDED, t=T, lengths=LENGTHS), CUT),
     # which axis is which

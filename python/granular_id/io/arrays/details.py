@@ -19,6 +19,7 @@ from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.options import LoadOptions
 from granular_id.io.stamped import NOT_SECONDS, RATE_TOLERANCE, unlikely_step
 from granular_id.io.units import factor
+from granular_id.recording._values import FloatArray
 
 Entries = dict[Role, dict[str, Any]]
 """What the entries of a level are for, by their names: role, then name to node."""
@@ -110,10 +111,11 @@ def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: 
         if listed is None or (len(listed) == 1 and (listed != np.floor(listed)).any()):
             return False  # the length of something else, in mm
         lengths = whole_numbers(node, name, origin)
-        if len(lengths) == 1 and n > 1:
-            if lengths == [n] and n not in n_padded:  # as many recordings
-                return False
+        if len(lengths) == 1:
+            recordings = n > 1 and lengths == [n] and n not in n_padded
             lengths *= n
+            if recordings or not all(map(_is_padded, found.wrench, lengths)):
+                return False  # how many recordings, or a total
         if len(lengths) > 1 and n == 1 and sum(lengths) == n_padded[0] and min(lengths) > 0:
             found.split(lengths)
             notes.append(
@@ -126,13 +128,18 @@ def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: 
         if not 0 < length <= len(wrench):
             problem = f"gives recording {i} {length} samples; wanted 1 to {len(wrench)}, which are there"
             raise origin.fault(name, problem)
-        if (wrench[length:] != wrench[-1]).any():
+        if not _is_padded(wrench, length):
             problem = f"gives recording {i} {length} samples of {len(wrench)}, but the values behind change"
             raise origin.fault(name, f"{problem}; wanted padding: zeros, NaN, or one value again and again")
     if lengths != found.lengths:
         notes.append(f"recordings cut to the samples that {name} states")
         found.cut(lengths)
     return True
+
+
+def _is_padded(wrench: FloatArray, length: int) -> bool:
+    """Tell whether there are so many samples, and behind them one value again and again."""
+    return 0 < length <= len(wrench) and not (wrench[length:] != wrench[-1]).any()
 
 
 def _masked(found: Found, name: str, node: Any, origin: Origin) -> list[int]:

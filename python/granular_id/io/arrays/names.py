@@ -27,7 +27,7 @@ _NAMES: dict[Role, str] = {
     "axes": "axes axisnames axislabels channels channelnames columns columnnames colnames featurenames block0items",
     "units": "unit units",
     "dimensions": "dims dimnames dimensions dimensionnames dimensionlabels dimorder",
-    "lengths": "length lengths nsamples numsamples nsteps numsteps seqlen seqlens seqlengths sequencelengths",
+    "lengths": "lengths nsamples numsamples nsteps numsteps seqlen seqlens seqlengths sequencelengths",
     "mask": MASKS,
     "scaling": "scalefactor addoffset countsperforce countspertorque countspernewton cpf cpt",
     "fill": "fillvalue missingvalue",

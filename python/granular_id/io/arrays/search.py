@@ -50,7 +50,17 @@ from granular_id.io.arrays.stated import (
     units_of,
     what_has_unit,
 )
-from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, has_axis, is_leaf, n_values, texts, values
+from granular_id.io.arrays.tree import (
+    MAX_DEPTH,
+    Origin,
+    as_tree,
+    has_axis,
+    is_leaf,
+    n_values,
+    numbers,
+    texts,
+    values,
+)
 from granular_id.io.bulk import row_major
 from granular_id.io.columns import axis_of, split_unit
 from granular_id.io.options import LoadOptions
@@ -166,6 +176,8 @@ class Search:
                 role = "units"
             elif isinstance(node, Mapping) or role == "units" or self._describes_another(role, node, tree):
                 role = None  # a unit without texts is the number of a sensor, say
+            elif role == "axes" and numbers(node) is not None:
+                role = None  # how many there are
             if role is None:
                 others[key] = node
             else:
