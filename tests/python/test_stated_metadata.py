@@ -157,6 +157,14 @@ READ = {
             "axis_names",
         )
     },
+    **{
+        f"npz {name}=": (npz(X=X[..., TURNED], fs=500, **{name: names}), X)
+        for name, names in {"X_columns": NAMES, "header": NAMES, "axis_order": "mz fz fx my fy mx"}.items()
+    },
+    "h5 attribute axis_order": (h5({"X": (X[..., TURNED], {"axis_order": " ".join(NAMES)}), "fs": 500}), X),
+    "h5 attribute header of the file": (h5({"X": X[..., TURNED], "fs": 500}, header=NAMES), X),
+    "npz columns and header": (npz(X=X[..., TURNED], fs=500, columns=NAMES, header=",".join(NAMES)), X),
+    "mat order": (mat(X=X[..., TURNED], fs=500.0, order=cells(NAMES)), X),
     "npz columns with units": (
         npz(
             X=X[..., TURNED] * 1e3,
@@ -364,6 +372,7 @@ READ = {
 
 REFUSED = {
     "npz two names of one axis": (npz(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
+    "npz two orders": (npz(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
     "npz names of too many": (npz(X=X, fs=500, columns=["a", "b", "c"]), "columns"),
     "npz units mN": (npz(X=MILLI, fs=500, units="mN"), "units"),
     "npz units V": (npz(X=X, fs=500, units="V"), "units"),

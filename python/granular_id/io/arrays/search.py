@@ -46,6 +46,7 @@ from granular_id.io.arrays.stated import (
     Columns,
     dimensions_of,
     names_of,
+    orders_axes,
     unit_in_name,
     units_of,
     what_has_unit,
@@ -165,6 +166,8 @@ class Search:
             node, role = as_tree(raw), role_of(key)
             if plain_name(key) == "ts":  # a step or stamps, as its shape tells
                 role = "step" if n_values(node) == 1 else "time"
+            if orders_axes(node):
+                role = "axes"
             path = _path(name, key)
             if self.options.label is not None:
                 named = _is_at(path, self.options.label)
@@ -194,10 +197,16 @@ class Search:
 
     def _known(self, entries: Entries, others: Mapping[str, Any], outer: Known) -> Known:
         axes, dimensions = outer.axes, outer.dimensions
+        orders: dict[tuple[str | None, ...], str] = {}
         for key, node in entries.get("axes", {}).items():
             axes = names_of(node)
             if not axes:
                 raise self.origin.fault(key, "does not hold names of axes; wanted a text per axis")
+            if orders_axes(node):
+                orders[tuple(split_unit(axis)[0] for axis in axes)] = key
+        if len(orders) > 1:
+            both = " and ".join(orders.values())
+            raise self.origin.unclear(f"{both} name the axes in different orders; save the one that is true")
         for key, node in entries.get("dimensions", {}).items():
             dimensions = dimensions_of(key, node, self.origin)
         units = dict(outer.units)

@@ -10,7 +10,7 @@ from typing import Any
 
 from granular_id.io.arrays.names import is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.parts import FORCES, TORQUES
-from granular_id.io.arrays.tree import Origin, is_leaf, texts
+from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.units import factor
 from granular_id.recording import AXES
@@ -21,6 +21,7 @@ __all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
 __all__ += [
     "dimensions_of",
     "names_of",
+    "orders_axes",
     "single_unit",
     "time_unit_in_name",
     "unit_in_name",
@@ -69,6 +70,13 @@ def names_of(node: Any) -> tuple[str, ...]:
         return tuple(listed) if listed and all(isinstance(item, str) for item in listed) else (text,)
     parts = tuple(_BETWEEN.split(text))
     return parts if len(parts) > 1 else tuple(text.split())
+
+
+def orders_axes(node: Any) -> bool:
+    """Tell whether a node lists the six axes, each once, in any order: whatever it is called, it names columns."""
+    if n_values(node) not in (1, len(AXES)):
+        return False
+    return sorted(split_unit(name)[0] or "" for name in names_of(node)) == sorted(AXES)
 
 
 def what_has_unit(key: str, siblings: Mapping[str, Any]) -> str | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.arrays.names import ROLES, role_of
-from granular_id.io.arrays.stated import what_has_unit
+from granular_id.io.arrays.stated import orders_axes, what_has_unit
 from granular_id.io.arrays.tree import MAX_DEPTH
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
@@ -80,7 +80,11 @@ class Hdf5Tree:
             if leaf is None:
                 continue
             about = self._attributes(item, inner)
-            inside = {key: about[key] for key in about if role_of(key) in _BESIDE_SAMPLES}
+            inside = {
+                key: value
+                for key, value in about.items()
+                if role_of(key) in _BESIDE_SAMPLES or orders_axes(value)
+            }
             found[name] = {"samples": leaf, **inside} if inside and len(leaf.shape) > 1 else leaf
             beside = {key: value for key, value in about.items() if key not in inside}
             found.update({key: beside.pop(key) for key in list(beside) if role_of(key) == "scaling"})
@@ -105,7 +109,7 @@ class Hdf5Tree:
         return _Leaf(self._file, item, place, shape, np.dtype("U1") if dtype.hasobject else dtype)
 
     def _attributes(self, item: Any, place: str) -> dict[str, Any]:
-        """Return the attributes whose names say what they mean: label, session, rate, start time, units ..."""
+        """Return the attributes that say by name what they mean (label, rate, units ...), and orders of axes."""
         with translated(self._file.expansion, place):
             names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
         found: dict[str, Any] = {}
@@ -113,14 +117,16 @@ class Hdf5Tree:
             if not isinstance(name, str):  # h5py gives names that are no UTF-8 as bytes
                 continue
             role = role_of(name) or ("units" if what_has_unit(name, {}) is not None else None)
-            if role is None:
-                continue
             try:
-                found[name] = self._file.attribute(item, name, place)
+                value = self._file.attribute(item, name, place)
             except RecordingFileError as error:
                 if role in _CHANGES_VALUES:
                     raise
-                self.left_out.append(f"{place}: {error.problem}")
+                if role is not None:
+                    self.left_out.append(f"{place}: {error.problem}")
+                continue
+            if role is not None or orders_axes(value):
+                found[name] = value
         return found
 
 
