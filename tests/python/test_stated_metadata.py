@@ -355,6 +355,7 @@ READ = {
         h5({**{f"data/demo_{i}/obs/ee_wrench": W for i in range(2)}, "data/demo_0/actions": JOINTS}, fs=500),
         [W, W],
     ),
+    "h5 groups of a speed": (h5({f"{m}/speed_{v}/ft": W for m in "ab" for v in (30, 60)}, fs=500), [W] * 4),
     "h5 joint_states": (
         demos(**{"ft": W, "joint_states/position": JOINTS, "joint_states/effort": JOINTS}),
         [W, W],
@@ -577,9 +578,27 @@ def test_units_of_other_axes_are_kept(tmp_path):
     ("names", "labels"),
     [
         (["trial_01", "trial_02"], ()), (["wrench_1", "wrench_2"], ()), (["demo_0", "demo_1"], ()),
-        (["rice_01", "peas_01"], ("peas", "rice")),
+        (["rice_01", "peas_01"], ("peas", "rice")), (["speed_30/ft", "speed_60/ft"], ()),
     ],
 )  # fmt: skip
 def test_words_for_recordings_are_no_labels(tmp_path, names, labels):
-    file = npz(fs=500, **{name: W + i for i, name in enumerate(names)})
+    file = h5({name: W + i for i, name in enumerate(names)}, fs=500)
     assert load(made(tmp_path, file)).labels == labels
+
+
+@pytest.mark.parametrize(
+    ("path", "about", "wanted"),
+    [
+        ("{m}/{s}/run{i}", {}, ("{m}", "{s}")),
+        ("{m}/{s}/run{i}/ft", {}, ("{m}", "{s}")),
+        ("{m}/day {i}/{s}/run{i}", {}, ("{m}", "{s}")),
+        ("{m}/{s}/run{i}", {"session": "x"}, ("{m}", "x")),
+        ("{m}/{s}/run{i}", {"label": "x"}, ("x", None)),
+        ("day {i}/{m}/{s}", {}, ("{m}", None)),
+    ],
+)
+def test_outer_groups_are_labels_and_inner_ones_sessions(tmp_path, path, about, wanted):
+    places = [{"m": m, "s": s, "i": i} for i in range(2) for m in ("rice", "peas") for s in ("slow", "fast")]
+    data = load(made(tmp_path, h5({path.format(**place): (W, about) for place in places}, fs=500)))
+    found = {(r.label, r.session) for r in data}
+    assert found == {tuple(text and text.format(**place) for text in wanted) for place in places}

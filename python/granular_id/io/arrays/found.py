@@ -29,7 +29,7 @@ class Found:
         How many of them stood in each array, cell or struct; they add up to n.
     about : dict
         Columns of what is known, None where it is not: label, session, name, rate, start, trigger, stamps, time_unit,
-        flags, meta.
+        flags, meta, group (a label that the name of a group gave).
 
     Examples
     --------

@@ -47,7 +47,7 @@ def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, 
 def _other_thing(name: str, shape: tuple[int, ...]) -> str | None:
     if 0 in shape or _N not in shape or not is_other_thing(name.rpartition("/")[2]):
         return None
-    return f"{name} {shape} is no wrench by its name; if it is one, pass array={name!r}"
+    return f"{name} {shape} is no wrench by its name; if it is one, pass array={name!r}, or save it under another name"
 
 
 def _empty(name: str, shape: tuple[int, ...]) -> str | None:

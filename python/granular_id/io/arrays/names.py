@@ -122,8 +122,11 @@ def is_other_thing(name: str) -> bool:
 
 
 def is_no_label(name: str) -> bool:
-    """Tell whether a name, whatever its number, is that of a signal or of a count: ``ft``, ``trial_01``, ``day 2``."""
-    return is_signal(name) or (name[-1:].isdecimal() and _without_number(name.lower()) in _COUNTED)
+    """Tell whether a name is that of a signal, of a count or of a setting: ``ft``, ``trial_01``, ``speed_30``."""
+    if is_signal(name) or not name[-1:].isdecimal():
+        return is_signal(name)
+    bare = _without_number(name.lower())
+    return bare in _COUNTED or bare in _OTHER_THINGS
 
 
 def is_counted_group(name: str) -> bool:

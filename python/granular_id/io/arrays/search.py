@@ -249,7 +249,7 @@ class Search:
         """Tell whether an array may be the recordings, going by its name and the option `array`."""
         path = _path(level, key)
         if self.options.array is None:
-            return not is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
+            return _may_be_wrench(key, node)
         return self._is_chosen(path) or self._leads_to_chosen(path, node, 0)
 
     def _leads_to_chosen(self, path: str, node: Any, depth: int) -> bool:
@@ -326,7 +326,7 @@ class Search:
             return in_parts(items) or any(
                 self._holds(item, known, depth + 1)
                 for key, item in items.items()
-                if role_of(key) is None and (self.options.array is not None or not is_other_thing(key))
+                if role_of(key) is None and (self.options.array is not None or _may_be_wrench(key, item))
             )
         if isinstance(node, list):
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
@@ -361,6 +361,8 @@ class Search:
             if single:
                 found.fill("name", [_path(level, key)])
             label = label_of_name(key) if single else None if is_no_label(key) else key
+            if label is not None and not single:
+                self._as_sessions(found, label)
             found.fill("label", [label] * len(found))
         if not groups:
             return
@@ -368,6 +370,16 @@ class Search:
         what = "labels" if not single else "names"
         part = ", and the part before the number as label" if single and numbered else ""
         self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
+
+    def _as_sessions(self, found: Found, label: str) -> None:
+        """Take labels that only names of inner groups gave as sessions: the outer name is the label, as of folders."""
+        inner = found.get("group")
+        labels = [None if group else own for own, group in zip(found.get("label"), inner, strict=True)]
+        found.fill("session", inner)
+        found.about["label"], found.about["group"] = labels, [None if own else label for own in labels]
+        for i, note in enumerate(self.notes):
+            if note.partition(" taken as labels")[0].partition(", ")[0] in inner:
+                self.notes[i] = note.replace("taken as labels", "taken as sessions")
 
     def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Found:
         if isinstance(node, Mapping):
@@ -499,6 +511,11 @@ class Search:
     def _note(self, text: str) -> None:
         if text not in self.notes:
             self.notes.append(text)
+
+
+def _may_be_wrench(key: str, node: Any) -> bool:
+    """Tell whether a name leaves that open: that of a group says nothing of the arrays in it."""
+    return not is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
 
 
 def _cells(cells: Sequence[Found]) -> Found:
