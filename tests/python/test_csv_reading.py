@@ -355,10 +355,20 @@ WRITERS = {
     "tabs": ("a.tsv", lambda path: frame().to_csv(path, index=False, sep="\t"), None),
     "tabs, gzip": ("a.TSV.gz", lambda path: frame().to_csv(path, index=False, sep="\t"), None),
     "semicolons": ("a.csv", lambda path: frame().to_csv(path, index=False, sep=";"), None),
+    "a separator at the end": (
+        "a.csv",
+        lambda path: path.write_text(frame().to_csv(index=False).replace("\n", ",\n")),
+        "''",
+    ),
     "other columns": (
         "a.csv",
         lambda path: frame(note='a, "b"', temp=20.5).to_csv(path, index=False),
         "'note', 'temp'",
+    ),
+    "a delay beside the time": (
+        "a.csv",
+        lambda path: frame(delay_ns=3, nanosec=7).to_csv(path, index=False),
+        "'delay_ns', 'nanosec'",
     ),
     "a robot": ("a.csv", of_robot, "'actual_q_0', 'output_int_register_0'"),
 }

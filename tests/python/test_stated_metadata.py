@@ -209,6 +209,7 @@ READ = {
         npz(X=X / ([1e3] * 3 + [4.4482216152605 * 0.0254] * 3), fs=500, units=["kN"] * 3 + ["lbf in"] * 3),
         X,
     ),
+    "npz kN, kN m": (npz(X=X / 1e3, fs=500, units="kN, kN m"), X),
     "npz lbf, kgf": (
         npz(X=X / [4.4482216152605, 9.80665, 1, 1, 1, 1], fs=500, units=["lbf", "kgf", "N"] + ["Nm"] * 3),
         X,
@@ -331,6 +332,8 @@ READ = {
     "npz (T, n, 6) with labels": (npz(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
     "npz (T, n, 6) with stamps": (npz(X=X.transpose(1, 0, 2), t=T), X),
     "npz (T, n, 6) with dims": (npz(X=X.transpose(1, 0, 2), fs=500, dims=["time", "trial", "channel"]), X),
+    "h5 dimensions: time alone": (labelled_dimensions("time", "", array=W), [W]),
+    "h5 dimensions, (6, T)": (labelled_dimensions("", "time", array=W.T), [W]),
     "h5 dimensions": (labelled_dimensions("time", "recording", "axis", array=X.transpose(1, 0, 2)), X),
     # what is no wrench
     "h5 ee_wrench and joint_pos": (demos(ee_wrench=W, joint_pos=JOINTS), [W, W]),
@@ -374,6 +377,8 @@ READ = {
 REFUSED = {
     "npz two names of one axis": (npz(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
     "npz two orders": (npz(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
+    "npz names of seven": (npz(X=X, fs=500, columns=["time", *AXES]), "6 columns, columns names 7"),
+    "csv time in two": (csv(T, "sec", axes=[*AXES, "nanosec"], values=X[0][:, [*range(6), 0]]), "nanosec"),
     "npz names of too many": (npz(X=X, fs=500, columns=["a", "b", "c"]), "columns"),
     "npz units mN": (npz(X=MILLI, fs=500, units="mN"), "units"),
     "npz units V": (npz(X=X, fs=500, units="V"), "units"),
@@ -513,7 +518,7 @@ def made(tmp_path, file):
 def test_what_is_stated_is_obeyed(tmp_path, case):
     file, wrenches = READ[case]
     path = made(tmp_path, file)
-    data = load(path, rate_hz=500 if case == "h5 dimensions" else None)
+    data = load(path, rate_hz=500 if "h5 dimensions" in case else None)
     assert [r.n_samples for r in data] == [len(wrench) for wrench in wrenches]
     for recording, wrench in zip(data, wrenches, strict=True):
         np.testing.assert_allclose(recording.wrench, wrench, rtol=1e-12)
@@ -558,8 +563,13 @@ def test_labels_of_a_table_are_chosen(tmp_path, ending):
         table, path = pq.read_table(path), tmp_path / "push.csv"
         csv_of_arrow.write_csv(table, path)
     assert load(path, label="material").y.tolist() == ["rice"]
-    with pytest.raises(RecordingFileError, match="both mean label"):
+    with pytest.raises(RecordingFileError, match=r"both mean label.* label="):
         load(path)
+
+
+def test_the_class_of_pytables_is_no_label(tmp_path):
+    data = load(made(tmp_path, h5({"X": (X, {"CLASS": np.bytes_("ARRAY")}), "fs": 500})))
+    assert data.labels == ()
 
 
 def test_what_pandas_keeps_of_attrs_is_about_the_table(tmp_path):

@@ -78,7 +78,7 @@ _WORDS = {
 
 _OTHER_UNITS = (
     *("lb", "lbs", "ozf", "g", "gf", "kg", "v", "mv", "counts"),
-    *("knm", "ncm", "lbin", "lbfft", "lbft", "ozin", "kgm", "kgfm"),
+    *("ncm", "lbin", "lbfft", "lbft", "ozin", "kgm", "kgfm"),
     *("\N{MICRO SIGN}s", "min", "h"),
 )
 """Units besides those of ``units`` that may follow a name after ``_`` and must not be taken for a part of it."""
@@ -88,6 +88,7 @@ _LONGEST = 200
 
 _SEPARATORS = r"[\s_./-]+"
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
+_IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
     rf"(.+?){_SEPARATORS}("
@@ -231,8 +232,14 @@ def columns_of(
                 if same
                 else f"columns {first!r} and {name!r} both mean {what}; wanted one of them"
             )
+            problem += ", or label= with its name" if what == LABEL and not same else ""
             raise ColumnError(problem, i)
         found[what] = i
+    whole = names[found[TIME]] if TIME in found else ""
+    second = next((i for i in others if _IN_TWO.fullmatch(f"{whole}\n{names[i]}")), None)
+    if second is not None:
+        both = f"columns {whole!r} and {names[second]!r} are one time in two parts"
+        raise ColumnError(f"{both}; wanted one column, sec + nanosec / 1e9", second)
     missing = [axis for axis in AXES if axis not in found]
     if missing and others:
         raise ColumnError(f"{refusal(names[others[0]])}; column {missing[0]!r} is missing", others[0])

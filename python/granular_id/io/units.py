@@ -14,6 +14,7 @@ _FACTORS: dict[str, dict[float, str]] = {
     "N m": {
         1.0: "nm newtonmetre newtonmetres newtonmeter newtonmeters",
         1e-3: "mnm nmm",
+        1e3: "knm",
         _POUND_N * _INCH_M: "lbfin",
     },
     "s": {

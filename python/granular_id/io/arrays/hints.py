@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from granular_id.io.arrays.names import is_other_thing
+from granular_id.io.arrays.names import is_other_thing, role_of
 from granular_id.io.arrays.parts import THREE, is_half
+from granular_id.io.arrays.stated import names_of
 from granular_id.io.arrays.tree import MAX_DEPTH, as_tree, is_numbers
 from granular_id.recording import AXES
 
@@ -23,6 +24,11 @@ def nothing_found(tree: Mapping[str, Any]) -> str:
     'X (0, 6) is empty: it holds no samples'
     """
     arrays = list(_arrays(tree, "", MAX_DEPTH))
+    named = {key: len(names_of(node)) for key, node in tree.items() if role_of(key) == "axes"}
+    for key, n_names in named.items():
+        six = next((f"{name} {shape}" for name, shape in arrays if _N in shape), None)
+        if six is not None and n_names != _N:
+            return f"{six} has {_N} columns, {key} names {n_names}; wanted a name for each"
     for hint in _HINTS:
         for name, shape in arrays:
             said = hint(name, shape)

@@ -32,7 +32,7 @@ TORQUES = frozenset(
     for word in ("t", "m", "tau", "torque", "torques", "moment", "moments", "eetorque")
     for unit in ("", "nm")
 )
-"""As ``plain_name`` gives them; other units (``force_mN``) are not known here, and nothing is scaled."""
+"""As ``plain_name`` gives them; other units in names (``force_mN``) are not known here."""
 
 
 @dataclass(frozen=True)

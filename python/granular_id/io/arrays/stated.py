@@ -44,7 +44,7 @@ _UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
 
 _BETWEEN = re.compile(r"\s*[,;|]\s*")
 
-_WANTED = "wanted N, mN, kN, lbf or kgf for forces, N m, mN m, N mm or lbf in for torques"
+_WANTED = "wanted N, mN, kN, lbf or kgf for forces, N m, mN m, kN m, N mm or lbf in for torques"
 
 _DIMENSIONS = {
     0: "n recording recordings trial trials push pushes demo demos episode episodes run runs batch",
@@ -161,6 +161,9 @@ def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
     if {"t", "time", "step", "timestep"} & set(named):  # samples are then what others call recordings
         named = ["recording" if name in ("sample", "samples") else name for name in named]
     places = [_PLACES.get(name, -1) for name in named]
+    if named.count("") == 1:  # what the others leave
+        left = {1, 2} if len(named) == 2 else {0, 1, 2}
+        places[named.index("")] = next(iter(left - set(places)))
     if sorted(places) not in ([0, 1, 2], [1, 2]):
         problem = f"names the dimensions {', '.join(named)[:80]}"
         raise origin.fault(key, f"{problem}; wanted recording, time and axis in their order")

@@ -127,6 +127,8 @@ def _picked(
             values.append(cells[i].strip())
     table = parse_numbers("\n".join(kept).encode(), 0, where, path)
     for i in unnamed:
+        if i == len(header.names) - 1 and not header.names[i] and not any(others[i]):
+            continue  # a separator at the end of every line
         _check_index(others[i], i, path)
     texts = {meaning: _coded(others[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
     if RECORDING in texts and None in texts[RECORDING][1]:

@@ -114,7 +114,7 @@ class Hdf5Tree:
             names = list(item.attrs) if len(item.attrs) <= _MOST_ATTRIBUTES else []
         found: dict[str, Any] = {}
         for name in names:
-            if not isinstance(name, str):  # h5py gives names that are no UTF-8 as bytes
+            if not isinstance(name, str) or name == "CLASS":  # h5py gives names that are no UTF-8 as bytes
                 continue
             role = role_of(name) or ("units" if what_has_unit(name, {}) is not None else None)
             try:
