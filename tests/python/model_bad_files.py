@@ -240,6 +240,7 @@ BAD: dict[str, tuple[bytes, str]] = {
         ),
         "'dtype' is there twice",
     ),
+    "more said of a tensor": (entry("coef", extra=1), "tensor 'coef' has an unknown key 'extra'"),
     "overlap": (offsets("intercept", -8, 0), "do not fill the file"),
     "gap": (offsets("intercept", 8, 0), "do not fill the file"),
     "past the end": (offsets("sigmoid", 0, 8), "do not fill the file"),

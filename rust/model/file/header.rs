@@ -19,6 +19,9 @@ const OTHERS: [(&[u8], &str); 6] = [
     (b"\x89HDF", "this is an HDF5 file"),
 ];
 
+/// What a header says of a tensor.
+const TENSOR_KEYS: [&str; 3] = ["data_offsets", "dtype", "shape"];
+
 /// Where a safetensors header begins: a brace behind eight bytes of length.
 const BRACE: u8 = b'{';
 
@@ -59,6 +62,12 @@ pub(super) fn metadata(text: &str) -> Result<Entries, Fault> {
     let is_known = |name: &&String| REQUIRED.contains(&name.as_str()) || OPTIONAL.contains(&name.as_str());
     if let Some(name) = header.names().find(|name| !is_known(name)) {
         return Err(Fault::UnknownTensor { name: shown(name.as_bytes()) });
+    }
+    for (name, entry) in header.rest() {
+        let Json::Object(entry) = entry else { continue };
+        if let Some(key) = entry.keys().find(|key| !TENSOR_KEYS.contains(&key.as_str())) {
+            return Err(problem(format!("tensor '{name}' has an unknown key {}", shown(key.as_bytes()))));
+        }
     }
     let entries = texts.into_iter().map(|(key, value)| {
         let kind = value.kind();

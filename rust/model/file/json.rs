@@ -189,6 +189,11 @@ impl Object {
         self.entries.keys()
     }
 
+    /// The entries that are left.
+    pub(super) fn rest(&self) -> impl Iterator<Item = (&String, &Json)> {
+        self.entries.iter()
+    }
+
     /// Takes the entry `name` if it is there and not null.
     pub(super) fn optional(&mut self, name: &str) -> Option<Json> {
         self.entries.remove(name).filter(|value| !matches!(value, Json::Null))
