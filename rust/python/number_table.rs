@@ -6,6 +6,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyList};
 
+use super::arrays::{contiguous_real, readable};
 use super::scalars::shown;
 use crate::memory::{collected, reserved};
 use crate::number_table::{parse, write, Column, Fault, Kind};
@@ -69,8 +70,10 @@ enum Owned {
 
 impl Owned {
     fn new(column: &Bound<'_, PyAny>) -> PyResult<Self> {
-        if let Ok(column) = column.extract::<PyReadonlyArray1<'_, f64>>() {
-            Ok(Self::Numbers(collected(column.as_array().iter().copied())?))
+        if column.cast::<PyArray1<f64>>().is_ok() {
+            // Steps that are no multiple of the item are numpy's matter.
+            let column = contiguous_real(column, "columns")?;
+            Ok(Self::Numbers(collected(readable(&column, "columns")?.as_slice()?.iter().copied())?))
         } else if let Ok(column) = column.extract::<PyReadonlyArray1<'_, u8>>() {
             Ok(Self::Whole(collected(column.as_array().iter().copied())?))
         } else {

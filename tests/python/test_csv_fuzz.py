@@ -173,6 +173,12 @@ def test_columns_that_cannot_be_written(columns, problem):
         write_number_table(columns)
 
 
+def test_a_column_with_odd_steps_is_written_as_it_is():
+    packed = np.zeros(5, dtype=[("flag", "u1"), ("value", "f8")])
+    packed["value"] = np.arange(5) + 0.5
+    assert write_number_table([packed["value"]]) == write_number_table([packed["value"].copy()])
+
+
 CELLS = [
     b"",
     b"nan",
