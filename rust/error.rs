@@ -323,8 +323,8 @@ pub enum Error {
         /// The depth asked for.
         reorder_depth: usize,
     },
-    /// A buffer of no rows, or of more than there is room for.
-    #[error("seconds must be positive and give at most {} rows, with memory for them, got {} at rate_hz = {}", crate::buffer::MAX_ROWS, brief(*.seconds), brief(*.rate_hz))]
+    /// A buffer of no rows, or of too many.
+    #[error("seconds must be positive and give at most {} rows, got {} at rate_hz = {}", crate::buffer::MAX_ROWS, brief(*.seconds), brief(*.rate_hz))]
     BufferSize {
         /// The time asked for, in seconds.
         seconds: f64,

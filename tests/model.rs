@@ -44,7 +44,7 @@ fn agrees_with_python_bit_for_bit() {
     let folder = std::env::var_os("GRANULAR_ID_MODEL_ROWS").map_or_else(golden, PathBuf::from);
     let path = folder.join("model.safetensors");
     let model = Model::read(&path).unwrap();
-    assert_eq!(model.to_bytes(), std::fs::read(&path).unwrap());
+    assert_eq!(model.to_bytes().unwrap(), std::fs::read(&path).unwrap());
     let (wrench, scores, losses) = (
         numbers(&folder.join("wrench.f64")),
         numbers(&folder.join("scores.f64")),
@@ -74,7 +74,7 @@ fn files_of_earlier_versions_are_read_and_say_so() {
     assert_eq!(first, now);
     assert!(second.multiband().is_some());
     for model in [first, second] {
-        let again = Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES).unwrap();
+        let again = Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES).unwrap();
         assert!(again == model && !again.lacks_digest());
     }
 }
@@ -82,7 +82,7 @@ fn files_of_earlier_versions_are_read_and_say_so() {
 #[test]
 fn a_flipped_bit_is_noticed() {
     no_flipped_bit_is_read(
-        &random_model(3, 4, 1, FeatureSpec { n_bins: 2, ..FeatureSpec::default() }).to_bytes(),
+        &random_model(3, 4, 1, FeatureSpec { n_bins: 2, ..FeatureSpec::default() }).to_bytes().unwrap(),
     );
 }
 
@@ -195,8 +195,8 @@ proptest! {
                 prop_assert_eq!(model.coef(learner, feature).to_bits(), expected.to_bits());
             }
         }
-        let again = Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES).unwrap();
-        prop_assert_eq!(again.to_bytes(), model.to_bytes());
+        let again = Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES).unwrap();
+        prop_assert_eq!(again.to_bytes().unwrap(), model.to_bytes().unwrap());
         prop_assert_eq!(again.scores(&wrench, n, 1).unwrap(), scores);
     }
 
@@ -216,7 +216,7 @@ proptest! {
 
 #[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
-    let good = without_digest(&Small::new().model().unwrap().to_bytes());
+    let good = without_digest(&Small::new().model().unwrap().to_bytes().unwrap());
     for len in 0..good.len() {
         assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
     }
@@ -227,7 +227,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
             let mut bytes = good.clone();
             bytes[place] ^= change;
             let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
-            assert_eq!(Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES), Ok(model.clone()));
+            assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
             match model.identify(&wrench) {
                 Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
                 Err(error) => assert!(matches!(error, Error::Score { .. } | Error::Length { .. }), "{error}"),

@@ -64,9 +64,9 @@ proptest! {
         let wrench = noise(seed, n * n_samples * n_axes);
         let scores = model.scores(&wrench, n, 2).unwrap();
         prop_assert_eq!(bits(&scores), bits(&model.scores(&wrench, n, 1).unwrap()));
-        let again = Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES).unwrap();
+        let again = Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES).unwrap();
         prop_assert_eq!(&again, &*model);
-        prop_assert_eq!(again.to_bytes(), model.to_bytes());
+        prop_assert_eq!(again.to_bytes().unwrap(), model.to_bytes().unwrap());
         prop_assert_eq!(bits(&again.scores(&wrench, n, 1).unwrap()), bits(&scores));
         let mut stream = StreamingIdentifier::new(model.clone(), None).unwrap();
         let recordings = wrench.chunks_exact(n_samples * n_axes).zip(scores.chunks_exact(model.n_learners()));
@@ -224,7 +224,7 @@ fn rows_too_large_are_not_taken() {
 #[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
     let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
-    let good = random_banded(3, 5, 1, spec).to_bytes();
+    let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
     let good = without_digest(&good);
     for len in 0..good.len() {
@@ -237,7 +237,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
             let mut bytes = good.clone();
             bytes[place] ^= change;
             let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
-            assert_eq!(Model::from_bytes(&model.to_bytes(), MAX_FILE_BYTES), Ok(model.clone()));
+            assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
             match model.identify(&wrench) {
                 Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
                 Err(error) => {
@@ -253,7 +253,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
 /// What a small file with other sizes in its header is refused for.
 fn fault_of(change: impl FnOnce(String) -> String) -> Fault {
     let model = random_banded(2, 8, 1, MultiBandSpec { level: true, ..MultiBandSpec::default() });
-    let good = without_digest(&model.to_bytes());
+    let good = without_digest(&model.to_bytes().unwrap());
     let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
     let header = change(std::str::from_utf8(&good[8..end]).unwrap().to_owned());
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();

@@ -218,6 +218,7 @@ class Model:
         early: ArrayLike | None = None,
         sigmoid: ArrayLike | None = None,
         posterior_weights: ArrayLike | None = None,
+        lacks_digest: bool = False,
     ) -> Self: ...
     @staticmethod
     def from_bytes(data: bytes, *, max_file_bytes: SupportsIndex = 16777216) -> Model: ...

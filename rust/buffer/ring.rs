@@ -8,6 +8,9 @@
 use std::sync::atomic::Ordering::{Acquire, Relaxed, Release};
 use std::sync::atomic::{fence, AtomicU64};
 
+use crate::error::Result;
+use crate::memory::reserved;
+
 /// One item of `WORDS` words and the state that guards it.
 struct Slot<const WORDS: usize> {
     /// `2 n + 1` while item `n` is being written, `2 n + 2` once it is complete, 0 before the first.
@@ -28,16 +31,15 @@ pub(super) struct Ring<const WORDS: usize> {
 struct Head(AtomicU64);
 
 impl<const WORDS: usize> Ring<WORDS> {
-    /// A ring of at least `at_least` slots, or `None` when memory does not suffice.
-    pub(super) fn new(at_least: usize) -> Option<Self> {
-        let n_slots = at_least.checked_next_power_of_two()?;
-        let mut slots = Vec::new();
-        slots.try_reserve_exact(n_slots).ok()?;
+    /// A ring of at least `at_least` slots.
+    pub(super) fn new(at_least: usize) -> Result<Self> {
+        let n_slots = at_least.checked_next_power_of_two().unwrap_or(usize::MAX);
+        let mut slots = reserved(n_slots)?;
         slots.resize_with(n_slots, || Slot {
             state: AtomicU64::new(0),
             words: std::array::from_fn(|_| AtomicU64::new(0)),
         });
-        Some(Self { slots: slots.into_boxed_slice(), head: Head(AtomicU64::new(0)) })
+        Ok(Self { slots: slots.into_boxed_slice(), head: Head(AtomicU64::new(0)) })
     }
 
     /// Items published so far: the number of the next.

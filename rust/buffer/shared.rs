@@ -5,7 +5,7 @@ use super::counters::Counters;
 use super::ring::Ring;
 use super::row::{BufferedRow, WORDS};
 use super::spec::BufferSpec;
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Lines of the clock that are kept: the newest, and some for readers that are slower than the writer.
 const CLOCK_LINES: usize = 8;
@@ -24,12 +24,11 @@ impl Shared {
         let capacity = spec.capacity()?;
         // Slots to spare: the oldest row that counts is not the one that is being overwritten.
         let slots = capacity + (capacity / 8).max(16);
-        let memory = || Error::BufferSize { seconds: spec.seconds, rate_hz: spec.rate_hz };
         Ok(Self {
             spec,
             capacity: capacity as u64,
-            rows: Ring::new(slots).ok_or_else(memory)?,
-            clock: Ring::new(CLOCK_LINES).ok_or_else(memory)?,
+            rows: Ring::new(slots)?,
+            clock: Ring::new(CLOCK_LINES)?,
             counters: Counters::default(),
         })
     }

@@ -157,6 +157,6 @@ pub struct ModelParts<'a> {
     pub sigmoid: Option<Tensor<'a>>,
     /// Sum of the weights of the training rows behind each learner (L,), for the coupling of probabilities.
     pub posterior_weights: Option<Tensor<'a>>,
-    /// What describes the model and changes no answer.
+    /// What describes the model; of all this only the rules are part of an answer.
     pub notes: Notes,
 }

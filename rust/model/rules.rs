@@ -7,6 +7,11 @@
 use super::nearest::NearestMean;
 use super::scores::{best_and_margin, rank};
 use super::Model;
+#[cfg(feature = "python")]
+use crate::{
+    error::{Error, Result},
+    memory::reserved,
+};
 
 /// How badly a class fits a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,6 +120,52 @@ impl Verdict {
     /// Whether it is like no class; `None` without a rule.
     pub(crate) fn unknown(&self) -> Option<bool> {
         self.unknown
+    }
+}
+
+/// What the rules say of many recordings.
+#[cfg(feature = "python")]
+pub(crate) struct Verdicts {
+    candidates: Vec<usize>,
+    /// Candidates of all recordings up to each one, and whether it is like no class.
+    rows: Vec<(usize, Option<bool>)>,
+}
+
+#[cfg(feature = "python")]
+impl Verdicts {
+    pub(crate) fn n_rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    pub(crate) fn n_candidates(&self) -> usize {
+        self.candidates.len()
+    }
+
+    /// Candidates of each recording, and whether it is like no class.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (&[usize], Option<bool>)> {
+        let mut start = 0;
+        self.rows.iter().map(move |(end, unknown)| {
+            (&self.candidates[std::mem::replace(&mut start, *end)..*end], *unknown)
+        })
+    }
+}
+
+#[cfg(feature = "python")]
+impl Model {
+    /// What the rules say of recordings, from rows of losses and of scores.
+    pub(crate) fn verdicts(&self, losses: &[f64], scores: &[f64]) -> Result<Verdicts> {
+        let mut verdict = self.rules().verdict();
+        let rows = losses.chunks_exact(self.classes().len()).zip(scores.chunks_exact(self.n_learners()));
+        let mut all = Verdicts { candidates: Vec::new(), rows: reserved(rows.len())? };
+        for (losses, scores) in rows {
+            self.judge(losses, scores, &mut verdict);
+            let candidates = verdict.candidates();
+            let bytes = size_of_val(&*all.candidates).saturating_add(size_of_val(candidates));
+            all.candidates.try_reserve(candidates.len()).map_err(|_| Error::Memory { bytes })?;
+            all.candidates.extend_from_slice(candidates);
+            all.rows.push((all.candidates.len(), verdict.unknown()));
+        }
+        Ok(all)
     }
 }
 

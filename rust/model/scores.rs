@@ -165,7 +165,8 @@ impl Model {
     pub fn identify_batch(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<Answer>> {
         let scores = self.scores(wrench, n_recordings, threads)?;
         let numbers = self.n_learners() + self.classes.len();
-        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>();
+        let candidates = self.classes.len() * size_of::<usize>();
+        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
         room(n_recordings.saturating_mul(per_answer))?;
         let mut verdict = self.rules.verdict();
         let answers = scores.chunks_exact(self.n_learners()).map(|scores| {

@@ -40,7 +40,7 @@ use crate::Extractor;
 /// })?;
 /// let answer = model.identify(&[0.1, 0.9, 0.2])?;
 /// assert_eq!(model.classes()[answer.best], "rice");
-/// assert_eq!(Model::from_bytes(&model.to_bytes(), 1 << 20)?, model);
+/// assert_eq!(Model::from_bytes(&model.to_bytes()?, 1 << 20)?, model);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -242,6 +242,12 @@ impl Model {
     #[must_use]
     pub fn lacks_digest(&self) -> bool {
         self.lacks_digest
+    }
+
+    /// The same model as one of a file without a digest.
+    #[cfg(feature = "python")]
+    pub(crate) fn without_digest(self) -> Self {
+        Self { lacks_digest: true, ..self }
     }
 }
 

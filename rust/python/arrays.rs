@@ -1,9 +1,8 @@
 //! Anything array-like as a float64 array of our own, or an exception that names the argument; arrays that stay as they are.
 //!
-//! The rule of every binding: first whatever may run Python (conversion of arrays and scalars, new arrays, warnings), then
-//! [`readable`] and [`writable`], then shapes, slices and the work. From a borrow on nothing runs Python.
-
-use std::ops::{Deref, DerefMut};
+//! The rule of every binding: first whatever may run Python (conversion of arrays and scalars, new arrays, warnings), then one
+//! [`Hold`] of all arrays, which may run the garbage collector, then [`readable`] and [`writable`], slices and the work. From
+//! a borrow on nothing of Python's is made, so nothing of it runs; without a hold the GIL is kept.
 
 use numpy::{
     get_array_module, BorrowError, Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods,
@@ -11,9 +10,10 @@ use numpy::{
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple, PyWeakrefReference};
+use pyo3::types::{PyBytes, PyDict, PyMemoryView, PyTuple, PyWeakrefReference};
 
-use crate::memory::{collected, room};
+use super::pool::MANY_VALUES;
+use crate::memory::{collected, reserved, room};
 use crate::BatchShape;
 
 /// A C-ordered, aligned float64 copy of real numbers that nothing else refers to: safe to change without the GIL.
@@ -69,64 +69,110 @@ pub(super) fn copied<'py, T: Element + Copy>(
     Ok(PyArray1::from_vec(py, collected(values.iter().copied())?))
 }
 
-/// A borrowed array whose memory stays where it is, whatever others do: numpy resizes no array that a weak reference points
-/// to. It would under an exported buffer, where `refcheck` is false.
-pub(super) struct Held<'py, B> {
-    borrowed: B,
-    _owner: Bound<'py, PyWeakrefReference>,
+/// Arrays that numpy does not resize while other threads run: it refuses where a weak reference points to the owner of the
+/// memory. Under an exported buffer it would not, where `refcheck` is false. Nothing guards against `__setstate__` and
+/// `data`, which give an array other memory.
+pub(super) struct Hold<'py> {
+    /// Nothing where the GIL is kept instead.
+    owners: Option<Vec<Bound<'py, PyWeakrefReference>>>,
 }
 
-impl<'py, B> Held<'py, B> {
-    /// Holds the memory of an array, then borrows it.
-    fn new<T: Element>(
-        array: &Bound<'py, PyArrayDyn<T>>,
-        borrow: impl FnOnce() -> PyResult<B>,
-    ) -> PyResult<Self> {
-        // The memory of a view is that of the last array behind it; numpy's own attribute, whatever a subclass makes of it.
-        let mut owner = array.as_any().clone();
-        let base = array.py().get_type::<PyUntypedArray>().getattr("base")?;
-        while let Ok(base) = base.call_method1("__get__", (&owner,))?.cast_into::<PyUntypedArray>() {
-            owner = base.into_any();
+impl<'py> Hold<'py> {
+    /// For work without the GIL; with it, where the owner of some memory cannot be told.
+    pub(super) fn new(arrays: &[&Bound<'py, PyAny>]) -> PyResult<Self> {
+        let mut held = reserved(arrays.len())?;
+        for array in arrays {
+            match owner(array)? {
+                Owner::Array(owner) => held.push(PyWeakrefReference::new(&owner)?),
+                Owner::Fixed => {}
+                Owner::Unknown => return Ok(Self { owners: None }),
+            }
         }
-        let owner = PyWeakrefReference::new(&owner)?;
-        Ok(Self { borrowed: borrow()?, _owner: owner })
+        Ok(Self { owners: Some(held) })
+    }
+
+    /// For work on so many values: short work keeps the GIL, with which nobody can change an array meanwhile.
+    pub(super) fn for_values(n_values: usize, arrays: &[&Bound<'py, PyAny>]) -> PyResult<Self> {
+        if n_values < MANY_VALUES {
+            Ok(Self { owners: None })
+        } else {
+            Self::new(arrays)
+        }
+    }
+
+    /// Whether other threads run during the work.
+    pub(super) fn detaches(&self) -> bool {
+        self.owners.is_some()
+    }
+
+    /// Work on the arrays.
+    pub(super) fn work<T: Send>(&self, py: Python<'py>, work: impl FnOnce() -> T + Send) -> T {
+        if self.detaches() {
+            py.detach(work)
+        } else {
+            work()
+        }
     }
 }
 
-impl<B> Deref for Held<'_, B> {
-    type Target = B;
-
-    fn deref(&self) -> &B {
-        &self.borrowed
-    }
+/// Where the memory of an array comes from.
+enum Owner<'py> {
+    /// From an array, which could be resized.
+    Array(Bound<'py, PyAny>),
+    /// From bytes or a mapped file.
+    Fixed,
+    /// From an object that may have it from anywhere.
+    Unknown,
 }
 
-impl<B> DerefMut for Held<'_, B> {
-    fn deref_mut(&mut self) -> &mut B {
-        &mut self.borrowed
+/// Owners behind owners: more of them than anybody makes who means well.
+const MAX_OWNERS: usize = 64;
+
+/// The last object behind an array; by numpy's own attribute, whatever a subclass makes of it.
+fn owner<'py>(array: &Bound<'py, PyAny>) -> PyResult<Owner<'py>> {
+    let py = array.py();
+    let base_of = py.get_type::<PyUntypedArray>().getattr("base")?;
+    let mut owner = array.clone();
+    for _ in 0..MAX_OWNERS {
+        let next = if owner.is_instance_of::<PyUntypedArray>() {
+            let base = base_of.call_method1("__get__", (&owner,))?;
+            if base.is_none() {
+                return Ok(Owner::Array(owner));
+            }
+            base
+        } else if owner.is_instance_of::<PyMemoryView>() {
+            owner.getattr("obj")?
+        } else if owner.is_instance_of::<PyBytes>()
+            || owner.is_instance(&py.import("mmap")?.getattr("mmap")?)?
+        {
+            return Ok(Owner::Fixed);
+        } else if owner.get_type().name()? == "DummyArray" {
+            // What `as_strided` and `sliding_window_view` put between.
+            owner.getattr("base")?
+        } else {
+            break;
+        };
+        owner = next;
     }
+    Ok(Owner::Unknown)
 }
 
 /// The right to read an array of [`contiguous_real`], unless another call is writing to it.
 pub(super) fn readable<'py>(
     array: &Bound<'py, PyArrayDyn<f64>>,
     name: &str,
-) -> PyResult<Held<'py, PyReadonlyArrayDyn<'py, f64>>> {
-    Held::new(array, || briefly_readable(array, name))
-}
-
-/// The same for work that keeps the GIL, with which nobody can change the array meanwhile.
-pub(super) fn briefly_readable<'py>(
-    array: &Bound<'py, PyArrayDyn<f64>>,
-    name: &str,
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
     let wrong = |what| PyValueError::new_err(format!("{name} must not be {what} by another call meanwhile"));
-    // What ran since may have given it another type or layout.
-    let same = array.as_untyped().cast::<PyArrayDyn<f64>>().is_ok();
-    if !(same && is_aligned(array) && array.is_c_contiguous()) {
+    let borrowed = array.try_readonly().map_err(|_| wrong("written"))?;
+    if !(is_still(array) && is_aligned(array) && array.is_c_contiguous()) {
         return Err(wrong("changed"));
     }
-    array.try_readonly().map_err(|_| wrong("written"))
+    Ok(borrowed)
+}
+
+/// Whether an array has the type that it had: what ran since may have given it another one.
+fn is_still<T: Element>(array: &Bound<'_, PyArrayDyn<T>>) -> bool {
+    array.as_untyped().cast::<PyArrayDyn<T>>().is_ok()
 }
 
 /// The right to write to `out`, if that cannot harm anyone.
@@ -134,29 +180,31 @@ pub(super) fn writable<'py, T: Element>(
     out: &Bound<'py, PyArrayDyn<T>>,
     name: &str,
     inputs: &[&[f64]],
-) -> PyResult<Held<'py, PyReadwriteArrayDyn<'py, T>>> {
-    Held::new(out, || {
-        if !out.is_c_contiguous() {
-            return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
-        }
-        if !is_aligned(out) {
-            return Err(PyValueError::new_err("out must be aligned, got an array at an odd address"));
-        }
-        // Views of the same memory by way of different objects: the borrow below knows nothing of each other's.
-        let start = out.data().addr();
-        let end = start + out.len() * size_of::<T>();
-        for read in inputs.iter().map(|input| input.as_ptr_range()) {
-            if start < read.end.addr() && read.start.addr() < end {
-                return Err(PyValueError::new_err(format!("out must not overlap {name}")));
-            }
-        }
-        out.try_readwrite().map_err(|error| {
-            PyValueError::new_err(match error {
-                BorrowError::NotWriteable => "out must be writable, got a read-only array",
-                _ => "out must not be in use by another call",
-            })
+) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
+    let borrowed = out.try_readwrite().map_err(|error| {
+        PyValueError::new_err(match error {
+            BorrowError::NotWriteable => "out must be writable, got a read-only array",
+            _ => "out must not be in use by another call",
         })
-    })
+    });
+    if !is_still(out) {
+        return Err(PyValueError::new_err("out must not be changed by another call meanwhile"));
+    }
+    if !out.is_c_contiguous() {
+        return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
+    }
+    if !is_aligned(out) {
+        return Err(PyValueError::new_err("out must be aligned, got an array at an odd address"));
+    }
+    // Views of the same memory by way of different objects: the borrow above knows nothing of each other's.
+    let start = out.data().addr();
+    let end = start + out.len() * size_of::<T>();
+    for read in inputs.iter().map(|input| input.as_ptr_range()) {
+        if start < read.end.addr() && read.start.addr() < end {
+            return Err(PyValueError::new_err(format!("out must not overlap {name}")));
+        }
+    }
+    borrowed
 }
 
 /// Recordings `(n_recordings, n_samples, n_axes)`, or a single one without the first dimension; and whether it is one.

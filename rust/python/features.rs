@@ -6,8 +6,8 @@ use numpy::{Element, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
 use pyo3::prelude::*;
 
-use super::arrays::{contiguous_real, is_masked, readable, recordings, tuple, writable};
-use super::pool::{threads_for, work_on};
+use super::arrays::{contiguous_real, is_masked, readable, recordings, tuple, writable, Hold};
+use super::pool::threads_for;
 use super::scalars::{count, shown};
 use super::spec::PyFeatureSpec;
 use crate::histogram::MAX_BINS;
@@ -93,6 +93,8 @@ impl Work<'_> {
         out: &Bound<'_, PyArrayDyn<T>>,
         extract: Extract<T>,
     ) -> PyResult<()> {
+        let n_values = wrench.len().max(out.len());
+        let hold = Hold::for_values(n_values, &[wrench.as_any(), out.as_any()])?;
         let wrench = readable(wrench, "wrench")?;
         let wrench = wrench.as_slice()?;
         if out.shape() != self.wanted {
@@ -102,8 +104,7 @@ impl Work<'_> {
         let mut target = writable(out, "wrench", &[wrench])?;
         let target = target.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
-        let n_values = wrench.len().max(target.len());
-        work_on(out.py(), n_values, || extract(extractor, wrench, shape, threads, target))?;
+        hold.work(out.py(), || extract(extractor, wrench, shape, threads, target))?;
         Ok(())
     }
 }
@@ -119,7 +120,8 @@ pub(super) fn histogram<'py>(
     let py = values.py();
     let bins = crate::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high)?;
     let values = contiguous_real(values, "a")?;
+    let hold = Hold::for_values(values.len(), &[values.as_any()])?;
     let values = readable(&values, "a")?;
     let values = values.as_slice()?;
-    Ok((work_on(py, values.len(), || bins.count(values)), bins.edges().to_vec()))
+    Ok((hold.work(py, || bins.count(values)), bins.edges().to_vec()))
 }

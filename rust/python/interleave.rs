@@ -5,15 +5,14 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use super::arrays::{readable, tuple, writable};
-use super::pool::work_on;
+use super::arrays::{readable, tuple, writable, Hold};
 use super::scalars::shown;
 use crate::memory::reserved;
 
 /// Puts n columns of float64, shape (T,), side by side into `out`, shape (T, n); tells whether all values are finite.
 #[pyfunction]
 pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<bool> {
-    let mut held = reserved(columns.len())?;
+    let mut asked = reserved(columns.len())?;
     for column in columns {
         let column = column.cast_into::<PyArray1<f64>>().map_err(|error| {
             let came = shown(&error.into_inner());
@@ -22,10 +21,18 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
         if !column.is_c_contiguous() {
             return Err(PyValueError::new_err("columns must be contiguous"));
         }
-        held.push(readable(column.to_dyn(), "columns")?);
+        asked.push(column.to_dyn().clone());
     }
-    let mut slices = reserved(held.len())?;
-    for column in &held {
+    let mut arrays = reserved(asked.len() + 1)?;
+    arrays.extend(asked.iter().map(Bound::as_any));
+    arrays.push(out.as_any());
+    let hold = Hold::for_values(out.len(), &arrays)?;
+    let mut borrowed = reserved(asked.len())?;
+    for column in &asked {
+        borrowed.push(readable(column, "columns")?);
+    }
+    let mut slices = reserved(borrowed.len())?;
+    for column in &borrowed {
         slices.push(column.as_slice()?);
     }
     let wanted = [slices.first().map_or(0, |slice| slice.len()), slices.len()];
@@ -38,5 +45,5 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
     }
     let mut samples = writable(out, "columns", &slices)?;
     let samples = samples.as_slice_mut()?;
-    Ok(work_on(out.py(), samples.len(), || crate::interleave(&slices, samples))?)
+    Ok(hold.work(out.py(), || crate::interleave(&slices, samples))?)
 }

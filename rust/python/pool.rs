@@ -6,7 +6,7 @@ use super::scalars::count;
 
 /// Values of an array from which on other threads of Python run meanwhile: some 40 microseconds of work. Handing the GIL
 /// over takes a tenth of one, getting it back from a thread that is busy takes up to 5 ms.
-const MANY_VALUES: usize = 1 << 14;
+pub(super) const MANY_VALUES: usize = 1 << 14;
 
 /// How many cores this process may use, by affinity and by quota of its control group.
 #[pyfunction]

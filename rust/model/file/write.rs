@@ -4,6 +4,8 @@ use serde_json::{json, Map, Value};
 
 use super::read::{OPTIONAL, REQUIRED};
 use super::{digest, json, spec, DIGEST, DIGESTED, FORMAT, LENGTH_BYTES, MAX_HEADER_BYTES};
+use crate::error::Result;
+use crate::memory::reserved;
 use crate::model::extraction::Extraction;
 use crate::model::fault::Fault;
 use crate::model::notes::Entries;
@@ -13,12 +15,14 @@ impl Model {
     /// The bytes of a model file. There are no times in it: the same model gives the same bytes, on every machine.
     ///
     /// A file larger than [`MAX_FILE_BYTES`](super::MAX_FILE_BYTES) is read only by callers that allow it.
-    #[must_use]
-    pub fn to_bytes(&self) -> Vec<u8> {
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::Error::Memory) where there is no room for them.
+    pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let (entries, tensors) = (self.entries(), self.tensors());
         let header = header_of(&entries, BLANK, &tensors);
         let len = tensors.iter().map(|(.., n_values, _)| 8 * n_values).sum::<usize>();
-        let mut bytes = Vec::with_capacity(LENGTH_BYTES + header.len() + len);
+        let mut bytes = reserved(LENGTH_BYTES + header.len() + len)?;
         bytes.extend((header.len() as u64).to_le_bytes());
         bytes.extend(header.as_bytes());
         for (.., n_values, value) in &tensors {
@@ -31,11 +35,11 @@ impl Model {
         });
         let digest = digest::of_content(&entries, stored.collect());
         ahead[LENGTH_BYTES..].copy_from_slice(header_of(&entries, &digest, &tensors).as_bytes());
-        bytes
+        Ok(bytes)
     }
 
     /// Refuses notes and labels too long for a header that is read again.
-    pub(in crate::model) fn check_header(&self) -> Result<(), Fault> {
+    pub(in crate::model) fn check_header(&self) -> std::result::Result<(), Fault> {
         let bytes = header_of(&self.entries(), BLANK, &self.tensors()).len();
         if bytes > MAX_HEADER_BYTES {
             return Err(Fault::HeaderSize { bytes: bytes as u64 });

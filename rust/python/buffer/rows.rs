@@ -7,7 +7,7 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple, Held};
+use super::super::arrays::{contiguous_real, readable, tuple};
 use super::super::scalars::{shown, whole};
 use crate::buffer;
 use crate::error::brief;
@@ -27,7 +27,7 @@ pub(super) struct GivenRow {
 
 /// Several rows, checked, which nothing else may write to.
 pub(super) struct Rows<'py> {
-    wrench: Held<'py, PyReadonlyArrayDyn<'py, f64>>,
+    wrench: PyReadonlyArrayDyn<'py, f64>,
     ticks: Option<Vec<u64>>,
     flags: Each<u8>,
     host_ns: Each<u64>,

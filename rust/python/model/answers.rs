@@ -3,11 +3,11 @@
 use numpy::{PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyList, PyTuple};
+use pyo3::types::{PyList, PyString, PyTuple};
 
-use super::super::arrays::{briefly_readable, contiguous_real, readable, tuple, writable, zeros};
-use super::super::pool::{threads_for, work_on};
-use crate::memory::collected;
+use super::super::arrays::{contiguous_real, readable, tuple, writable, zeros, Hold};
+use super::super::pool::threads_for;
+use crate::memory::room;
 use crate::Model;
 
 /// Scores (n, L) of recordings (n, `n_samples`, `n_axes`), or (1, L) of one.
@@ -32,12 +32,13 @@ pub(super) fn scores<'py>(
     };
     let out = zeros(py, &[n_recordings, model.n_learners()])?;
     {
+        let hold = Hold::new(&[wrench.as_any()])?;
         let values = readable(&wrench, "wrench")?;
         let values = values.as_slice()?;
         let mut target = writable(&out, "wrench", &[values])?;
         let target = target.as_slice_mut()?;
         let threads = threads(n_recordings == 1);
-        py.detach(|| model.scores_into(values, n_recordings, threads, target))?;
+        hold.work(py, || model.scores_into(values, n_recordings, threads, target))?;
     }
     Ok(out.cast_into()?)
 }
@@ -56,11 +57,12 @@ pub(super) fn losses<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult
     let (n_rows, n_classes) = (scores.len() / n_learners, model.classes().len());
     let out = zeros(py, &[n_rows, n_classes])?;
     {
+        let hold = Hold::for_values(scores.len().saturating_mul(n_classes), &[scores.as_any()])?;
         let scores = readable(&scores, "scores")?;
         let scores = scores.as_slice()?;
         let mut losses = writable(&out, "scores", &[scores])?;
         let losses = losses.as_slice_mut()?;
-        work_on(py, scores.len().saturating_mul(n_classes), || {
+        hold.work(py, || {
             let mut rows =
                 scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes)).enumerate();
             rows.try_for_each(|(row, (scores, losses))| {
@@ -76,18 +78,19 @@ pub(super) fn verdicts<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResu
     let py = scores.py();
     let scores = contiguous_real(scores, "scores")?;
     let losses = losses(model, &scores)?;
-    let mut verdict = model.rules().verdict();
     let verdicts = {
-        let (losses, scores) = (losses.readonly(), briefly_readable(&scores, "scores")?);
-        let rows = losses.as_slice()?.chunks_exact(model.classes().len());
-        let rows = rows.zip(scores.as_slice()?.chunks_exact(model.n_learners()));
-        collected(rows.map(|(losses, scores)| {
-            model.judge(losses, scores, &mut verdict);
-            (verdict.candidates().to_vec(), verdict.unknown())
-        }))?
+        let hold = Hold::for_values(scores.len(), &[scores.as_any()])?;
+        let (losses, scores) = (losses.readonly(), readable(&scores, "scores")?);
+        let (losses, scores) = (losses.as_slice()?, scores.as_slice()?);
+        hold.work(py, || model.verdicts(losses, scores))?
     };
-    let told = verdicts.into_iter().map(|(candidates, unknown)| {
-        Ok((PyTuple::new(py, candidates.iter().map(|class| &model.classes()[*class]))?, unknown))
-    });
-    PyList::new(py, told.collect::<PyResult<Vec<_>>>()?)
+    // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
+    let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
+    room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())?;
+    let labels: Vec<_> = model.classes().iter().map(|label| PyString::new(py, label)).collect();
+    let told = PyList::empty(py);
+    for (candidates, unknown) in verdicts.rows() {
+        told.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
+    }
+    Ok(told)
 }

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::io;
 
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 use crate::model::{Fault, FileFault};
@@ -38,6 +38,9 @@ pub(super) fn no_model(fault: Fault) -> PyErr {
 /// A file that is no model or cannot be read.
 pub(super) fn bad_file(py: Python<'_>, fault: FileFault) -> PyErr {
     match fault {
+        FileFault::Unreadable { ref source, .. } if source.kind() == io::ErrorKind::OutOfMemory => {
+            PyMemoryError::new_err(fault.to_string())
+        }
         FileFault::Unreadable { path, source } => {
             unreadable(py, path.into(), &source).unwrap_or_else(|error| error)
         }

@@ -8,14 +8,14 @@ mod parts;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList, PyTuple};
 
-use super::arrays::{contiguous_real, copied, readable};
+use super::arrays::{contiguous_real, copied, readable, Hold};
 use super::multiband::PyMultiBandExtractor;
 use super::number_table::bytes;
-use super::scalars::{count, word};
+use super::scalars::{count, flag, word};
 use super::spec::PyFeatureSpec;
 use crate::memory::collected;
 use crate::model::{Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
@@ -63,6 +63,8 @@ const PAPER_SAMPLES: usize = 1600;
 ///     Slope and offset of each learner's sigmoid; needs a "posterior" in the metadata.
 /// posterior_weights : array_like, shape (L,), optional
 ///     Weight of the training rows behind each learner, for coupling by "kullback_leibler".
+/// lacks_digest : bool, default False
+///     Whether the parts come from a file without a digest.
 ///
 /// Raises
 /// ------
@@ -98,10 +100,10 @@ impl PyModel {
     #[pyo3(
         signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
                      metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, sigmoid=None,
-                     posterior_weights=None),
+                     posterior_weights=None, lacks_digest=None),
         text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
                           n_samples=1600, n_axes=6, metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, \
-                          sigmoid=None, posterior_weights=None)"
+                          sigmoid=None, posterior_weights=None, lacks_digest=False)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
     fn new<'py>(
@@ -121,7 +123,10 @@ impl PyModel {
         early: Option<&Bound<'py, PyAny>>,
         sigmoid: Option<&Bound<'py, PyAny>>,
         posterior_weights: Option<&Bound<'py, PyAny>>,
+        lacks_digest: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
+        let py = coef.py();
+        let lacks_digest = lacks_digest.map_or(Ok(false), |value| flag(value, "lacks_digest"))?;
         let spec = Spec::of(spec)?;
         let (own_samples, own_axes) = spec.shape().unwrap_or((PAPER_SAMPLES, crate::wrench::AXES.len()));
         let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
@@ -147,11 +152,16 @@ impl PyModel {
             value.map(|value| Ok::<_, PyErr>((name, contiguous_real(value, name)?))).transpose()
         };
         let arrays = arrays.into_iter().map(convert).collect::<PyResult<Vec<_>>>()?;
+        let given = || arrays.iter().flatten().map(|(_, array)| array);
+        let hold = Hold::for_values(
+            given().map(|array| array.len()).sum(),
+            &given().map(Bound::as_any).collect::<Vec<_>>(),
+        )?;
         // Nothing of Python's runs from here on.
-        let held =
+        let borrowed =
             arrays.iter().map(|array| array.as_ref().map(|(name, array)| readable(array, name)).transpose());
-        let held = held.collect::<PyResult<Vec<_>>>()?;
-        let tensors = held.iter().map(|array| array.as_ref().map(tensor).transpose());
+        let borrowed = borrowed.collect::<PyResult<Vec<_>>>()?;
+        let tensors = borrowed.iter().map(|array| array.as_ref().map(tensor).transpose());
         let mut tensors = tensors.collect::<PyResult<Vec<_>>>()?.into_iter();
         let mut next = || tensors.next().flatten();
         let nothing = || Tensor::new(Vec::new(), &[]);
@@ -173,7 +183,8 @@ impl PyModel {
             posterior_weights: next(),
             notes,
         };
-        Ok(Self { model: Arc::new(Model::new(parts).map_err(bad_part)?) })
+        let model = hold.work(py, || Model::new(parts)).map_err(bad_part)?;
+        Ok(Self { model: Arc::new(if lacks_digest { model.without_digest() } else { model }) })
     }
 
     /// The model in the bytes of a file.
@@ -196,7 +207,7 @@ impl PyModel {
 
     /// The bytes of a file with this model, always the same ones.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        bytes(py, &py.detach(|| self.model.to_bytes()))
+        bytes(py, &py.detach(|| self.model.to_bytes())?)
     }
 
     /// Scores (n, L) of the learners for recordings (n, `n_samples`, `n_axes`), or (1, L) for one recording.
@@ -302,7 +313,7 @@ impl PyModel {
         self.model.classes().len()
     }
 
-    /// What describes the model and changes no answer, as the constructor takes it.
+    /// What describes the model, as the constructor takes it; of all this only the rules are part of an answer.
     #[getter]
     fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metadata = PyDict::new(py);
@@ -361,6 +372,7 @@ impl PyModel {
         keywords.set_item("early", self.early(py)?)?;
         keywords.set_item("sigmoid", self.sigmoid(py)?)?;
         keywords.set_item("posterior_weights", self.posterior_weights(py)?)?;
+        keywords.set_item("lacks_digest", self.lacks_digest())?;
         Ok((parts.into_pyobject(py)?, keywords))
     }
 

@@ -4,8 +4,7 @@ use numpy::{PyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple};
-use super::super::pool::work_on;
+use super::super::arrays::{contiguous_real, readable, tuple, Hold};
 use crate::model::NearestMean;
 use crate::Error;
 
@@ -80,6 +79,7 @@ impl PyNearestMean {
             let message = format!("{name} must have shape ({width},) or (n, {width}), got {got}");
             return Err(PyValueError::new_err(message));
         }
+        let hold = Hold::for_values(scores.len().saturating_mul(width), &[scores.as_any()])?;
         let scores = readable(&scores, name)?;
         let not_finite = |error| match error {
             Error::Score { .. } => {
@@ -88,8 +88,7 @@ impl PyNearestMean {
             error => error.into(),
         };
         let scores = scores.as_slice()?;
-        let distances = work_on(py, scores.len().saturating_mul(width), || self.nearest.distances(scores))
-            .map_err(not_finite)?;
+        let distances = hold.work(py, || self.nearest.distances(scores)).map_err(not_finite)?;
         Ok(PyArray1::from_vec(py, distances))
     }
 }

@@ -7,7 +7,6 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use super::super::arrays::Held;
 use super::super::multiband::PyMultiBandExtractor;
 use super::super::scalars::shown;
 use super::super::spec::PyFeatureSpec;
@@ -69,8 +68,8 @@ impl<'a, 'py> Spec<'a, 'py> {
     }
 }
 
-/// The numbers of an array that is held.
-pub(super) fn tensor<'a>(array: &'a Held<'_, PyReadonlyArrayDyn<'_, f64>>) -> PyResult<Tensor<'a>> {
+/// The numbers of an array that is borrowed.
+pub(super) fn tensor<'a>(array: &'a PyReadonlyArrayDyn<'_, f64>) -> PyResult<Tensor<'a>> {
     Ok(Tensor::new(array.shape().to_vec(), array.as_slice()?))
 }
 

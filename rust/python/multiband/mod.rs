@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use self::arguments::{blocks_of, given_scales};
-use super::arrays::{self, contiguous_real, copied, readable, writable, zeros};
+use super::arrays::{self, contiguous_real, copied, readable, writable, zeros, Hold};
 use super::pool::threads_for;
 use super::scalars::{count, number};
 use crate::error::brief;
@@ -226,12 +226,13 @@ impl PyMultiBandExtractor {
         let dims: Vec<_> = if single { row.to_vec() } else { [&[shape.n_recordings], row].concat() };
         let out = zeros(py, &dims)?;
         {
+            let hold = Hold::new(&[array.as_any()])?;
             let values = readable(&array, "X")?;
             let values = values.as_slice()?;
             let mut target = writable(&out, "X", &[values])?;
             let target = target.as_slice_mut()?;
             let (design, threads) = (&self.design, threads(single));
-            py.detach(|| match wanted {
+            hold.work(py, || match wanted {
                 Wanted::Features => design.extract_batch(values, shape, threads, target),
                 Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
             })?;

@@ -108,7 +108,7 @@ impl PyStreamingExtractor {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let n_features = self.n_features(py)?;
-        written(py, out, n_features, |target| Ok(self.locked(py)?.features_into(target)?))
+        written(py, out, n_features, &self.stream, |stream, target| stream.features_into(target))
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.

@@ -95,8 +95,8 @@ impl PyStreamingIdentifier {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let n_learners = self.model.get().model.n_learners();
-        written(py, out, n_learners, |out| {
-            out.copy_from_slice(self.locked(py)?.scores()?);
+        written(py, out, n_learners, &self.stream, |stream, out| {
+            out.copy_from_slice(stream.scores()?);
             Ok(())
         })
     }
@@ -109,8 +109,8 @@ impl PyStreamingIdentifier {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let n_classes = self.labels.len();
-        written(py, out, n_classes, |out| {
-            out.copy_from_slice(self.locked(py)?.losses()?);
+        written(py, out, n_classes, &self.stream, |stream, out| {
+            out.copy_from_slice(stream.losses()?);
             Ok(())
         })
     }

@@ -4,7 +4,7 @@ mod extractor;
 mod identifier;
 mod turns;
 
-use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -12,7 +12,7 @@ pub(super) use extractor::PyStreamingExtractor;
 pub(super) use identifier::PyStreamingIdentifier;
 
 use self::turns::Turns;
-use super::arrays::{briefly_readable, contiguous_real, readable, tuple, writable, zeros};
+use super::arrays::{contiguous_real, readable, tuple, writable, zeros, Hold};
 use super::scalars::shown;
 
 /// Rows from which on other threads may run meanwhile: some 20 microseconds of work, more than the way back costs.
@@ -32,37 +32,51 @@ fn push_rows<T: Send>(
         let message = format!("wrench must have shape (k, {n_axes}) or ({n_axes},), got shape {shape}");
         return Err(PyValueError::new_err(message));
     }
-    let taken = if array.len() < MANY_ROWS * n_axes {
-        // First the stream, which others may run for; then the rows, in which nobody may meddle.
-        let mut stream = stream.locked(py)?;
-        push(&mut stream, briefly_readable(&array, "wrench")?.as_slice()?)
-    } else {
-        let rows = readable(&array, "wrench")?;
-        let values = rows.as_slice()?;
-        stream.work(py, |stream| push(stream, values))?
-    };
+    if array.len() >= MANY_ROWS * n_axes {
+        let hold = Hold::new(&[array.as_any()])?;
+        if hold.detaches() {
+            let rows = readable(&array, "wrench")?;
+            let values = rows.as_slice()?;
+            return Ok(stream.work(py, |stream| push(stream, values))??);
+        }
+    }
+    // First the stream, which others may run for; then the rows, in which nobody may meddle.
+    let mut stream = stream.locked(py)?;
+    let taken = push(&mut stream, readable(&array, "wrench")?.as_slice()?);
     Ok(taken?)
 }
 
 /// A float64 vector of `len` values, the caller's `out` or a new one, after `write` has written it.
-fn written<'py>(
+fn written<'py, T: Send>(
     py: Python<'py>,
     out: Option<&Bound<'py, PyAny>>,
     len: usize,
-    write: impl FnOnce(&mut [f64]) -> PyResult<()>,
+    stream: &Turns<T>,
+    write: impl FnOnce(&mut T, &mut [f64]) -> crate::Result<()> + Send,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let Some(out) = out else {
-        let new = zeros(py, &[len])?;
-        write(new.try_readwrite()?.as_slice_mut()?)?;
-        return Ok(new);
+    let out = match out {
+        None => zeros(py, &[len])?,
+        Some(out) => out.cast::<PyArrayDyn<f64>>().cloned().map_err(|_| {
+            let got = shown(out);
+            PyTypeError::new_err(format!("out must be a float64 array in native byte order, got {got}"))
+        })?,
     };
-    let out = out.cast::<PyArrayDyn<f64>>().map_err(|_| {
-        PyTypeError::new_err(format!("out must be a float64 array in native byte order, got {}", shown(out)))
-    })?;
-    if out.shape() != [len] {
-        let got = tuple(out.shape());
-        return Err(PyValueError::new_err(format!("out must have shape ({len},), got {got}")));
+    let borrowed = || {
+        if out.shape() != [len] {
+            let got = tuple(out.shape());
+            return Err(PyValueError::new_err(format!("out must have shape ({len},), got {got}")));
+        }
+        writable(&out, "", &[])
+    };
+    let hold = Hold::for_values(len, &[out.as_any()])?;
+    if hold.detaches() {
+        let mut target = borrowed()?;
+        let target = target.as_slice_mut()?;
+        stream.work(py, |stream| write(stream, target))??;
+    } else {
+        // As above: first the stream, then the array.
+        let mut stream = stream.locked(py)?;
+        write(&mut stream, borrowed()?.as_slice_mut()?)?;
     }
-    write(writable(out, "", &[])?.as_slice_mut()?)?;
-    Ok(out.clone())
+    Ok(out)
 }

@@ -41,9 +41,9 @@ fn check(file: &[u8]) {
             return;
         }
     };
-    let written = model.to_bytes();
+    let written = model.to_bytes().unwrap();
     let again = Model::from_bytes(&written, written.len()).expect("what was written is read");
-    assert!(again == model && again.to_bytes() == written);
+    assert!(again == model && again.to_bytes().unwrap() == written);
     let len = model.n_samples().saturating_mul(model.n_axes());
     let n_bins = model.extractor().map_or(0, |extractor| extractor.spec().n_bins);
     if len > MAX_VALUES || n_bins > MAX_VALUES {
