@@ -154,7 +154,7 @@ impl PyModel {
         let arrays = arrays.into_iter().map(convert).collect::<PyResult<Vec<_>>>()?;
         let given = || arrays.iter().flatten().map(|(_, array)| array);
         let hold = Hold::for_values(
-            given().map(|array| array.len()).sum(),
+            given().map(PyUntypedArrayMethods::len).sum(),
             &given().map(Bound::as_any).collect::<Vec<_>>(),
         )?;
         // Nothing of Python's runs from here on.
