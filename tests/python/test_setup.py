@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import granular_id as gid
-from cli_cases import ended_well, refused
+from cli_cases import ended_well, refused, run
 from granular_id import _core
 from granular_id.evaluation.describe import warnings_in
 from granular_id.identifier.fitting import refuse_others
@@ -343,6 +343,8 @@ def test_the_command_line_refuses_accepts_and_warns(data, model, tmp_path):
     told = ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
     assert all(text in " ".join(out.split()) for text in told)
     assert json.loads(answers.read_text())["differences"] == told
+    quiet = run("identify", stored, fresh, "--accept", "frame", "--quiet")
+    assert all(f"warning: another set-up than in the training: {text}" in quiet.stderr for text in told)
     rows = tmp_path / "answers.jsonl"
     out = ended_well(*live, "--accept", "frame", "--json", rows)
     assert all(f"warning: another set-up than in the training: {text}" in out for text in told)
