@@ -60,6 +60,24 @@ def test_trials_may_be_counted_anew(tmp_path, column):
     assert [r.label or r.session for r in data] == ["rice", "rice", "peas", "peas"]
 
 
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"valid": [True] * 6}, {"mask": [1] * 6}, {"padding_mask": [0.0] * 6}, {"T": [20.5] * 6},
+        {"frequency": [50] * 6}, {"rate": [499, 500, 501, 500, 500, 500]},
+    ],
+)  # fmt: skip
+def test_what_stands_beside_stamps_and_changes_nothing(tmp_path, more, ending):
+    path = write(tmp_path, columns(time=np.arange(6) / 500, **more))
+    if ending == "csv":
+        table, path = pq.read_table(path), tmp_path / "pushes.csv"
+        pytest.importorskip("pyarrow.csv").write_csv(table, path)
+    data = load(path)
+    assert data.rate_hz == 500
+    np.testing.assert_array_equal(data[0].wrench, WRENCH)
+
+
 def test_numbers_name_recordings_and_other_names_of_columns_are_known(tmp_path):
     values = {
         name: WRENCH[:, j].astype(np.float32) for j, name in enumerate(["Fx", "Fy", "Fz", "Mx", "My", "Mz"])
@@ -132,6 +150,11 @@ def test_pandas_writes_what_is_loaded(tmp_path):
         ({"recording": [1, 1, 2, 2, 1, 1]}, "recording: has the same value again"),
         ({"recording": [1, 1, 2, 2, 1, 1], "label": ["a"] * 6}, "recording: has the same value again"),
         ({"recording": [1, 1, 2, 2, 1, 1], "time": [0.0, 1, 0, 1, 0, 1]}, "has the same value again"),
+        ({"valid": [True] * 5 + [False]}, "column valid: tells which rows are samples"),
+        ({"padding_mask": [1] * 6}, "column padding_mask: tells which rows are samples"),
+        ({"T": range(6)}, "'T' may be time"),
+        ({"T": range(6), "time": range(6), "fx": None}, "'T' may be time"),
+        ({"rate": range(1, 7)}, "states the rates"),
         ({"recording": ["a"] * 6, "id": ["b"] * 6}, "both mean recording"),
     ],
 )

@@ -31,6 +31,7 @@ __all__ = [
     "ABOUT",
     "FLAGS",
     "LABEL",
+    "MASK",
     "MASKS",
     "RATE",
     "RATES",
@@ -45,7 +46,7 @@ __all__ = [
 ]
 
 TIME, FLAGS = "time", "flags"
-RECORDING, LABEL, SESSION, RATE, _MASK = "recording", "label", "session", "rate", "mask"
+RECORDING, LABEL, SESSION, RATE, MASK = "recording", "label", "session", "rate", "mask"
 
 RATES = (
     "fs ratehz rate samplingrate samplerate samplingratehz sampleratehz samplingfrequency frequency freq hz"
@@ -58,7 +59,7 @@ _KINDS = {
     LABEL: "label material class",
     SESSION: "session",
     RATE: RATES,
-    _MASK: MASKS,
+    MASK: MASKS,
 }
 ABOUT = {
     name: what
@@ -200,7 +201,7 @@ def columns_of(
     Raises
     ------
     ColumnError
-        An axis whose unit is not known, or that is missing; two names that mean the same; a mask of samples.
+        An axis whose unit is not known, or that is missing; two names that mean the same.
 
     Examples
     --------
@@ -216,14 +217,11 @@ def columns_of(
         what = (known or {}).get(name) or _what_in_table(name)
         if label is not None and (name == label or what == LABEL):
             what = LABEL if name == label else None
-        elif what is None and (name.strip() == "T" or _meaning(name).axis is not None):
+        elif what is None and _meaning(name).axis is not None:
             raise ColumnError(refusal(name), i)
         if what is None:
             others.append(i)
             continue
-        if what == _MASK:
-            wanted = "leave the others out first, and then the column"
-            raise ColumnError(f"column {name!r} tells which rows are samples: {wanted}", i)
         if what in found:
             first = names[found[what]]
             same = first.strip().lower() == name.strip().lower()
@@ -235,12 +233,17 @@ def columns_of(
             problem += ", or label= with its name" if what == LABEL and not same else ""
             raise ColumnError(problem, i)
         found[what] = i
+    if TIME in found and RATE in found and "freq" in names[found[RATE]].lower():
+        others.append(found.pop(RATE))  # of a vibration, say: stamps tell the rate
     whole = names[found[TIME]] if TIME in found else ""
     second = next((i for i in others if _IN_TWO.fullmatch(f"{whole}\n{names[i]}")), None)
     if second is not None:
         both = f"columns {whole!r} and {names[second]!r} are one time in two parts"
         raise ColumnError(f"{both}; wanted one column, sec + nanosec / 1e9", second)
     missing = [axis for axis in AXES if axis not in found]
+    unclear = next((i for i in others if names[i].strip() == "T"), None)
+    if unclear is not None and (missing or TIME not in found):
+        raise ColumnError(refusal(names[unclear]), unclear)
     if missing and others:
         raise ColumnError(f"{refusal(names[others[0]])}; column {missing[0]!r} is missing", others[0])
     if missing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from granular_id.io.units import factor
 from granular_id.recording import AXES, Recording
 from granular_id.recording._values import FloatArray, checked_text
 
-__all__ = ["Coded", "LongTable", "Stated", "recordings_of"]
+__all__ = ["Coded", "LongTable", "Stated", "recordings_of", "refuse_mask"]
 
 _OF_ROLE: dict[Role | None, str] = {"labels": LABEL, "sessions": SESSION}
 
@@ -177,6 +177,14 @@ def recordings_of(
     return [recording for recording, _ in made], remarked
 
 
+def refuse_mask(values: Iterable[Any], name: str, path: Path) -> None:
+    """Refuse a table in which a mask leaves out rows; `values` are those that stand in its column."""
+    kept = {"false", "0", "0.0"} if "pad" in name.lower() else {"true", "1", "1.0"}
+    if not {str(value).lower() for value in values} <= kept:
+        wanted = "leave the others out first, and then the column"
+        raise RecordingFileError(path, f"tells which rows are samples: {wanted}", column=name)
+
+
 def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp], str]]:
     """Return the rows and the name of each recording."""
     n_rows = len(table.wrench)
@@ -222,6 +230,7 @@ def _recording(
     if table.nanoseconds is not None:
         own = picked(table.nanoseconds)
         stamps, start_time = (own - own[0]) / 1e9, float(own[0]) / 1e9
+    varies = stamps is not None and table.rates is not None and len(np.unique(table.rates[rows])) > 1
     wrench, scales = picked(table.wrench), table.stated.scales
     recording, remarks = stamped_recording(
         wrench if scales is None else wrench * scales,
@@ -233,8 +242,10 @@ def _recording(
         locate=locate,
         clock=clock,
         time_unit="s" if table.nanoseconds is not None else table.stated.time_unit,
-        file_rate_hz=_rate_hz(table, rows, source),
+        file_rate_hz=table.stated.rate_hz if varies else _rate_hz(table, rows, source),
     )
+    if varies:  # it was measured
+        remarks["remark"] = f"column {table.columns[RATE]!r} changes: the stamps give the rate"
     known = {name: _one_text(table, name, rows, source) for name in (LABEL, SESSION)}
     return Recording._trusted(**{**vars(recording), **known}), remarks
 

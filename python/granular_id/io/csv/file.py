@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from granular_id.io.columns import (
     FLAGS,
     LABEL,
+    MASK,
     RATE,
     RECORDING,
     SESSION,
@@ -29,12 +30,12 @@ from granular_id.io.columns import (
 from granular_id.io.csv.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
-from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of
+from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES, SampleFlag
 
-_TEXTS = (RECORDING, LABEL, SESSION)
+_TEXTS = (RECORDING, LABEL, SESSION, MASK)
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -60,6 +61,8 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         values, numbers, texts = _picked(data, header, columns, path)
         unread = [repr(name) for i, name in enumerate(names) if i not in columns.values()]
         notes += [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
+    if MASK in texts:
+        refuse_mask(texts[MASK][1], called[MASK], path)
     time_name = called.get(TIME)
 
     def place(_: str, row: int | None) -> dict[str, Any]:
@@ -84,7 +87,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     if not data.endswith(b"\n"):
         last = {"name": recordings[-1].name, "remark": "no line end after the last line: it may be cut off"}
         if remarked and remarked[-1]["name"] == last["name"]:
-            last |= remarked.pop()
+            last = remarked.pop() | last
         remarked.append(last)
     return FileContent(recordings, remarked, notes + _renamed(called, stated))
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from granular_id.io.columns import (
     FLAGS,
     LABEL,
+    MASK,
     RATE,
     RECORDING,
     SESSION,
@@ -23,7 +24,7 @@ from granular_id.io.columns import (
 )
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
-from granular_id.io.long_table import LongTable, Stated, recordings_of
+from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.file import TEXTS, CheckedParquet, is_list, open_parquet
 from granular_id.io.parquet.index import coded_texts
@@ -111,6 +112,8 @@ def _columns(parquet: CheckedParquet, label: str | None) -> dict[str, str]:
 
 def _decoded(columns: _Columns, stated: Stated) -> LongTable:
     known = columns.names
+    if MASK in known:
+        refuse_mask(columns.kinds(MASK), known[MASK], columns.path)
     nanoseconds = columns.nanoseconds() if TIME in known else None
     keys, names = columns.keys() if RECORDING in known else (columns.lists, None)
 
@@ -146,7 +149,7 @@ class _Columns:
         self.names = names
         self.lists: NDArray[np.intp] | None = None
         self._table = table
-        self._path = path
+        self.path = path
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
         listed = {name: meaning for meaning, name in names.items() if is_list(table.column(name).type)}
         if listed:
@@ -190,6 +193,11 @@ class _Columns:
             self._refuse(RECORDING, f"holds {column.type}; {_WANTED_NAMES}")
         return keys, None
 
+    def kinds(self, meaning: str) -> list[Any]:
+        """Return the values that stand in a column, each once."""
+        found: list[Any] = self._filled(meaning)[1].unique().to_pylist()
+        return found
+
     def numbers(self, meaning: str) -> FloatArray:
         name, column = self._filled(meaning)
         values = column.to_numpy()
@@ -200,7 +208,7 @@ class _Columns:
         if len(bad):
             place = f"row {bad[0]}"
             problem = f"is {values[bad[0]]}; wanted a finite number"
-            raise RecordingFileError(self._path, problem, place=place, column=name)
+            raise RecordingFileError(self.path, problem, place=place, column=name)
         return np.asarray(values, np.float64)
 
     def flags(self) -> NDArray[np.uint8]:
@@ -238,4 +246,4 @@ class _Columns:
         return name, column
 
     def _refuse(self, meaning: str, problem: str) -> NoReturn:
-        raise RecordingFileError(self._path, problem, column=self.names[meaning])
+        raise RecordingFileError(self.path, problem, column=self.names[meaning])
