@@ -85,7 +85,12 @@ BAD = {
     "volt": (b"time,fx [V],fy,fz,tx,ty,tz\n", 1, "2", "the unit of column 'fx [V]' is 'V'; wanted N"),
     "newton centimetre": (b"fx,fy,fz,tx_Ncm,ty,tz\n", 1, "4", "'tx_Ncm' is 'Ncm'; wanted N m"),
     "minutes in the name": (b"time_min,fx,fy,fz,tx,ty,tz\n", 1, "1", "'time_min' is 'min'; wanted s"),
-    "a mask": (b"valid," + HEADER, 1, "1", "column 'valid' tells which rows are samples"),
+    "a mask": (
+        b"valid," + HEADER + b"1," + ROW1 + b"0," + ROW2,
+        None,
+        "valid",
+        "tells which rows are samples",
+    ),
     "two rates": (b"fs,fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, None, "fs", "states the rates [0.0, 0.01]"),
     "time or torque": (b"T,fx,fy,fz,tx,ty,tz\n", 1, "1", "'T' may be time, torque or temperature"),
     "too few cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5\n", 3, None, "6 cells; wanted 7"),

@@ -114,7 +114,6 @@ def test_columns_in_any_order():
         ([*WRENCH[:5], "temp"], "unknown column 'temp'; wanted fx", 5),
         ([*WRENCH, "T"], "column 'T' may be time, torque or temperature", 6),
         ([*WRENCH, "time_min"], "the unit of column 'time_min' is 'min'", 6),
-        ([*WRENCH, "valid"], "column 'valid' tells which rows are samples", 6),
         ([*WRENCH, "id", "trial"], "columns 'id' and 'trial' both mean recording", 7),
     ],
 )

@@ -419,7 +419,7 @@ REFUSED = {
     "npz ns since 1970": (npz(X=W, t=1_700_000_000_000_000_000 + (T * 1e9).astype(np.int64)), "time_unit="),
     "npz days": (npz(X=W, t=739000 + T / 86400), "time_unit="),
     "mat stamps in ms": (mat(X=W, t=T * 1e3), "time_unit="),
-    "csv mask": (csv(np.ones(50), "valid"), "valid"),
+    "csv mask": (csv(np.arange(50) < 40, "valid"), "valid"),
     "csv stamps in ms": (csv(T * 1e3), "time_unit="),
     "parquet stamps in us": (parquet(time=(T * 1e6).astype(np.int64)), "time_unit="),
     "npz dt of 2": (npz(X=X, dt=2.0), "time_unit="),
