@@ -441,6 +441,7 @@ REFUSED = {
     "h5 two wrenches": (demos(ft_left=W, ft_right=W + 1), "array="),
     "h5 a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
     "h5 what nobody knows": (demos(ee=W, arm=W + 1), "array="),
+    "npz frames of a robot": (npz(O_F_ext_hat_K=W, K_F_ext_hat_K=W + 1, t=T), "array="),
     "h5 sensors by number": (demos(ati_1=W, ati_2=W + 1), "array="),
     "h5 obs and next_obs": (
         h5({f"demo_{i}/{o}/ft": W for i in range(2) for o in ("obs", "next_obs")}, fs=500),

@@ -46,7 +46,7 @@ _GENERAL_NAMES = frozenset(_GENERAL.split())
 
 
 _SIGNALS_WORDS = (
-    "wrench wrenches ft force forces torque torques sensor sensors ati signal signals raw filtered obs left right mean "
+    "wrench wrenches ft ext force forces torque torques sensor sensors ati signal signals raw filtered obs left right mean "
     "std median"
 )
 _SIGNALS = frozenset(_SIGNALS_WORDS.split())
