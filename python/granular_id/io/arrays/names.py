@@ -46,8 +46,8 @@ _GENERAL_NAMES = frozenset(_GENERAL.split())
 
 
 _SIGNALS_WORDS = (
-    "wrench wrenches ft ext force forces torque torques sensor sensors ati signal signals raw filtered obs left right mean "
-    "std median"
+    "wrench wrenches ft ext force forces torque torques sensor sensors ati signal signals raw filtered obs left right "
+    "mean std median"
 )
 _SIGNALS = frozenset(_SIGNALS_WORDS.split())
 """Words for what a sensor gave: arrays called so beside others are no materials, but may each be the wrench."""
