@@ -108,7 +108,8 @@ function show() {
   }
   if (frame === null) return;
   let later = 0;
-  if (now - words >= WORDS_MS) {
+  const isAnother = frame.answer.kind !== $("top").dataset.kind;  // drawings do not run ahead of the words
+  if (isAnother || now - words >= WORDS_MS) {
     words = now;
     tell(now);
   } else later = WORDS_MS - (now - words);
