@@ -84,9 +84,7 @@ def stopping_the_robot() -> Iterator[None]:
 def _hanging_up_with_the_output() -> Iterator[None]:
     """Raise SIGHUP where nobody reads standard output any more: connections without a terminal end without a signal."""
     over = threading.Event()
-    watch = threading.Thread(target=_watch_output, args=(over,), daemon=True)
-    if hasattr(select, "poll"):  # not on Windows
-        watch.start()
+    threading.Thread(target=_watch_output, args=(over,), daemon=True).start()
     try:
         yield
     finally:
@@ -102,6 +100,8 @@ def _watch_output(over: threading.Event) -> None:
 
 def _is_lost(stream: TextIO) -> bool:
     """Whether the reader of a pipe is gone, or the terminal."""
+    if not hasattr(select, "poll"):  # Windows
+        return False
     poll = select.poll()
     try:
         poll.register(stream.fileno(), 0)
@@ -122,7 +122,7 @@ def _leave_lost(stream: TextIO) -> None:
     try:
         stream.flush()
         os.write(descriptor, b"")
-        lost = hasattr(select, "poll") and _is_lost(stream)
+        lost = _is_lost(stream)
     except OSError:
         lost = True
     if lost:

@@ -39,7 +39,6 @@ __all__ = [
     "Outputs",
     "Run",
     "check_outputs",
-    "check_targets",
     "evaluate_and_show",
     "repeated_command",
     "say_written",
@@ -143,10 +142,10 @@ class Outputs:
 def check_outputs(*outputs: Output, source: Path | None = None, force: bool = False) -> None:
     """Refuse, before any work, outputs that would not be what their name says, or would replace what is there.
 
-    What `check_targets` refuses; a name that ends like no file of its kind; a file of another kind, by how it begins;
+    What `_check_targets` refuses; a name that ends like no file of its kind; a file of another kind, by how it begins;
     without `force` any file that is not empty.
     """
-    check_targets(*(path for _, path, _ in outputs), source=source)
+    _check_targets(*(path for _, path, _ in outputs), source=source)
     for name, path, kind in outputs:
         if path is None:
             continue
@@ -169,7 +168,7 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
             raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
 
 
-def check_targets(*paths: Path | None, source: Path | None = None) -> None:
+def _check_targets(*paths: Path | None, source: Path | None = None) -> None:
     """Refuse files that cannot be written, those of `source`, and one that would be written twice; None is no file."""
     targets = [check_target(path) for path in paths if path is not None]
     places = [target.resolve() for target in targets]
