@@ -16,7 +16,7 @@ import granular_id as gid
 from accuracy_peers import SHORTEST, TREES, catch22, hydra, nearest, rocket, samples, spectrum, svm
 from accuracy_stages import NotAvailableError, Setting, Stages
 from granular_id import spaces
-from granular_id.best import BestClassifier
+from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import ALL_BLOCKS
 
 # -- ours -------------------------------------------------------------------------------------------------------------

@@ -16,9 +16,8 @@ from threadpoolctl import threadpool_limits
 from accuracy_data import BenchSet
 from accuracy_methods import Method, OurFeatures
 from accuracy_stages import NotAvailableError, Setting
-from granular_id.evaluation.origins import origins_of
-from granular_id.evaluation.partitions import Partition
 from granular_id.recording import Dataset
+from granular_id.splits import Partition, origins_of
 
 THREADS = 1
 """Of everything: peers are told by their own settings, libraries of linear algebra by a limit."""

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from accuracy_run import Row
-from granular_id.evaluation.holm import holm
-from granular_id.evaluation.statistics import corrected_resampled_t
+from granular_id.statistics import corrected_resampled_t, holm
 
 COLUMNS = "ms per recording: features, fit, predict"
 

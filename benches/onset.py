@@ -23,7 +23,7 @@ from scipy.signal import butter, lfilter, sosfilt
 from scipy.stats import binomtest
 
 from granular_id.recording import AXES
-from granular_id.recording.onset.find import find_onsets_in_block, rest_samples
+from granular_id.recording.onset import find_onsets_in_block, rest_samples
 from granular_id.synthetic import PAPER_MATERIALS, Sensor, simulate_push
 
 DURATION_S, AT_ONCE = 3.2, 250

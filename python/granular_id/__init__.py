@@ -13,9 +13,9 @@ from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
     from granular_id import confidence, signal
-    from granular_id.best import BestClassifier
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import EvaluationResult, evaluate
+    from granular_id.evaluation.selection import Selection, select
     from granular_id.explanation import Explanation, explain
     from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
     from granular_id.io import RecordingFileError, load, save
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         find_onset,
     )
     from granular_id.rica import RICA
-    from granular_id.selection import Selection, select
     from granular_id.spaces import (
         DFT,
         HFMH,
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
         WithinClassWhitening,
         feature_spaces,
     )
+    from granular_id.spaces.best import BestClassifier
     from granular_id.synthetic import synthesize
 
 __all__ = [
@@ -106,7 +106,7 @@ __all__ = [
 ]
 
 _LAZY = {
-    "BestClassifier": "best",
+    "BestClassifier": "spaces.best",
     "BlockScaler": "spaces",
     "BlockUnion": "spaces",
     "CheckReport": "recording",
@@ -130,7 +130,7 @@ _LAZY = {
     "Recording": "recording",
     "RecordingFileError": "io",
     "SampleFlag": "recording",
-    "Selection": "selection",
+    "Selection": "evaluation.selection",
     "StepReport": "recording",
     "StreamingIdentifier": "identifier",
     "Summary": "recording",
@@ -146,7 +146,7 @@ _LAZY = {
     "identify": "live",
     "load": "io",
     "save": "io",
-    "select": "selection",
+    "select": "evaluation.selection",
     "synthesize": "synthetic",
 }
 

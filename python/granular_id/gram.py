@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._arrays import float_array
+from granular_id._checks import float_array
 
 __all__ = ["check_symmetric", "linear_gram"]
 

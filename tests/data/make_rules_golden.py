@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import granular_id as gid
-from granular_id.identifier.sure import Rules
+from granular_id.identifier.rules import Rules
 
 HERE = Path(__file__).resolve().parent
 KNOWN = ("rice", "wheat flour", "oat flakes", "sunflower seeds", "fine sugar", "macaroni")

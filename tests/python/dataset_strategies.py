@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from granular_id._checks import OVERRIDES
 from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
-from granular_id.recording._values import OVERRIDES
 
 _FINITE = st.floats(allow_nan=False, allow_infinity=False)
 _TEXT = st.text(

@@ -4,8 +4,8 @@ from functools import cache
 
 from evaluation_cases import changed, make_data
 from granular_id.evaluation import evaluate
-from granular_id.evaluation.report.page import html
 from granular_id.recording import Dataset, Recording
+from granular_id.report.page import html
 
 HOSTILE = {
     "oat": '<script>document.title = "owned"</script>',

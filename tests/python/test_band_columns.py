@@ -22,8 +22,8 @@ from granular_id.spaces import (
     Tare,
     WithinClassWhitening,
 )
-from granular_id.spaces.band_columns import BandColumn, band_columns
-from granular_id.spaces.folding import folded_back, folded_weights
+from granular_id.spaces.multiband import BandColumn, band_columns
+from granular_id.spaces.scaling import folded_back, folded_weights
 from multiband_cases import ALL, two_materials
 
 

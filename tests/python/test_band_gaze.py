@@ -8,11 +8,10 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.gaze import can_look, weight_blocks
-from granular_id.evaluation.portrait import Portrait, portrait
+from granular_id.evaluation.report_data import Portrait, can_look, portrait, weight_blocks
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
-from granular_id.spaces.band_columns import band_columns
+from granular_id.spaces.multiband import band_columns
 from multiband_cases import ALL, louder
 
 

@@ -9,9 +9,9 @@ import pytest
 
 import granular_id as gid
 from bench_accuracy_cases import bench, recordings, saved, split
-from granular_id.best import BestClassifier
-from granular_id.evaluation.statistics import corrected_resampled_t
 from granular_id.spaces import FeatureSpace, RawSignal
+from granular_id.spaces.best import BestClassifier
+from granular_id.statistics import corrected_resampled_t
 
 __all__ = ["bench"]
 

@@ -9,13 +9,11 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from granular_id.best import BestClassifier
-from granular_id.best.candidates import plan_machines
-from granular_id.best.choice import choose
-from granular_id.best.folds import choice_folds
-from granular_id.best.machines import fitted_line, held_out_scores
 from granular_id.ecoc import ECOCClassifier
 from granular_id.spaces import BlockScaler, WithinClassWhitening
+from granular_id.spaces.best import BestClassifier, fitted_line, held_out_scores
+from granular_id.spaces.candidates import choose, plan_machines
+from granular_id.splits import choice_folds
 
 
 @parametrize_with_checks([BestClassifier(), BestClassifier(loss="hinge", shrinkages=[1e-3], n_folds=3)])
@@ -197,7 +195,7 @@ def test_one_machine_is_trained_once_and_nothing_is_held_out(monkeypatch):
     X, y, sessions = drifting()
     clf = BestClassifier(blocks=BLOCKS, shrinkages=[1e-3], relative_costs=[10.0])
     with monkeypatch.context() as patched:
-        patched.setattr("granular_id.best.classifier.held_out_scores", None)  # whoever calls it fails
+        patched.setattr("granular_id.spaces.best.held_out_scores", None)  # whoever calls it fails
         clf.fit(X, y, sessions=sessions)
     _, codes = np.unique(y, return_inverse=True)
     coef, intercept = fitted_line(X, codes, BLOCKS, clf.choice_.machines[0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cli_cases import SMALL, ended_well, make, saved
-from granular_id.rica_search import descend
+from granular_id.rica import descend
 
 NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
 FIGURES = tuple(f"{name}.png" for name in NAMES.split())
@@ -108,7 +108,7 @@ def test_excluded_materials_are_counted(folder):
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
     drawn = []
-    files = import_module("granular_id.evaluation.report.files")
+    files = import_module("granular_id.report.figures")
     for name in (name for name in vars(files) if name.startswith("plot_")):
         monkeypatch.setattr(files, name, lambda *_, **more: None)
     monkeypatch.setattr(files, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))

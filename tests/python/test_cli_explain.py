@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from cli_cases import ended_well, saved
-from granular_id.best import BestClassifier
 from granular_id.cli.explain import _trained
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.protocols import pair_partition
 from granular_id.explanation import explain
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import FeatureSpace, feature_spaces
+from granular_id.spaces.best import BestClassifier
+from granular_id.splits import pair_partition
 from multiband_cases import louder
 
 

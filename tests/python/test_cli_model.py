@@ -93,7 +93,8 @@ def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, f
 
 
 def test_a_model_knows_its_recordings_one_by_one_where_they_are_not_too_many(folder, model, monkeypatch):
-    from granular_id.identifier import batch, building
+    from granular_id.identifier import batch
+    from granular_id.identifier import training as building
     from granular_id.io import load
 
     data = load(folder)

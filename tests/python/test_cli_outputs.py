@@ -6,8 +6,8 @@ import pytest
 
 from cli_cases import SMALL, ended_well, make, refused, saved
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
-from granular_id.evaluation.export import CSV_COLUMNS as PREDICTED
-from granular_id.evaluation.export import write_csv
+from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
+from granular_id.evaluation.result import write_csv
 from granular_id.identifier import Identifier
 from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED
 from granular_id.identifier.batch import Batch
@@ -105,7 +105,7 @@ def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
 
 def test_what_commands_write_is_known_again_and_replaced_by_force(tmp_path):
     pytest.importorskip("matplotlib")
-    from granular_id.evaluation.report.files import FIGURES
+    from granular_id.report.figures import FIGURES
 
     folder = saved(make(), tmp_path / "recordings")
     outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}

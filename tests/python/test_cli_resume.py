@@ -6,7 +6,7 @@ import json
 import pytest
 
 from cli_cases import SMALL, ended_well, make, run, saved
-from granular_id.cli.kept import kept_for
+from granular_id.cli.session import kept_for
 from granular_id.evaluation import runner
 
 WORDS = (*SMALL, "--no-controls", "--protocol", "paper", "--partitions", "6", "--threads", "1")

@@ -11,10 +11,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular_id.confidence import ConformalRule, HeldOutScores, conformal_rule
-from granular_id.confidence.conformal import rank_of, rows_needed
-from granular_id.confidence.conformal_fit import conformal_quantile, fit_temperature
+from granular_id.confidence.conformal import (
+    KINDS,
+    conformal_quantile,
+    fit_temperature,
+    nonconformity,
+    rank_of,
+    rows_needed,
+)
 from granular_id.confidence.held_out import Scores
-from granular_id.confidence.nonconformity import KINDS, nonconformity
 
 
 def scored(values, truth):

@@ -12,10 +12,10 @@ from sklearn.pipeline import make_pipeline
 
 from cli_cases import ended_well, make, refused, saved
 from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study, leave_one_material_out
-from granular_id.confidence.assessing import count_trainings
+from granular_id.confidence.assess import count_trainings
 from granular_id.confidence.calibration import reliability
 from granular_id.confidence.coverage import CoverageResult, Covered, random_partition
-from granular_id.confidence.rows import rows_of
+from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.plotting.confidence import plot_confidence
 from granular_id.recording import Dataset

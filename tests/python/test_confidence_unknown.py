@@ -15,8 +15,8 @@ from sklearn.svm import LinearSVC
 
 from granular_id._core import NearestMean
 from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
+from granular_id.confidence.held_out import rows_of
 from granular_id.confidence.open_set import area_under_roc, false_positives
-from granular_id.confidence.rows import rows_of
 from granular_id.confidence.unknown import STRANGENESS
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import onevsone

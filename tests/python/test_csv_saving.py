@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from granular_id._checks import OVERRIDES
 from granular_id.io import load, save, save_csv
 from granular_id.io.csv import save as module
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import OVERRIDES
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 texts = st.text(

@@ -15,8 +15,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.decoding import decode
-from granular_id.ecoc.losses import LOSSES
+from granular_id.ecoc.decoding import LOSSES, decode
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular_id.ecoc import random_codings
-from granular_id.ecoc.coding_matrix import check_coding_matrix, own_coding
-from granular_id.ecoc.codings import CODINGS, design, onevsone
-from granular_id.ecoc.random_codings import best_random, smallest_distance
+from granular_id.ecoc import codings as random_codings
+from granular_id.ecoc.codings import (
+    CODINGS,
+    best_random,
+    check_coding_matrix,
+    design,
+    onevsone,
+    own_coding,
+    smallest_distance,
+)
 
 # Learners for K = 2..11, written out by hand from the formulas.
 COUNTS = {

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from granular_id.ecoc.cross_fit import KEPT, N_FOLDS, cross_fitted, folds_of
+from granular_id.ecoc.posterior import KEPT, N_FOLDS, cross_fitted, folds_of
 from posterior_cases import blobs
 
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular_id.ecoc.codings import design, onevsone
-from granular_id.ecoc.decoding import DECODINGS, decode
-from granular_id.ecoc.losses import LOSSES, SCORE_RANGES, fitting_loss
+from granular_id.ecoc.decoding import DECODINGS, LOSSES, SCORE_RANGES, decode, fitting_loss
 
 # The definitions, in plain Python: one number at a time, with no care for large ones.
 DEFINITIONS = {

@@ -11,7 +11,7 @@ from sklearn.naive_bayes import GaussianNB
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import CODINGS
-from granular_id.ecoc.sigmoid import sigmoid
+from granular_id.ecoc.posterior import sigmoid
 from granular_id.gram import linear_gram
 from posterior_cases import KL, WLW, blobs
 

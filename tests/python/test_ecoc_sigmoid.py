@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from sklearn.calibration import CalibratedClassifierCV
 from sklearn.svm import SVC
 
-from granular_id.ecoc.sigmoid import fit_sigmoid, sigmoid
+from granular_id.ecoc.posterior import fit_sigmoid, sigmoid
 from posterior_cases import blobs
 
 

@@ -7,8 +7,10 @@ from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
-from granular_id.ecoc import ECOCClassifier, dual_svm, one_vs_one
-from granular_id.ecoc.dual_svm import NotSeparableError, solve_binary
+from granular_id.ecoc import ECOCClassifier
+from granular_id.ecoc import svm as dual_svm
+from granular_id.ecoc import svm as one_vs_one
+from granular_id.ecoc.svm import NotSeparableError, solve_binary
 from granular_id.gram import linear_gram
 
 

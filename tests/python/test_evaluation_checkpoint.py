@@ -14,10 +14,10 @@ from sklearn.preprocessing import FunctionTransformer
 import checkpoint_work
 from checkpoint_work import run
 from evaluation_cases import SMALL, changed, flat, make_data
+from granular_id._estimators import describe_estimator
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
 from granular_id.evaluation.checkpoint import RUN
-from granular_id.evaluation.describe import describe_estimator
 from granular_id.spaces import RawHFMH, RawSignal, Tare
 
 # 3 random partitions and 2 session folds, in 2 spaces and 5 controls of which the rest is left out

@@ -9,9 +9,14 @@ from hypothesis import strategies as st
 
 from evaluation_cases import SMALL, changed, make_data
 from granular_id.evaluation import evaluate
-from granular_id.evaluation.partitions import block_partitions, kfold_partitions, session_partitions
-from granular_id.evaluation.protocols import plan_partitions, strictest
 from granular_id.recording import Dataset, Recording
+from granular_id.splits import (
+    block_partitions,
+    kfold_partitions,
+    plan_partitions,
+    session_partitions,
+    strictest,
+)
 
 
 @st.composite

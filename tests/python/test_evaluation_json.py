@@ -9,7 +9,7 @@ import pytest
 
 from evaluation_cases import SMALL, make_data
 from granular_id.evaluation import EvaluationResult, evaluate
-from granular_id.evaluation.export import FORMAT
+from granular_id.evaluation.result import FORMAT
 
 
 @pytest.fixture(scope="module")

@@ -16,20 +16,20 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from cli_cases import ended_well, refused, saved
-from granular_id.best import BestClassifier
 from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
-from granular_id.evaluation.choice_tables import choice_tables
-from granular_id.evaluation.chosen import Chosen
 from granular_id.evaluation.controls import plan_controls
-from granular_id.evaluation.gram_engine import GramBank
-from granular_id.evaluation.origins import origins_of
-from granular_id.evaluation.plan import plan_spaces
+from granular_id.evaluation.gram import GramBank
+from granular_id.evaluation.scoring import plan_spaces
+from granular_id.evaluation.selection import select
+from granular_id.evaluation.tables import choice_tables
 from granular_id.io import save
 from granular_id.recording import Dataset, Recording
-from granular_id.selection import select
 from granular_id.spaces import HFMH, FeatureSpace
+from granular_id.spaces.best import BestClassifier
+from granular_id.spaces.candidates import Chosen
+from granular_id.splits import origins_of
 from multiband_cases import louder
 
 OURS = ["multiband", "best"]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular_id.evaluation.partitions import (
+from granular_id.splits import (
     chronological_partitions,
     describe_order,
     paper_partitions,

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from sklearn.metrics import confusion_matrix, f1_score, recall_score
 
-from granular_id.evaluation.export import CSV_COLUMNS
-from granular_id.evaluation.partitions import chronological_partitions, paper_partitions
-from granular_id.evaluation.result import EvaluationResult, SpaceSummary
+from granular_id.evaluation.result import CSV_COLUMNS, EvaluationResult, SpaceSummary
 from granular_id.evaluation.tables import confusion_table, gap_lines, mistakes_table, seconds_table
+from granular_id.splits import chronological_partitions, paper_partitions
 from granular_id.synthetic import PAPER_MATERIALS
 
 LABELS = ("oat flakes", "rice", 'süß, "fine"')

@@ -10,10 +10,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from evaluation_cases import SMALL, changed, flat, make_data
+from granular_id._estimators import heard_complaints
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation import evaluate, one_space
-from granular_id.evaluation.complaints import heard_complaints
-from granular_id.evaluation.plan import in_paper_order
+from granular_id.evaluation import evaluate
+from granular_id.evaluation import scoring as one_space
+from granular_id.evaluation.scoring import in_paper_order
 from granular_id.rica import RICA
 from granular_id.spaces import PrincipalComponents, RawHFMH, RawSignal, feature_spaces
 

@@ -12,7 +12,7 @@ from sklearn.preprocessing import StandardScaler
 from explain_cases import recordings
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
-from granular_id.explanation.pairs import pair_factors
+from granular_id.explanation.difference import pair_factors
 from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,

@@ -8,12 +8,12 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 import multiband_twin as twin
-from granular_id.best import BestClassifier
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import BandExplanation, explain
-from granular_id.explanation.band_words import moments, said
+from granular_id.explanation.bands import moments, said
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, Tare, WithinClassWhitening
-from granular_id.spaces.band_columns import band_columns
+from granular_id.spaces.best import BestClassifier
+from granular_id.spaces.multiband import band_columns
 from multiband_cases import ALL, coupled, louder, two_materials
 
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from granular_id.explanation.regions import regions_of
+from granular_id.explanation.result import regions_of
 from granular_id.spaces import FeatureBlock
 
 

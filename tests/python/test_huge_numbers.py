@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 import granular_id as gid
-from granular_id._words import fixed
+from granular_id._text import fixed
 from granular_id.live import ForceTrigger, MonitorServer, WrenchBuffer, opened
 from granular_id.live.capture import Capture
 from granular_id.live.lag import LagWatch

@@ -14,16 +14,15 @@ from cli_cases import ended_well, refused, saved
 from evaluation_cases import LABELS, make_data
 from granular_id import ECOCClassifier, FeatureSpec
 from granular_id._core import MAX_MULTIBAND_VALUES
-from granular_id.best import BestClassifier
-from granular_id.evaluation.origins import origins_of
 from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.building import MAX_FILE_BYTES, refuse_large
+from granular_id.identifier.metadata import description, promises
 from granular_id.identifier.recipe import Recipe
-from granular_id.identifier.training import fit_pipeline
-from granular_id.identifier.words import description, promises
+from granular_id.identifier.training import MAX_FILE_BYTES, fit_pipeline, refuse_large
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
+from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
+from granular_id.splits import origins_of
 
 
 @pytest.fixture(scope="module")

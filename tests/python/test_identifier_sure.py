@@ -12,13 +12,13 @@ from evaluation_cases import LABELS, make_data
 from granular_id import FeatureSpec
 from granular_id._core import Model, ModelFileError
 from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, conformal_rule, unknown_rule
+from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
-from granular_id.confidence.nonconformity import KINDS
 from granular_id.confidence.unknown import STRANGENESS
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.identifier.batch import identify_all
-from granular_id.identifier.sure import KEY, Rules
-from granular_id.identifier.words import description, promises
+from granular_id.identifier.metadata import description, promises
+from granular_id.identifier.rules import KEY, Rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart
 

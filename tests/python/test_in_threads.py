@@ -6,7 +6,7 @@ import time
 import pytest
 from sklearn import config_context, get_config
 
-from granular_id._threads import in_threads
+from granular_id._parallel import in_threads
 
 
 @pytest.mark.parametrize("n_jobs", [None, 1, 2, 5])

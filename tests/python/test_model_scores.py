@@ -15,8 +15,7 @@ import model_twin as twin
 from effort import cases
 from granular_id._core import FeatureSpec
 from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.decoding import decode
-from granular_id.ecoc.losses import LOSSES
+from granular_id.ecoc.decoding import LOSSES, decode
 from granular_id.features import extract_features
 from model_cases import random_model
 from model_twin import bits

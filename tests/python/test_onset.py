@@ -4,8 +4,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 from granular_id.recording import AXES
-from granular_id.recording.onset import find_onset
-from granular_id.recording.onset.find import find_onsets_in_block
+from granular_id.recording.onset import find_onset, find_onsets_in_block
 from granular_id.synthetic import synthesize
 from onset_cases import NOISE, RATE_HZ, START, noise, push
 

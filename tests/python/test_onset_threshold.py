@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, norm, t
 
-from granular_id.recording.onset.threshold import critical_factors
+from granular_id.recording.change_detection import critical_factors
 
 
 @pytest.mark.parametrize("rate", [0.2, 0.01, 1e-6])

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from granular_id._text import short
 from granular_id.plotting import (
     plot_accuracy,
     plot_confusion,
@@ -17,8 +18,7 @@ from granular_id.plotting import (
     plot_residual,
     plot_weights,
 )
-from granular_id.plotting.heat import shared_limits
-from granular_id.plotting.style import short
+from granular_id.plotting.recordings import shared_limits
 from report_cases import HOSTILE, result_of, small_result
 
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from checks_cases import by_code, sound_set
 from granular_id.recording import Dataset, Recording
-from granular_id.recording.checking.duplicates import check_duplicates
-from granular_id.recording.checking.overlap import find_overlaps
+from granular_id.recording.checks.duplicates import check_duplicates, find_overlaps
 from robot_failures import SETS, load_failures
 
 

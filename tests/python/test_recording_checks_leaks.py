@@ -5,7 +5,7 @@ import pytest
 
 from checks_cases import MATERIALS, PER_CLASS, by_code, codes, damaged, sound_set
 from granular_id.recording import Dataset, Recording
-from granular_id.recording.checking.nearest import by_kind, by_number, by_place, naming
+from granular_id.recording.checks.leaks import by_kind, by_number, by_place, naming
 
 WHOLE = range(len(MATERIALS) * PER_CLASS)
 SLOT = {label: k for k, label in enumerate(MATERIALS)}

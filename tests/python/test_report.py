@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from evaluation_cases import make_data
-from granular_id.evaluation.report import figures, report
-from granular_id.evaluation.report.page import html
-from granular_id.evaluation.report.words import gap_of, split_notes
+from granular_id.report import figures, report
+from granular_id.report.page import gap_of, html, split_notes
 from granular_id.synthetic import synthesize
 from report_cases import HOSTILE, page_of, result_of, small_result
 
@@ -76,7 +75,7 @@ def page(text):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Drawing takes most of the time, and words do not depend on it."""
-    monkeypatch.setattr("granular_id.evaluation.report.page.pictures", lambda *_: [])
+    monkeypatch.setattr("granular_id.report.page.pictures", lambda *_: [])
 
 
 def test_sections_come_in_the_order_of_what_matters(page):
@@ -265,7 +264,7 @@ def test_the_file_is_whole_or_absent(result, tmp_path, monkeypatch, no_pictures)
     report(result, path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     assert list(tmp_path.iterdir()) == [path]
-    monkeypatch.setattr("granular_id.evaluation.report.page.html", lambda result: 1 / 0)
+    monkeypatch.setattr("granular_id.report.page.html", lambda result: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         report(result, path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
@@ -273,7 +272,7 @@ def test_the_file_is_whole_or_absent(result, tmp_path, monkeypatch, no_pictures)
 
 
 def test_a_target_that_cannot_be_is_refused_before_anything_is_drawn(result, tmp_path, monkeypatch):
-    monkeypatch.setattr("granular_id.evaluation.report.page.html", lambda result: pytest.fail("drawn"))
+    monkeypatch.setattr("granular_id.report.page.html", lambda result: pytest.fail("drawn"))
     with pytest.raises(FileNotFoundError, match="does not exist"):
         report(result, tmp_path / "missing" / "report.html")
 

@@ -11,9 +11,7 @@ from sklearn.decomposition import PCA
 
 from evaluation_cases import LABELS, make_data
 from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
-from granular_id.evaluation.gaze import weight_blocks
-from granular_id.evaluation.portrait import Portrait, portrait
-from granular_id.evaluation.thinning import POINTS, rounded, thinned
+from granular_id.evaluation.report_data import POINTS, Portrait, portrait, rounded, thinned, weight_blocks
 
 SAMPLES = 450
 

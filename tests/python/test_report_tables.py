@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 
 from evaluation_cases import changed, make_data
+from granular_id._text import percent
 from granular_id.evaluation.tables import (
     accuracy_table,
     comparison_tables,
     controls_table,
     gap_lines,
-    percent,
+    plain_text,
     recall_table,
 )
-from granular_id.evaluation.text import plain_text
 from report_cases import small_result
 
 

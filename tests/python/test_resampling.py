@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.resampling import MAX_SAMPLES
-from granular_id.recording.timing import repair_time, uniform_rate
+from granular_id.recording.resampling import MAX_SAMPLES, repair_time, uniform_rate
 
 # whole microseconds: stamps as loggers write them, and differences that do not vanish in rounding
 steps_us = st.lists(st.integers(100, 300_000), min_size=1, max_size=40)

@@ -13,9 +13,8 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.estimator_checks import parametrize_with_checks
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from granular_id._blas import single_threaded_blas
-from granular_id.rica import RICA, _warn
-from granular_id.rica_search import End
+from granular_id._parallel import single_threaded_blas
+from granular_id.rica import RICA, End, _warn
 
 # Two known local ends of rica in MATLAB on these rows; random starts reach 192.709, 192.738, 194.717, 198.068.
 GOLDEN_ROWS = np.mod(np.arange(1, 61) * 7, 13).reshape(12, 5, order="F") - 6.0

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import check_grad
 
-from granular_id.rica_objective import CONTRASTS, Objective
+from granular_id.rica import CONTRASTS, Objective
 
 FORMULAS = {
     "logcosh": lambda z: 0.5 * (np.logaddexp(2 * z, -2 * z) - np.log(2)),

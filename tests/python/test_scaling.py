@@ -9,8 +9,8 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id.best import BestClassifier
 from granular_id.spaces import BlockScaler, learns
+from granular_id.spaces.best import BestClassifier
 
 
 def rows(n=20, n_columns=7, seed=0):

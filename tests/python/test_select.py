@@ -12,12 +12,12 @@ from sklearn.pipeline import make_pipeline
 from evaluation_cases import LABELS, changed, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
+from granular_id.evaluation.selection import select
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
-from granular_id.selection import select
-from granular_id.selection.folds import nested_folds
 from granular_id.spaces import HFMH, BlockUnion, PrincipalComponents, RawHFMH, RawSignal, Tare, feature_spaces
+from granular_id.splits import nested_folds
 from granular_id.synthetic import synthesize
 
 COSTS = (0.1, 10.0)

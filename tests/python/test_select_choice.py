@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from evaluation_cases import changed, make_data
-from granular_id.evaluation.protocols import plan_partitions, strictest
+from granular_id.evaluation.candidates import Candidate, plan_candidates
+from granular_id.evaluation.selection import Pick, best_cost, choose, select
 from granular_id.recording import Dataset, Recording
-from granular_id.selection import select
-from granular_id.selection.candidates import Candidate, plan_candidates
-from granular_id.selection.choice import Pick, best_cost, choose
-from granular_id.selection.folds import nested_folds
 from granular_id.spaces import HFMH, RawSignal
+from granular_id.splits import nested_folds, plan_partitions, strictest
 
 SMALL = {"relative_costs": (1.0,), "n_outer": 2, "n_inner": 2, "progress": False}
 

@@ -11,13 +11,12 @@ import pytest
 import granular_id as gid
 from cli_cases import ended_well, refused, run
 from granular_id import _core
-from granular_id.evaluation.describe import warnings_in
-from granular_id.identifier.fitting import refuse_others
-from granular_id.identifier.words import description, promises
+from granular_id.identifier.metadata import description, promises
+from granular_id.identifier.recipe import refuse_others
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import ACCEPTABLE, setups_in, values_in
+from granular_id.recording.setup import ACCEPTABLE, setups_in, values_in, warnings_in
 from model_cases import put_together, taken_apart
 
 PAGE = Path(__file__).parents[2] / "docs" / "live" / "setup.md"

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import integrate, optimize, special, stats
 
-from granular_id.evaluation.holm import holm
-from granular_id.evaluation.statistics import (
+from granular_id.statistics import (
     bayesian_correlated_t,
     corrected_interval,
     corrected_resampled_t,
+    holm,
     mann_whitney,
 )
 

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from granular_id.evaluation.compare import compare
-from granular_id.evaluation.holm import holm
+from granular_id.statistics import holm
 
 NAMES = ("raw", "hfmh", "raw+hfmh", "dft")
 

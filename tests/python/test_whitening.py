@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from sklearn.svm import SVC
 
 from granular_id.spaces import WithinClassWhitening
-from granular_id.spaces.whitening import whitened_grams
+from granular_id.spaces.scaling import whitened_grams
 
 
 def twin(X, y, shrinkage):

@@ -10,15 +10,12 @@ from granular_id import _core
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
 from granular_id.cli.demo import demo
-from granular_id.cli.evaluate import evaluate
+from granular_id.cli.evaluate import evaluate, report
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
-from granular_id.cli.live import live
-from granular_id.cli.model import model
-from granular_id.cli.record import record
-from granular_id.cli.report import report
+from granular_id.cli.live import live, record
 from granular_id.cli.select import select
-from granular_id.cli.train import train
+from granular_id.cli.train import model, train
 
 __all__ = ["app"]
 

@@ -9,12 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 from rich.console import Console
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Space, Weights
+from granular_id.cli.method import (
+    BlockWeights,
+    Method,
+    Space,
+    Weights,
+    at_least,
+    between,
+    option,
+    positive,
+    taking,
+)
+from granular_id.cli.prepare import Steps, equal_recordings
 from granular_id.cli.reading import Reading
-from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, repeated_command, say_written
-from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -98,7 +106,7 @@ def confidence(
     method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.cli.session import print_table  # noqa: PLC0415 (slow to import: --help must not wait)
     from granular_id.confidence import assess  # noqa: PLC0415
 
     console = Console(highlight=False)
@@ -137,7 +145,7 @@ confidence.__doc__ = TEXT
 
 def _effort(data: Dataset, space: str, n_seeds: int) -> str:
     """Say how many models will be trained, and what is cheaper."""
-    from granular_id.confidence.assessing import count_trainings  # noqa: PLC0415 (slow to import)
+    from granular_id.confidence.assess import count_trainings  # noqa: PLC0415 (slow to import)
 
     said = f"{space}: up to {count_trainings(data, n_seeds=n_seeds)} models are trained"
     if space != "best":

@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 
 from granular_id.cli.errors import guarded
+from granular_id.cli.method import at_least
 from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show
-from granular_id.cli.settings import at_least
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
@@ -67,7 +67,7 @@ demo.__doc__ = TEXT
 
 
 def _run(outputs: Outputs, counts: dict[str, int], seed: int, threads: int | None) -> None:
-    from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
+    from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415
     from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import: --help must not wait for it)
     from granular_id.synthetic import PAPER_MATERIALS, synthesize  # noqa: PLC0415
 

@@ -7,16 +7,22 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Weights
+from granular_id.cli.method import (
+    BlockWeights,
+    Method,
+    Weights,
+    at_least,
+    chosen_spaces,
+    option,
+    positive,
+    taking,
+)
+from granular_id.cli.prepare import Steps, equal_recordings
 from granular_id.cli.reading import Reading
-from granular_id.cli.recordings import Steps, equal_recordings
-from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show
-from granular_id.cli.settings import at_least, chosen_spaces, positive
-
-__all__ = ["evaluate"]
+from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show, say_written
 
 EXAMPLES = """
 Measure how well the materials in a set of recordings are told apart.
@@ -121,7 +127,7 @@ def evaluate(
         data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
-        from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415
+        from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415
 
         for note in [] if quiet else notes:
             typer.echo(f"note: {note}")
@@ -146,3 +152,44 @@ def evaluate(
 
 
 evaluate.__doc__ = EXAMPLES
+
+# ``granular-id report``: the page of an evaluation that was stored as JSON.
+
+TEXT = """
+Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
+
+Examples:
+
+`granular-id report result.json`
+
+`granular-id report result.json -o for_the_boss.html --figures figures`
+"""
+
+
+@guarded
+def report(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="JSON file of an evaluation.")],
+    *,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="HTML file. Default: RESULT with the ending .html.")
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option("--figures", help="Write the figures into this folder, too.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Write the report of a stored result; see `TEXT`."""
+    page = result.with_suffix(".html") if output is None else output
+    if output is None and page == result:
+        raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
+    if page == result:
+        raise ValueError(f"--output {page} is the result itself: give another file")
+    outputs = Outputs(report=page, figures=figures, force=force, named={"--report": "--output"})
+    with outputs.ready():
+        from granular_id.evaluation import EvaluationResult  # noqa: PLC0415 (slow to import)
+
+        written = outputs.write(EvaluationResult.from_json(result), None)
+    say_written(Console(highlight=False), written, None)
+
+
+report.__doc__ = TEXT

@@ -10,12 +10,10 @@ from rich.console import Console
 from rich.text import Text
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
-from granular_id.cli.method import BlockWeights, Method, Space, Weights
+from granular_id.cli.method import BlockWeights, Method, Space, Weights, option, positive, taking
+from granular_id.cli.prepare import Steps, equal_recordings
 from granular_id.cli.reading import Reading
-from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, repeated_command, say_written
-from granular_id.cli.settings import positive
 
 if TYPE_CHECKING:
     from granular_id.explanation import Explanation
@@ -119,9 +117,9 @@ def _explained(
     data: Dataset, space: FeatureSpace, cost: float, first: str, second: str
 ) -> tuple[Explanation, str, dict[str, Any]]:
     """Train on some recordings, explain those held out of the two materials; say what was trained, and the split."""
-    from granular_id.evaluation.chosen import Chosen  # noqa: PLC0415 (--help must not wait)
-    from granular_id.evaluation.protocols import pair_partition  # noqa: PLC0415
     from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
+    from granular_id.spaces.candidates import Chosen  # noqa: PLC0415 (--help must not wait)
+    from granular_id.splits import pair_partition  # noqa: PLC0415
 
     X, y = data.X, data.y
     for label in (first, second):
@@ -148,8 +146,8 @@ def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost
     from sklearn.pipeline import Pipeline  # noqa: PLC0415
 
     from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
-    from granular_id.evaluation.origins import origins_of  # noqa: PLC0415
     from granular_id.identifier.training import fit_pipeline  # noqa: PLC0415
+    from granular_id.splits import origins_of  # noqa: PLC0415
 
     classifier = ECOCClassifier(C=cost) if space.classifier is None else clone(space.classifier)
     pipeline = Pipeline([("features", clone(space.transformer)), ("classifier", classifier)])

@@ -11,8 +11,21 @@ from rich.console import Console
 
 from granular_id._files import MODELS
 from granular_id.cli.errors import guarded, words_of
-from granular_id.cli.groups import option, taking
-from granular_id.cli.prepare import Preparation, prepare, told, with_onsets
+from granular_id.cli.method import onsets_in, option, positive, taking
+from granular_id.cli.prepare import (
+    MAX_GAP_S,
+    MaxGapS,
+    OnGap,
+    OnsetAt,
+    OnShort,
+    Preparation,
+    RateHz,
+    RestS,
+    prepare,
+    saying,
+    told,
+    with_onsets,
+)
 from granular_id.cli.reading import (
     ACCEPT,
     PANEL,
@@ -27,13 +40,11 @@ from granular_id.cli.reading import (
     Repair,
     TimeUnit,
     Topic,
+    load_all,
     load_settings,
     say_loaded,
 )
-from granular_id.cli.recordings import MAX_GAP_S, MaxGapS, OnGap, OnsetAt, OnShort, RateHz, RestS, saying
 from granular_id.cli.session import ANSWERS, JSON_FILE, Force, check_outputs, say_written
-from granular_id.cli.settings import onsets_in, positive
-from granular_id.cli.unnamed import load_all
 
 if TYPE_CHECKING:
     from granular_id.identifier import Identifier
@@ -180,7 +191,7 @@ class Fitting:
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
         """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
-        from granular_id.identifier.fitting import fitted, refuse_others  # noqa: PLC0415 (slow to import)
+        from granular_id.identifier.recipe import fitted, refuse_others  # noqa: PLC0415 (slow to import)
 
         say = saying(quiet=quiet)
         data = prepare(data, self.preparation, say)
@@ -226,7 +237,7 @@ def identify(
     data = recordings.load(quiet=quiet)
     data, differences = fitting.taken(data, identifier, quiet=quiet)
 
-    from granular_id.cli.render import print_table  # noqa: PLC0415
+    from granular_id.cli.session import print_table  # noqa: PLC0415
     from granular_id.identifier.batch import identify_all  # noqa: PLC0415
     from granular_id.recording.setup import other_setup  # noqa: PLC0415
 

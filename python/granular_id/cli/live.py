@@ -3,29 +3,173 @@
 from __future__ import annotations
 
 import json as json_format
+import sys
 import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, nullcontext
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
 
-from granular_id._words import counted
+from granular_id._text import counted
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
-from granular_id.cli.moving import Moving, Sensing
+from granular_id.cli.method import at_least, direction_of, names_in, option, positive, taking
 from granular_id.cli.reading import ACCEPT, Accepted
 from granular_id.cli.session import LIVE_ANSWERS, RERUN_LOG, Force, check_outputs
-from granular_id.cli.settings import at_least, positive
 
 if TYPE_CHECKING:
+    from granular_id.live.capture import Capture
+    from granular_id.live.drive import Step
     from granular_id.live.identification import LiveIdentifier
     from granular_id.live.push import Push
+    from granular_id.live.recorder import Recorder
+    from granular_id.live.setup import Setup
+    from granular_id.live.source import WrenchSource
+    from granular_id.live.stream import Stream
     from granular_id.live.view import View, Views
+# The options of everything live: where the wrenches come from, who moves the tool, what a push must be like.
 
-__all__ = ["live"]
+_MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
+"""At 500 Hz a buffer of so many seconds takes 30 MB; at the highest speed a push takes 4 ms."""
+
+SOURCE, MOTION, LIMITS = "Source", "Motion", "What a push must be like"
+
+
+class Mover(str, Enum):
+    """Choices of ``--robot``."""
+
+    auto = "auto"
+    none = "none"
+    manual = "manual"
+    source = "source"
+
+
+class Start(str, Enum):
+    """Choices of ``--trigger``."""
+
+    auto = "auto"
+    motion = "motion"
+    force = "force"
+
+
+class Sensing:
+    """A source of wrenches, named by its URL."""
+
+    def __init__(
+        self,
+        *,
+        source: Annotated[
+            str,
+            option(
+                "--source -s",
+                SOURCE,
+                "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, ur://HOST, franka://HOST, bota:FILE or "
+                "ros2://TOPIC; options as in sim:rice?seed=1.",
+            ),
+        ],
+        speed: Annotated[
+            float | None,
+            option("--speed", SOURCE, "Simulations and replays: so many seconds in one. Default: 1."),
+        ] = None,
+        buffer_s: Annotated[
+            float, option("--buffer-s", SOURCE, "So far behind may the program fall before rows are lost.")
+        ] = 30.0,
+    ) -> None:
+        positive("--speed", speed)
+        positive("--buffer-s", buffer_s)
+        for name, value, most in (
+            ("--speed", speed or 1.0, _MOST_SPEED),
+            ("--buffer-s", buffer_s, _MOST_BUFFER_S),
+        ):
+            if value > most:
+                raise ValueError(f"{name} must be at most {most:g}, got {value:g}")
+        self.url = source
+        self.buffer_s = buffer_s
+        self.options: dict[str, object] = {} if speed is None else {"speed": speed}
+
+    def open(self, url: str | None = None) -> WrenchSource:
+        """Make the source; nothing is read yet."""
+        from granular_id.live.source import open_source  # noqa: PLC0415 (--help must not wait for numpy)
+
+        return open_source(self.url if url is None else url, **self.options)
+
+
+class Moving:
+    """Who moves the tool, what starts a capture, and what is not acceptable."""
+
+    def __init__(
+        self,
+        *,
+        robot: Annotated[
+            Mover,
+            option(
+                "--robot",
+                MOTION,
+                "auto: the simulated robot of a simulated sensor, else nobody. manual: you push, and are told when. "
+                "source: the arm of ur:// or franka://, which WILL MOVE.",
+            ),
+        ] = Mover.auto,
+        direction: Annotated[
+            str, option("--direction", MOTION, "Where the robot pushes: X,Y,Z in its base frame.")
+        ] = "1,0,0",
+        speed_m_s: Annotated[float, option("--speed-m-s", MOTION, "Speed of the robot; the paper's.")] = 0.03,
+        trigger: Annotated[
+            Start,
+            option(
+                "--trigger",
+                MOTION,
+                "What starts a recording. auto: the robot's motion; without a robot the force.",
+            ),
+        ] = Start.auto,
+        threshold_n: Annotated[
+            float, option("--threshold-n", MOTION, "Change of force that is a motion, newton.")
+        ] = 0.5,
+        max_gap: Annotated[
+            int,
+            option(
+                "--max-gap", LIMITS, "So many missing samples in a row are filled in, flagged; more: again."
+            ),
+        ] = 0,
+        allow_saturated: Annotated[
+            bool,
+            option("--allow-saturated", LIMITS, "Take samples at the end of the sensor's range, flagged."),
+        ] = False,
+        max_lag_s: Annotated[
+            float,
+            option(
+                "--max-lag-s",
+                LIMITS,
+                "Rows that come in later than this are late: noted in recordings and warned of in answers; refused "
+                "where the sensor has no clock of its own.",
+            ),
+        ] = 0.02,
+        timeout_s: Annotated[float, option("--timeout-s", LIMITS, "How long to wait for the motion.")] = 30.0,
+    ) -> None:
+        positive("--threshold-n", threshold_n)
+        positive("--timeout-s", timeout_s)
+        positive("--speed-m-s", speed_m_s)
+        at_least("--max-gap", max_gap, 0)
+        if not 0 <= max_lag_s < float("inf"):
+            raise ValueError(f"--max-lag-s must be at least 0 and finite, got {max_lag_s:g}")
+        self.motion: dict[str, Any] = {"direction": direction_of(direction), "speed_m_s": speed_m_s}
+        self.limits: dict[str, Any] = {
+            "max_gap": max_gap,
+            "allow_saturated": allow_saturated,
+            "max_lag_s": max_lag_s,
+            "timeout_s": timeout_s,
+        }
+        self._robot, self._trigger, self._threshold_n = robot.value, trigger.value, threshold_n
+
+    def setup(self, source: WrenchSource) -> Setup:
+        """Choose robot and trigger."""
+        from granular_id.live.setup import setup_of  # noqa: PLC0415 (--help must not wait for numpy)
+
+        return setup_of(source, self._robot, self._trigger, threshold_n=self._threshold_n)
+
 
 TEXT = """
 Name the material of each push while the tool moves.
@@ -229,3 +373,179 @@ def _sum_up(console: Console, identifying: LiveIdentifier, views: Views, *, over
     refused = f"; {identifying.n_unknown} like no known material" if identifying.n_unknown else ""
     end = "; the source came to its end" if over else ""
     console.print(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}{end}", soft_wrap=True)
+
+
+# ``granular-id record``: pushes into files, one material after another.
+
+TEXT_RECORD = """
+Record pushes through materials: one file per push, with label, session, sensor and time.
+
+A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the right rate.
+What was refused is said, and recorded again. Works without any hardware, with a simulated sensor and robot; such
+recordings are marked as SYNTHETIC.
+
+Examples:
+
+`granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
+
+`granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`
+"""
+
+WHAT = "What to record"
+
+
+@guarded
+@stopping_the_robot()
+@taking(Sensing, Moving)
+def record(
+    sensing: Sensing,
+    moving: Moving,
+    *,
+    label: Annotated[
+        str,
+        option("--label -l", WHAT, "Name of the material; several, separated by commas, one after another."),
+    ],
+    n: Annotated[int, option("--n -n", WHAT, "Recordings of each.")] = 10,
+    output: Annotated[Path, option("--output -o", WHAT, "Folder; recordings are added to what is there.")],
+    session: Annotated[
+        str | None,
+        option("--session", WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
+    ] = None,
+    duration_s: Annotated[float, option("--duration-s", WHAT, "Length of a recording.")] = 3.2,
+    pre_s: Annotated[float, option("--pre-s", WHAT, "Of that, rest before the motion.")] = 0.25,
+    retries: Annotated[
+        int, option("--retries", WHAT, "So many refused recordings in a row are tried again.")
+    ] = 3,
+    quiet: Annotated[bool, option("--quiet -q", WHAT, "Only what went wrong, and the last line.")] = False,
+) -> None:
+    """Record pushes; see `TEXT_RECORD`."""
+    at_least("--n", n, 1)
+    at_least("--retries", retries, 0)
+    positive("--duration-s", duration_s)
+    if not 0 <= pre_s < duration_s:
+        raise ValueError(f"--pre-s must be at least 0 and below --duration-s {duration_s:g}, got {pre_s:g}")
+    labels = names_in(label)
+    if not labels:
+        raise ValueError(f"--label must name at least one material, got {label!r}")
+    if len(set(labels)) < len(labels):
+        raise ValueError(
+            f"--label must name each material once, got {label!r}: --n says how often it is recorded"
+        )
+    if session is not None and not session.strip():
+        raise ValueError("--session is empty: give it a name, or leave it out")
+
+    from granular_id.live.recorder import Recorder, checked_label  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.stream import opened  # noqa: PLC0415
+
+    for name in labels:
+        checked_label(name)
+    console = Console(highlight=False)
+    # All of them before the first push: a misspelt material is found out now.
+    places = [(sensing.open(url), names) for url, names in _places(labels, sensing.url).items()]
+    n_refused = 0
+    for source, names in places:
+        with opened(source, sensing.buffer_s) as stream:
+            setup = moving.setup(source)
+            recorder = Recorder(
+                stream,
+                setup.robot,
+                output,
+                session=session,
+                trigger=setup.trigger,
+                n_samples=round(duration_s * source.info.rate_hz),
+                pre_s=pre_s,
+                on_step=None
+                if quiet or source.info.synthetic
+                else _Prompt(console, by_hand=setup.robot is None),
+                **moving.motion,
+                **moving.limits,
+            )
+            session = recorder.session  # one session, whatever the number of sources
+            for name in names:
+                for k in range(n):
+                    real_robot = setup.robot is not None and not source.info.synthetic
+                    if not source.info.synthetic and (real_robot or k == 0) and (name, k) != (labels[0], 0):
+                        _wait_for(f"{name} {k + 1}/{n}")
+                    refused, said = _recorded(recorder, name, f"{name} {k + 1}/{n}", retries, console)
+                    if k == 0:
+                        _check_truth(console, name, stream)
+                    n_refused += refused
+                    if not quiet:
+                        console.print(said, soft_wrap=True, markup=False)
+    synthetic = "SYNTHETIC " if any(source.info.synthetic for source, _ in places) else ""
+    again = f"; {n_refused} refused and recorded again" if n_refused else ""
+    wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
+    console.print(
+        f"wrote {wrote} into {output}, session {session!r}{again}",
+        soft_wrap=True,
+        markup=False,
+    )
+    if not quiet:
+        console.print(f"look at them with: granular-id data info {output}", soft_wrap=True, markup=False)
+
+
+record.__doc__ = TEXT_RECORD
+
+
+def _places(labels: list[str], url: str) -> dict[str, list[str]]:
+    """Return the labels to be recorded from each URL; ``sim:`` alone simulates what the label says."""
+    base, _, options = url.partition("?")
+    if base != "sim:":
+        return {url: labels}
+    return {f"sim:{label}?{options}" if options else f"sim:{label}": [label] for label in labels}
+
+
+def _recorded(recorder: Recorder, label: str, title: str, retries: int, console: Console) -> tuple[int, str]:
+    """Record until it is accepted; return how many were refused, and a line about the recording."""
+    from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
+
+    refused = 0
+    while True:
+        try:
+            recorded = recorder.record(label)
+            break
+        except CaptureError as error:
+            if error.reason.is_lasting or refused == retries:
+                raise ValueError(f"{title}: {error}") from error
+            refused += 1
+            said = f"{title}: refused, {error}; once more"
+            console.print(said, style="yellow", soft_wrap=True, markup=False)
+    one = recorded.recording
+    begin = one.trigger_index or 0
+    rise_n = float(one.wrench[begin:, 0].mean() - one.wrench[: begin or 1, 0].mean())
+    late = f", up to {1e3 * one.meta['late_s']:.0f} ms late" if "late_s" in one.meta else ""
+    return (
+        refused,
+        f"{title}: {one.n_samples} samples{late}, mean fx {rise_n:+.2f} N over rest, {recorded.path}",
+    )
+
+
+def _check_truth(console: Console, label: str, stream: Stream) -> None:
+    """Warn where a source that knows what it measures knows better."""
+    truth = stream.truth
+    if truth not in (None, label):
+        said = f"warning: recorded as {label!r}, but {stream.info.name} says that it was {truth!r}"
+        console.print(said, style="yellow", soft_wrap=True, markup=False)
+
+
+class _Prompt:
+    """Says when a push may begin; otherwise nothing is seen of a recorder that waits."""
+
+    def __init__(self, console: Console, *, by_hand: bool) -> None:
+        self._console, self._by_hand = console, by_hand
+        self._said: Capture | None = None
+
+    def __call__(self, _: Step, capture: Capture) -> None:
+        if capture.state.value == "armed" and self._said is not capture:
+            self._said = capture
+            self._console.print("ready: push now" if self._by_hand else "ready", style="bold")
+
+
+def _wait_for(title: str) -> None:
+    """Give a person time to change the material, and to bring an arm back to where its push begins."""
+    if sys.stdin.isatty():
+        asked = f"{title}: press Enter when material and tool are in place"
+        try:
+            typer.prompt(asked, default="", show_default=False)
+        except typer.Abort:  # what a prompt makes of Ctrl-C
+            raise KeyboardInterrupt from None

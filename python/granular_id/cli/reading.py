@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,34 +13,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
+from granular_id._text import counted, verb
 from granular_id.cli.errors import in_options
-from granular_id.cli.groups import option
-from granular_id.cli.sentences import loaded_text, skipped_text
-from granular_id.cli.settings import positive
+from granular_id.cli.method import option, positive
 
 if TYPE_CHECKING:
-    from granular_id.recording import Dataset
-
-__all__ = [
-    "ACCEPT",
-    "PANEL",
-    "Accepted",
-    "ArrayName",
-    "Handling",
-    "LabelName",
-    "MaxFileMb",
-    "OnError",
-    "OnTimeError",
-    "Reading",
-    "RecordedHz",
-    "Repair",
-    "TimeUnit",
-    "Topic",
-    "load_settings",
-    "loaded",
-    "say_loaded",
-]
-
+    from granular_id.recording import Dataset, StepReport
 PANEL = "Recordings"
 
 
@@ -201,3 +181,122 @@ def loaded(path: Path, settings: Mapping[str, Any], *, quiet: bool) -> Dataset:
         skippable = isinstance(error, RecordingFileError) and error.skippable
         hint = "; add --on-error skip to leave such files out" if skippable else ""
         raise ValueError(in_options(str(error), rate_option="--recorded-hz") + hint) from None
+
+
+# Files and folders to identify, as one data set.
+
+
+def load_all(paths: Sequence[Path], settings: Mapping[str, Any], *, quiet: bool) -> Dataset:
+    """Read several files and folders into one data set.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Of any format.
+    settings : mapping
+        See `granular_id.cli.reading.load_settings`.
+    quiet : bool
+        No progress.
+
+    Returns
+    -------
+    Dataset
+        Of several paths, recordings are named after the path they came from.
+    """
+    from granular_id.recording import Dataset  # noqa: PLC0415 (--help must not wait for numpy)
+
+    parts = [loaded(path, settings, quiet=quiet) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
+    named = [
+        Dataset([replace(r, name=_place(path, r.name, alone=len(part) == 1)) for r in part], part.history)
+        for path, part in zip(paths, parts, strict=True)
+    ]
+    return Dataset.concatenate(named)
+
+
+def _place(path: Path, name: str, *, alone: bool) -> str:
+    if path.is_dir():
+        return str(path / name)
+    return str(path) if alone else f"{path}: {name}"
+
+
+# What was read and left out, in words.
+
+MOST_LINES = 10
+
+
+def loaded_text(data: Dataset) -> str:
+    """Say what was read: numbers, length and rate, and else only what deserves mention.
+
+    Parameters
+    ----------
+    data : Dataset
+        As loaded: the last step of its history is the reading.
+
+    Returns
+    -------
+    str
+        One line, and one more for each remark.
+    """
+    report = data.history[-1]
+    lengths = [recording.n_samples for recording in data]
+    lines = [", ".join((_size(data), f"{_span(lengths)} {_times(data, max(lengths))}"))]
+    skipped = skipped_text(report)
+    lines += [skipped] if skipped else []
+    repaired = [row["name"] for row in report.rows if row.get("moved") or row.get("merged")]
+    if repaired:
+        moved, merged = (report.totals.get(name, 0) for name in ("moved_samples", "merged_samples"))
+        did = [f"{counted(moved, 'sample')} moved"] * bool(moved) + [f"{merged} merged"] * bool(merged)
+        lines.append(f"time repaired in {_named(repaired, ' (' + ', '.join(did) + ')')}")
+    remarks: dict[str, list[str]] = {}
+    for row in report.rows:
+        if row.get("remark"):
+            remarks.setdefault(row["remark"], []).append(row["name"])
+    lines += [f"{remark}, in {_named(names)}" for remark, names in remarks.items()]
+    return "\n".join((*lines, *(f"note: {note}" for note in report.notes)))
+
+
+def skipped_text(report: StepReport) -> str:
+    """Name what a step left out because it could not be used; empty when nothing was."""
+    reading = report.step == "load"
+    rows = [row for row in report.rows if "skipped" in row]
+    if not rows:
+        return ""
+    lines = [f"{counted(len(rows), 'file' if reading else 'recording')} skipped:"]
+    # The problem of a file names it, with its folder.
+    lines += [f"  {'' if reading else row['name'] + ': '}{row['skipped']}" for row in rows[:MOST_LINES]]
+    if len(rows) > MOST_LINES:
+        lines.append(f"  ... and {len(rows) - MOST_LINES} more")
+    return "\n".join(lines)
+
+
+def excluded_text(before: Dataset, after: Dataset) -> str:
+    """Say which materials ``--exclude`` left out, and what remains."""
+    counts = Counter(recording.label for recording in before if recording.label not in after.labels)
+    out = ", ".join(f"{label or 'no label'} ({counted(n, 'recording')})" for label, n in counts.items())
+    return f"--exclude left out {out}; {_size(after)} remain"
+
+
+def _named(names: Sequence[str], remark: str = "") -> str:
+    shown = ", ".join(names[:MOST_LINES]) + (" ..." if len(names) > MOST_LINES else "")
+    return f"{counted(len(names), 'recording')}{remark}: {shown}"
+
+
+def _size(data: Dataset) -> str:
+    return f"{counted(len(data), 'recording')}, {counted(len(data.labels), 'material')}"
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
+def _times(data: Dataset, longest: int) -> str:
+    rates = [recording.rate_hz for recording in data if recording.rate_hz is not None]
+    irregular = len(data) - len(rates)
+    samples = verb(longest, "sample", "samples")
+    if not rates:
+        return f"{samples}, irregular in time"
+    remark = f", {irregular} of them irregular in time" if irregular else ""
+    return f"{samples} at {_span(rates)} Hz{remark}"

@@ -10,12 +10,10 @@ from rich.console import Console
 from rich.text import Text
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
-from granular_id.cli.method import Method, Weights
+from granular_id.cli.method import Method, Weights, at_least, chosen_spaces, option, taking
+from granular_id.cli.prepare import Steps, equal_recordings
 from granular_id.cli.reading import Reading
-from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import Force, Outputs, repeated_command, say_written
-from granular_id.cli.settings import at_least, chosen_spaces
 
 __all__ = ["select"]
 
@@ -69,8 +67,8 @@ def select(
     method.fits(steps.preparation.rate_hz)
     chosen = None
     if spaces:
-        from granular_id.evaluation.plan import in_paper_order  # noqa: PLC0415 (slow to import)
-        from granular_id.selection.candidates import refuse_own_classifiers  # noqa: PLC0415
+        from granular_id.evaluation.candidates import refuse_own_classifiers  # noqa: PLC0415
+        from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415 (slow to import)
         from granular_id.spaces import feature_spaces  # noqa: PLC0415
 
         known = feature_spaces()
@@ -81,9 +79,9 @@ def select(
         notes = method.unused_in(chosen, Weights.plain) if chosen else []
         data = equal_recordings(reading, steps, quiet=quiet)
 
-        from granular_id.cli.render import print_table  # noqa: PLC0415 (slow to import)
-        from granular_id.selection import DEFAULT_SPACES  # noqa: PLC0415
-        from granular_id.selection import select as select_space  # noqa: PLC0415
+        from granular_id.cli.session import print_table  # noqa: PLC0415 (slow to import)
+        from granular_id.evaluation.candidates import DEFAULT_SPACES  # noqa: PLC0415
+        from granular_id.evaluation.selection import select as select_space  # noqa: PLC0415
 
         for note in [] if quiet else notes:
             typer.echo(f"note: {note}")

@@ -2,49 +2,44 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import os
 import re
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar
 
+from rich import box
 from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
 
 from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target, made_folder
-from granular_id.cli.groups import option
+from granular_id._text import Table
+from granular_id.cli.method import option
+from granular_id.evaluation.checkpoint import RUN, OtherEvaluationError
+from granular_id.evaluation.tables import (
+    PAPER_NOTE,
+    accuracy_table,
+    choice_tables,
+    comparison_tables,
+    confusion_table,
+    controls_table,
+    mistakes_table,
+    seconds_table,
+)
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
     from granular_id.evaluation import EvaluationResult
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
-
-__all__ = [
-    "ANSWERS",
-    "JSON_FILE",
-    "LIVE_ANSWERS",
-    "MODEL",
-    "PAGE",
-    "PICTURE",
-    "PREDICTIONS",
-    "RERUN_LOG",
-    "Force",
-    "Kind",
-    "Output",
-    "Outputs",
-    "Run",
-    "check_outputs",
-    "evaluate_and_show",
-    "repeated_command",
-    "say_written",
-]
-
-
 Force = Annotated[
     bool, option("--force", "Output", "Replace files that are there, where they are of the same kind.")
 ]
@@ -116,7 +111,7 @@ class Outputs:
         """Figures that would be replaced; which of all there will be depends on the evaluation."""
         if self.figures is None or not any(self.figures.glob("*.png")):
             return []
-        from granular_id.evaluation.report.files import FIGURES  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.report.figures import FIGURES  # noqa: PLC0415 (matplotlib is an extra)
 
         paths = (self.figures / f"{name}.png" for name in FIGURES)
         return [path for path in paths if path.exists()]
@@ -133,7 +128,7 @@ class Outputs:
                 write(path)
                 written.append(path)
         if self.figures is not None:
-            from granular_id.evaluation.report import figures  # noqa: PLC0415 (matplotlib is an extra)
+            from granular_id.report import figures  # noqa: PLC0415 (matplotlib is an extra)
 
             written += figures(result, self.figures, "png", space=space)
         return written
@@ -207,8 +202,6 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
     quiet : bool
         Accuracies only, no progress.
     """
-    from granular_id.cli.kept import kept_for  # noqa: PLC0415 (slow to import: --help must not wait)
-    from granular_id.cli.render import print_result  # noqa: PLC0415
     from granular_id.evaluation import evaluate  # noqa: PLC0415
 
     command = repeated_command()
@@ -255,3 +248,190 @@ def repeated_command() -> str:
         by_package = started.name == "__main__.py" and started.parent.name == "granular_id"
         program = ["python", "-m", "granular_id" if by_package else "granular_id.cli"]
     return shlex.join([*program, *sys.argv[1:]])
+
+
+# Results on a terminal: the same figures as the plain-text tables, with colour and wrapping.
+
+
+def print_result(console: Console, result: EvaluationResult, space: str | None, *, brief: bool) -> None:
+    """Print accuracies with gaps and notes; unless `brief` controls, comparison, choices, confusion and seconds too.
+
+    Parameters
+    ----------
+    console : Console
+    result : EvaluationResult
+    space : str or None
+        Whose confusion matrix; None: the best of the strictest protocol that ran.
+    brief : bool
+        The table of accuracies only, without gaps and notes.
+    """
+    accuracies = accuracy_table(result)
+    if brief:
+        footnotes = tuple(note for note in accuracies.notes if note == PAPER_NOTE)
+        print_table(console, replace(accuracies, notes=footnotes), strong=result.synthetic)
+        return
+    print_table(console, accuracies, strong=result.synthetic)
+    if result.controls:
+        print_table(console, controls_table(result))
+    for table in (*comparison_tables(result)[:1], *choice_tables(result)):
+        print_table(console, table)
+    # The matrix of the protocol that flatters least; the report and the figures have all of them.
+    protocol = result.strictest or result.protocols[0]
+    chosen = space or result.best_space(protocol)
+    matrix = confusion_table(result, chosen, protocol)
+    fits = _width(matrix) <= console.width
+    print_table(console, matrix if fits else mistakes_table(result, chosen, protocol), tight=fits)
+    print_table(console, seconds_table(result))
+
+
+def print_table(console: Console, table: Table, *, strong: bool = False, tight: bool = False) -> None:
+    """Print one table with its title above and its notes below."""
+    console.print()
+    console.print(Text(table.title, style="bold yellow" if strong else "bold"))
+    if table.rows:
+        drawn = RichTable(
+            box=box.SIMPLE_HEAD,
+            show_edge=False,
+            pad_edge=False,
+            padding=(0, 0) if tight else (0, 0, 0, 1),
+            header_style="bold",
+        )
+        for i, name in enumerate(table.header):
+            drawn.add_column(Text(name), justify="right" if i else "left", no_wrap=tight)
+        for row in table.rows:
+            drawn.add_row(*(Text(cell) for cell in row))
+        console.print(drawn)
+    for note in table.notes:
+        console.print(Text(note), highlight=False)
+
+
+def _width(table: Table) -> int:
+    rows = (table.header, *table.rows)
+    return sum(max(len(row[i]) for row in rows) + 1 for i in range(len(table.header))) - 1
+
+
+# Where an interrupted command keeps what it has finished, so that the same command goes on from there.
+
+try:
+    import fcntl
+except ImportError:  # Windows: two processes with the same command at once are not kept apart there
+    fcntl = None  # type: ignore[assignment]
+
+
+CACHE = "GRANULAR_ID_CACHE"
+"""Environment variable: the folder for finished work, instead of granular-id in the user's cache."""
+
+T = TypeVar("T")
+
+
+class Kept(KeyboardInterrupt):
+    """Ctrl-C in a command that keeps what it has finished; the text says what to do about it."""
+
+
+class Work:
+    """A folder for finished work, or None where none can be had."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+
+    def going_on(self, work: Callable[[Path | None], T]) -> T:
+        """Do some work that goes on from the folder; from the start where the recordings have changed since."""
+        try:
+            return work(self.folder)
+        except OtherEvaluationError:
+            self.forget()
+            return work(self.folder)
+
+    def finished(self) -> int:
+        """Count what is kept."""
+        return 0 if self.folder is None else sum(path.name != RUN for path in self.folder.glob("*.json"))
+
+    def forget(self) -> None:
+        """Remove what is kept."""
+        if self.folder is not None:
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+
+@contextmanager
+def kept_for(command: str, *, fresh: bool) -> Iterator[Work]:
+    """Keep finished work while the block runs, and when Ctrl-C or a crash ends it; forget it when it ends well.
+
+    Parameters
+    ----------
+    command : str
+        What was typed: the same words in the same folder mean the same work, with --force or without.
+    fresh : bool
+        Forget what an earlier run has left.
+
+    Yields
+    ------
+    Work
+        Below ``$GRANULAR_ID_CACHE``, or ``granular-id`` in the user's cache (``~/.cache``); without a folder where
+        that cannot be written.
+
+    Raises
+    ------
+    Kept
+        On Ctrl-C, if anything was finished.
+    """
+    words = [word for word in shlex.split(command) if word not in ("--fresh", "--force")]
+    mark = hashlib.blake2b("\n".join((str(Path.cwd()), *words)).encode(), digest_size=8).hexdigest()
+    with _held(_cache(), mark) as folder:
+        work = Work(folder)
+        if fresh:
+            work.forget()
+        yield from _kept_in(work)
+
+
+def _kept_in(work: Work) -> Iterator[Work]:
+    try:
+        yield work
+    except BaseException as stop:
+        finished = work.finished()
+        if not finished:
+            work.forget()
+        elif isinstance(stop, KeyboardInterrupt):
+            raise Kept(
+                f"Interrupted: {finished} finished partitions are kept; the same command goes on from there "
+                "(--fresh starts over)."
+            ) from None
+        raise
+    work.forget()
+
+
+@contextmanager
+def _held(root: Path, mark: str) -> Iterator[Path | None]:
+    """Give a folder that no other process uses meanwhile; None where there is none to be had.
+
+    A home that is read-only, or the same command running twice, must not stop an evaluation: it runs without.
+    """
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        lock = (root / f"{mark}.lock").open("w")
+    except OSError:
+        yield None
+        return
+    with lock:
+        try:
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            yield None
+            return
+        try:
+            yield root / mark
+        finally:
+            if not (root / mark).exists():
+                Path(lock.name).unlink(missing_ok=True)
+
+
+def _cache() -> Path:
+    if os.environ.get(CACHE):
+        return Path(os.environ[CACHE])
+    if os.environ.get("XDG_CACHE_HOME"):
+        root = Path(os.environ["XDG_CACHE_HOME"])
+    elif sys.platform == "win32" and os.environ.get("LOCALAPPDATA"):
+        root = Path(os.environ["LOCALAPPDATA"])
+    else:
+        root = Path.home() / ".cache"
+    return root / "granular-id"

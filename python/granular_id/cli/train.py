@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import json as json_format
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
+from rich.text import Text
 
 from granular_id.cli.errors import guarded
-from granular_id.cli.groups import option, taking
-from granular_id.cli.method import ONE_VS_ONE, BlockWeights, Method, Space, Weights
-from granular_id.cli.model import print_model
+from granular_id.cli.method import (
+    ONE_VS_ONE,
+    BlockWeights,
+    Method,
+    Space,
+    Weights,
+    at_least,
+    between,
+    option,
+    positive,
+    taking,
+)
+from granular_id.cli.prepare import Steps, equal_recordings
 from granular_id.cli.reading import Reading
-from granular_id.cli.recordings import Steps, equal_recordings
 from granular_id.cli.session import (
     JSON_FILE,
     MODEL,
@@ -23,14 +35,11 @@ from granular_id.cli.session import (
     repeated_command,
     say_written,
 )
-from granular_id.cli.settings import at_least, between, positive
 
 if TYPE_CHECKING:
+    from granular_id.identifier import Identifier
     from granular_id.identifier.training import Training
     from granular_id.recording import Dataset
-
-__all__ = ["train"]
-
 TEXT = """
 Train a model on all recordings and write it into one file, which `granular-id identify` and `granular-id live` use.
 
@@ -167,15 +176,104 @@ train.__doc__ = TEXT
 def _extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> list[Path]:
     """Write the figure and the JSON file that were asked for."""
     from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
-    from granular_id.identifier.over_time import over_time  # noqa: PLC0415
+    from granular_id.identifier.held_out import over_time  # noqa: PLC0415
 
     course = None
     if training.held is not None:
         course = over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)
     if figure is not None and course is not None:
-        from granular_id.plotting.over_time import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.plotting.evaluation import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
 
         plot_over_time(course, path=figure)
     if json is not None:
         write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})
     return [path for path in (figure, json) if path is not None]
+
+
+# ``granular-id model``: what is in a model file.
+
+model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
+
+TEXT_MODEL = """
+Say what a model was trained on, which materials it knows, what it takes, how well it did on recordings held out, and
+when it answers early.
+
+The file is checked as strictly as for use: what this prints is a model that works.
+
+Examples:
+
+`granular-id model info kitchen.safetensors`
+
+`granular-id model info kitchen.safetensors --json kitchen.json`
+"""
+
+OUTPUT_MODEL = "Output"
+
+
+@model.command("info")
+@guarded
+def info(
+    file: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+    *,
+    json: Annotated[Path | None, option("--json", OUTPUT_MODEL, "Write everything but the weights.")] = None,
+    force: Force = False,
+) -> None:
+    """Print what is in a model file; see `TEXT_MODEL`."""
+    check_outputs(("--json", json, JSON_FILE), source=file, force=force)
+
+    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
+
+    identifier = Identifier.load(file)
+    console = Console(highlight=False)
+    print_model(console, identifier)
+    if json is not None:
+        from granular_id._files import write_json  # noqa: PLC0415
+
+        write_json(json, _everything(identifier))
+        say_written(console, [json], None)
+
+
+info.__doc__ = TEXT_MODEL
+
+
+def print_model(console: Console, identifier: Identifier, *, brief: bool = False) -> None:
+    """Print what a model is and what may be expected of it; when brief, only the latter."""
+    from granular_id.identifier.metadata import description, promises  # noqa: PLC0415 (slow to import)
+
+    lines = promises(identifier) if brief else [*description(identifier), *promises(identifier)]
+    for line in lines:
+        console.print(Text(line, style="bold yellow" if "SYNTHETIC" in line else ""), soft_wrap=True)
+
+
+def _plain(spec: Any) -> dict[str, object]:
+    """Say what is extracted, in types that JSON knows."""
+    said = dict(spec.__getnewargs_ex__()[1])
+    said = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in said.items()}
+    bands = getattr(spec, "bands", None)
+    return said if bands is None else said | {"bands": bands, "block_sizes": spec.block_sizes}
+
+
+def _everything(identifier: Identifier) -> dict[str, object]:
+    core = identifier.core
+    metadata = dict(core.metadata)
+    return {
+        **{
+            name: metadata[name]
+            for name in sorted(metadata)
+            if name not in ("axes", "units", "trained", "lead_s")
+        },
+        "classes": list(identifier.classes),
+        "space": identifier.space,
+        "spec": _plain(core.spec),
+        "n_samples": identifier.n_samples,
+        "rate_hz": identifier.rate_hz,
+        "lead_s": identifier.lead_s,
+        "axes": list(identifier.axes),
+        "units": json_format.loads(metadata["units"]),
+        "n_features": core.n_features,
+        "n_learners": core.n_learners,
+        "loss": core.loss,
+        "decoding": core.decoding,
+        "early": None if core.early is None else core.early.tolist(),
+        "trained": identifier.trained,
+    }

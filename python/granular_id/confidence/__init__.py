@@ -9,17 +9,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id.confidence.assessing import assess
+    from granular_id.confidence.assess import Confidence, assess
     from granular_id.confidence.calibration import Reliability, reliability
-    from granular_id.confidence.conformal import ConformalRule
-    from granular_id.confidence.conformal_fit import conformal_rule
+    from granular_id.confidence.conformal import ConformalRule, conformal_rule
     from granular_id.confidence.coverage import CoverageResult, coverage_study
     from granular_id.confidence.held_out import HeldOutScores, held_out_scores
-    from granular_id.confidence.leave_one_out import leave_one_material_out
-    from granular_id.confidence.open_set import OpenSetResult
-    from granular_id.confidence.result import Confidence
-    from granular_id.confidence.unknown import UnknownRule
-    from granular_id.confidence.unknown_fit import unknown_rule
+    from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
+    from granular_id.confidence.unknown import UnknownRule, unknown_rule
 
 __all__ = [
     "Confidence",

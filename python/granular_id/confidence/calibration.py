@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._checks import whole_number
 from granular_id._files import write_json
-from granular_id._numbers import whole_number
-from granular_id.confidence.conformal_fit import fit_temperature
+from granular_id._text import Table, percent
+from granular_id.confidence.conformal import fit_temperature, softmax
 from granular_id.confidence.held_out import HeldOutScores
-from granular_id.confidence.nonconformity import softmax
-from granular_id.evaluation.tables import Table, percent
 
 __all__ = ["Bin", "Reliability", "probabilities_of", "reliability"]
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize_scalar
 
 from granular_id.confidence._stored import Reader
-from granular_id.confidence.nonconformity import KINDS, nonconformity
-
-__all__ = ["ConformalRule", "checked_levels", "rank_of", "rows_needed"]
+from granular_id.confidence.held_out import HeldOutScores
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -244,3 +244,146 @@ def rows_needed(level: float) -> int:
     while rank_of(n, level) > n:
         n += 1
     return n
+
+
+# Thresholds of prediction sets, from scores of rows that did not train.
+
+IntArray = npt.NDArray[np.intp]
+
+LEVELS = (0.8, 0.9, 0.95)
+"""Default coverages: the usual ones; 0.95 needs 19 calibration rows."""
+
+_LOG_RANGE = 12.0  # temperatures from e^-12 to e^12 of the spread of the values
+_LEAST = 1e-300
+
+
+def conformal_rule(
+    scored: HeldOutScores,
+    levels: Sequence[float] = LEVELS,
+    *,
+    kind: str = "margin",
+    per_class: bool = False,
+) -> ConformalRule:
+    """Set the thresholds of prediction sets.
+
+    Parameters
+    ----------
+    scored : HeldOutScores
+        Calibration rows. Where each was scored by the one model that decides in the end (split), the coverage is
+        guaranteed; where by models of a cross-fit, it comes close: see ``docs/confidence.md`` for how close.
+    levels : sequence of float, default `LEVELS`
+        Wanted coverages in (0, 1).
+    kind : str, default "margin"
+        A key of `KINDS`. The margin gives the smallest sets with a linear model, and needs no probabilities.
+    per_class : bool, default False
+        A threshold for each class (Mondrian): each material alone is covered as often as wanted. Each class then
+        needs as many rows as otherwise all have together.
+
+    Returns
+    -------
+    ConformalRule
+        Its `notes` say where there were too few rows.
+
+    Examples
+    --------
+    >>> from sklearn.datasets import load_iris
+    >>> from granular_id.confidence import conformal_rule, held_out_scores
+    >>> from granular_id.confidence.held_out import rows_of
+    >>> from granular_id.ecoc import ECOCClassifier
+    >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
+    >>> rule = conformal_rule(scored, [0.9])
+    >>> covered = rule.sets(scored.scores.values)[range(150), scored.truth]
+    >>> float(covered.mean()) >= 0.9
+    True
+    """
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {kind!r}")
+    wanted = checked_levels(levels)
+    values, truth = scored.scores.values, scored.truth
+    temperature = 1.0 if kind == "margin" else fit_temperature(values, truth)
+    own = nonconformity(values, kind, temperature)[np.arange(len(truth)), truth]
+    parts = [own[truth == k] for k in range(len(scored.classes))] if per_class else [own]
+    return ConformalRule(
+        scored.classes,
+        kind,
+        wanted,
+        tuple(tuple(conformal_quantile(part, level) for part in parts) for level in wanted),
+        tuple(len(part) for part in parts),
+        temperature,
+        scored.held_out,
+    )
+
+
+def conformal_quantile(scores: FloatArray, level: float) -> float:
+    """Return the ceil((n + 1) level)-th smallest of n scores; infinite where that is more than n.
+
+    Examples
+    --------
+    >>> conformal_quantile(np.arange(9.0), 0.9), conformal_quantile(np.arange(8.0), 0.9)
+    (8.0, inf)
+    """
+    rank = rank_of(len(scores), level)
+    return math.inf if rank > len(scores) else float(np.partition(scores, rank - 1)[rank - 1])
+
+
+def fit_temperature(values: FloatArray, truth: IntArray) -> float:
+    """Temperature that makes class values (n, K) the likeliest logarithms of probabilities.
+
+    Source: Guo, Pleiss, Sun, Weinberger, "On calibration of modern neural networks" (ICML 2017), section 4.2.
+    """
+    spread = float(values.std()) or 1.0
+    rows = np.arange(len(truth))
+
+    def loss(log_temperature: float) -> float:
+        shares = softmax(values / (spread * math.exp(log_temperature)))[rows, truth]
+        return -float(np.log(np.maximum(shares, _LEAST)).mean())
+
+    found = minimize_scalar(loss, bounds=(-_LOG_RANGE, _LOG_RANGE), method="bounded")
+    return spread * math.exp(float(found.x))
+
+
+# How badly each class fits a row, by its class values: what sets of classes are made of.
+#
+# Source: Romano, Sesia, Candes, "Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative
+# score; Sadinle, Lei, Wasserman, "Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the
+# probability score.
+
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "margin": "the best other value minus the own",
+        "probability": "minus the own probability",
+        "cumulative": "the probability of all classes down to the own, the likeliest first",
+    }
+)
+"""How badly a class fits a row, by name."""
+
+
+def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArray:
+    """How badly each class fits, by a kind of `KINDS`, for class values (..., K).
+
+    Examples
+    --------
+    >>> nonconformity(np.array([3.0, 1.0, 2.0]), "margin", 1.0).tolist()
+    [-1.0, 2.0, 1.0]
+    """
+    if kind == "margin":
+        order = np.argpartition(values, -2, axis=-1)[..., -2:]
+        two = np.take_along_axis(values, order, axis=-1)
+        margins: FloatArray = two[..., 1:] - values
+        np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
+        return margins
+    shares = softmax(values / temperature)
+    if kind == "probability":
+        return -shares
+    order = np.argsort(-shares, axis=-1, kind="stable")
+    cumulative = np.empty_like(shares)
+    sums = np.take_along_axis(shares, order, axis=-1).cumsum(axis=-1)
+    np.put_along_axis(cumulative, order, sums, axis=-1)
+    return cumulative
+
+
+def softmax(values: FloatArray) -> FloatArray:
+    """Shares (..., K) proportional to the exponentials of values (..., K)."""
+    powers = np.exp(values - values.max(axis=-1, keepdims=True))
+    shares: FloatArray = powers / powers.sum(axis=-1, keepdims=True)
+    return shares

@@ -11,16 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from joblib import Parallel, delayed
 
+from granular_id._checks import whole_number
 from granular_id._files import write_json
-from granular_id._numbers import whole_number
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id.confidence.conformal import checked_levels, rank_of
-from granular_id.confidence.conformal_fit import LEVELS, conformal_rule
-from granular_id.confidence.held_out import held_out_scores, scores_of, without_fixed_steps
-from granular_id.confidence.rows import Rows, rows_of
-from granular_id.evaluation.partition import Partition, splittable_rows
-from granular_id.evaluation.tables import Table, percent
+from granular_id._text import Table, percent
+from granular_id.confidence.conformal import LEVELS, checked_levels, conformal_rule, rank_of
+from granular_id.confidence.held_out import Rows, held_out_scores, rows_of, scores_of, without_fixed_steps
 from granular_id.recording import Dataset
+from granular_id.splits import Partition, splittable_rows
 
 __all__ = ["CoverageResult", "Covered", "coverage_study", "random_partition"]
 

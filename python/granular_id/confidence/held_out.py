@@ -16,11 +16,19 @@ from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
-from granular_id.confidence.rows import Rows
-from granular_id.evaluation.partition import Partition
-from granular_id.spaces import learns
-
-__all__ = ["HeldOutScores", "Scores", "held_out_scores", "scores_of", "without_fixed_steps"]
+from granular_id._estimators import asked_for, learns
+from granular_id.recording import Dataset
+from granular_id.splits import (
+    Partition,
+    block_partitions,
+    chronological_partitions,
+    describe_order,
+    kfold_partitions,
+    protocol_name,
+    session_partitions,
+    splittable_rows,
+    why_no_sessions,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -129,7 +137,7 @@ def held_out_scores(
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence.held_out import held_out_scores
-    >>> from granular_id.confidence.rows import rows_of
+    >>> from granular_id.confidence.held_out import rows_of
     >>> from granular_id.ecoc import ECOCClassifier
     >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
     >>> scored.scores.values.shape, scored.scores.binary.shape, round(scored.accuracy, 2)
@@ -217,3 +225,238 @@ def _groups(rows: Rows, tested: IntArray) -> IntArray:
     if rows.sessions is None:
         return np.arange(len(tested), dtype=np.intp)
     return np.unique(rows.sessions[tested], return_inverse=True)[1].astype(np.intp)
+
+
+# Recordings or features with their labels, and the strictest folds that they allow.
+
+N_FOLDS = 5
+"""Sessions or blocks in time are held out in so many folds: larger blocks have fewer neighbours that train."""
+
+N_RANDOM_FOLDS = 10
+"""Random folds: nine tenths of the rows train. With five, sets come out up to 2 points too large where rows are few."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows to learn from, with what is known of how they were recorded.
+
+    Attributes
+    ----------
+    X : ndarray, shape (n, ...)
+        Whatever the model takes: recordings (n, T, C) or features (n, D).
+    codes : ndarray of int, shape (n,)
+        Class of each row, an index into `classes`.
+    classes : tuple of str
+        Sorted labels.
+    sessions : ndarray of str, shape (n,), or None
+        None where the session of some row is not known.
+    order : ndarray of int, shape (n,), or None
+        Rows from the earliest to the latest; None where that is not known.
+    no_order : str
+        Why there is no order; empty where there is one.
+    synthetic : bool
+    """
+
+    X: npt.NDArray[Any]
+    codes: IntArray
+    classes: tuple[str, ...]
+    sessions: npt.NDArray[np.str_] | None
+    order: IntArray | None
+    no_order: str = ""
+    synthetic: bool = False
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @property
+    def labels(self) -> npt.NDArray[np.str_]:
+        """Label of each row (n,)."""
+        named: npt.NDArray[np.str_] = np.array(self.classes)[self.codes]
+        return named
+
+    def take(self, rows: IntArray) -> Rows:
+        """Return some of the rows, in the order given, with the classes that they hold."""
+        kept, codes = np.unique(self.codes[rows], return_inverse=True)
+        order = None
+        if self.order is not None:
+            order = np.argsort(np.argsort(self.order)[rows], kind="stable")
+        return replace(
+            self,
+            X=self.X[rows],
+            codes=codes.astype(np.intp),
+            classes=tuple(self.classes[k] for k in kept),
+            sessions=None if self.sessions is None else self.sessions[rows],
+            order=order,
+        )
+
+    def trained(self, model: Any) -> Any:
+        """Return a clone of a model, fitted on the rows; one that asks is told their sessions and their order."""
+        known = asked_for(model, {"sessions": self.sessions, "order": self.order})
+        return clone(model).fit(self.X, self.labels, **known)
+
+    def folds(
+        self, n_folds: int | None = None, *, seed: int = 0, strict: bool = True
+    ) -> tuple[list[Partition], str]:
+        """Folds in which every row is tested once, and a line on what they hold out.
+
+        Whole sessions where every class has two or more; else contiguous blocks in time of each class; else, or
+        when not `strict`, stratified random folds. Default: `N_FOLDS`, or `N_RANDOM_FOLDS` random ones.
+
+        Raises
+        ------
+        ValueError
+            A class with a single row, or one class only.
+        """
+        largest = max(own.size for own in splittable_rows(self.labels, "cross-fitting").values())
+        n_random = min(N_RANDOM_FOLDS if n_folds is None else n_folds, largest)
+        n_folds = min(N_FOLDS if n_folds is None else n_folds, largest)
+        if strict and self._has_sessions:
+            folds = session_partitions(self.codes, self.sessions, max_folds=n_folds)  # type: ignore[arg-type]
+            return folds, f"{len(folds)} folds of whole sessions"
+        if strict and self.order is not None:
+            return (
+                block_partitions(self.codes, self.order, n_folds=n_folds),
+                f"{n_folds} blocks of each class in time order",
+            )
+        why = f" ({self._why_lenient})" if strict else ""
+        return kfold_partitions(self.codes, n_folds=n_random, seed=seed), f"{n_random} random folds{why}"
+
+    def honest(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
+        """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
+        if not self._has_sessions and self.order is not None:
+            splittable_rows(self.labels, "chronological")
+            halves = chronological_partitions(self.codes, self.order)
+            return halves, protocol_name(halves[0].protocol, halves)
+        folds, _ = self.folds(n_folds, seed=seed)
+        return folds, protocol_name(folds[0].protocol, folds)
+
+    def refuse_few(self, n_folds: int | None = None) -> None:
+        """Refuse materials of which `honest` or random partitions would train on a single row.
+
+        Nothing could be held out within such a part, and a fit long after others would say so.
+
+        Raises
+        ------
+        ValueError
+            Naming the materials, their counts and what is needed.
+        """
+        counts = np.bincount(self.codes)
+        in_halves = not self._has_sessions and self.order is not None
+        needed = 4 if in_halves or n_folds == 2 else 3
+        few, why = (
+            counts < needed,
+            f"at least {needed} of each are needed, so that 2 train while others are held out",
+        )
+        if in_halves:
+            why = "at least 4 of each are needed, so that either half in time order holds 2"
+        if self._has_sessions and not few.any():
+            trains = [
+                np.bincount(self.codes[part.train], minlength=len(counts)) for part in self.honest(n_folds)[0]
+            ]
+            few, why = (
+                np.min(trains, axis=0) < 2,
+                "at least 2 of each must train while whole sessions are held out",
+            )
+        if few.any():
+            names = [repr(name) for name, is_few in zip(self.classes, few.tolist(), strict=True) if is_few]
+            said = ", ".join(f"{name} ({n})" for name, n in zip(names, counts[few].tolist(), strict=True))
+            raise ValueError(
+                f"too few recordings of {said}: {why}; leave out {', '.join(names)}, or record more"
+            )
+
+    @property
+    def _has_sessions(self) -> bool:
+        return not why_no_sessions(self.codes, self.sessions)
+
+    @property
+    def _why_lenient(self) -> str:
+        why = why_no_sessions(self.codes, self.sessions)
+        return f"{why}; {self.no_order}" if self.no_order else why
+
+
+def rows_of(
+    data: Dataset | Rows | npt.ArrayLike,
+    y: npt.ArrayLike | None = None,
+    *,
+    sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
+    in_time_order: bool = False,
+) -> Rows:
+    """Take a data set, or arrays, as rows.
+
+    Parameters
+    ----------
+    data : Dataset, Rows or array-like, shape (n, ...)
+        Recordings with labels, sessions and times; or what the model takes, with labels in `y`. Rows stay as they are.
+    y : array-like, shape (n,), optional
+        Labels, of arrays only.
+    sessions : sequence of n str, optional
+        Session of each row, of arrays only.
+    in_time_order : bool, default False
+        Rows of arrays stand in the order in which they were recorded. A data set knows its order itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Labels that are missing, given twice or do not fit the rows; fewer than two classes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.confidence.held_out import rows_of
+    >>> rows = rows_of(np.zeros((6, 2)), ["a", "b"] * 3, in_time_order=True)
+    >>> rows.classes, rows.folds(3)[1]
+    (('a', 'b'), '3 blocks of each class in time order')
+    """
+    if isinstance(data, Dataset | Rows):
+        if y is not None or sessions is not None:
+            raise ValueError("y and sessions come from the data set: leave them out, or pass data.X as data")
+        return data if isinstance(data, Rows) else _of_dataset(data)
+    if y is None:
+        raise ValueError("y must hold a label for each row where data is an array, got None")
+    X = np.asarray(data)
+    labels = np.asarray(y)
+    if labels.ndim != 1 or X.ndim < 2 or len(labels) != len(X):
+        raise ValueError(
+            f"data (n, ...) and y (n,) must hold a row and a label each, got shapes {X.shape} and {labels.shape}"
+        )
+    known = None
+    if sessions is not None:
+        given = list(sessions)
+        if len(given) != len(X):
+            raise ValueError(f"sessions must hold one for each of the {len(X)} rows, got {len(given)}")
+        known = _known(given)
+    order = np.arange(len(X)) if in_time_order else None
+    no_order = "" if in_time_order else "no order in time is known"
+    return _checked(X, labels, known, order, no_order)
+
+
+def _of_dataset(data: Dataset) -> Rows:
+    order, no_order = None, ""
+    try:
+        describe_order(data.start_times, data.y, data.names)
+    except ValueError as why:
+        no_order = str(why)
+    else:
+        order = np.asarray(data.chronological_order()[0], dtype=np.intp)
+    return _checked(data.X, data.y, _known(data.sessions.tolist()), order, no_order, data.is_synthetic)
+
+
+def _checked(
+    X: npt.NDArray[Any],
+    labels: npt.NDArray[Any],
+    sessions: npt.NDArray[np.str_] | None,
+    order: IntArray | None,
+    no_order: str,
+    synthetic: bool = False,
+) -> Rows:
+    classes, codes = np.unique(labels.astype(np.str_), return_inverse=True)
+    if len(classes) < 2:
+        raise ValueError(f"confidence needs rows of at least 2 classes, got {len(classes)}")
+    names = tuple(classes.tolist())
+    return Rows(X, codes.astype(np.intp), names, sessions, order, no_order, synthetic)
+
+
+def _known(sessions: Sequence[Any]) -> npt.NDArray[np.str_] | None:
+    if any(session is None or session == "" for session in sessions):
+        return None
+    return np.array([str(session) for session in sessions], dtype=np.str_)

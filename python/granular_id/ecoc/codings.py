@@ -10,28 +10,17 @@ are those of MATLAB's `designecoc`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
 from types import MappingProxyType
 
 import numpy as np
+import numpy.typing as npt
 
-from granular_id.ecoc.coding_matrix import CodingMatrix, own_coding
-from granular_id.ecoc.random_codings import best_random, n_dense, n_sparse
-from granular_id.ecoc.training import named
-
-__all__ = [
-    "CODINGS",
-    "MAX_LEARNERS",
-    "Coding",
-    "binarycomplete",
-    "design",
-    "onevsall",
-    "onevsone",
-    "ordinal",
-    "ternarycomplete",
-]
+from granular_id._checks import named
+from granular_id._parallel import single_threaded_blas
 
 MAX_LEARNERS = 100_000
 """More columns than this are refused. It admits all ternary columns of 11 classes (86,526)."""
@@ -231,3 +220,178 @@ def design(coding: object, n_classes: int, rng: np.random.Generator) -> CodingMa
 def _at_least_two(n_classes: int) -> None:
     if n_classes < 2:
         raise ValueError(f"n_classes must be at least 2, got {n_classes}")
+
+
+# Random coding matrices: of 10,000 draws the one whose closest two rows are farthest apart.
+#
+# Source: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141, section 6: dense matrices
+# of about 10 log2 K columns of +1 and -1, sparse ones of about 15 log2 K columns in which half of the entries are 0.
+
+CodingMatrix = npt.NDArray[np.int8]
+
+_DRAWS = 10_000
+# Entries drawn at a time: large enough for numpy to be fast, small enough for a few tens of megabytes.
+_BLOCK_ENTRIES = 1_000_000
+
+
+def n_dense(n_classes: int) -> int:
+    """Columns of a dense random matrix for K classes: 10 log2 K, rounded up."""
+    return math.ceil(10 * math.log2(n_classes))
+
+
+def n_sparse(n_classes: int) -> int:
+    """Columns of a sparse random matrix for K classes: 15 log2 K, rounded up."""
+    return math.ceil(15 * math.log2(n_classes))
+
+
+def best_random(n_classes: int, n_learners: int, rng: np.random.Generator, *, zeros: bool) -> CodingMatrix:
+    """Draw coding matrices and keep the one with the largest smallest distance between two rows.
+
+    A column without both signs, and one equal to an earlier column or to its negative, is drawn again.
+
+    Parameters
+    ----------
+    n_classes, n_learners : int
+        K and L; fewer columns than there are different ones.
+    rng : numpy.random.Generator
+        Same state, same matrix.
+    zeros : bool
+        Entries 0 with probability 1/2, +1 and -1 with 1/4 each; without zeros +1 and -1 with 1/2 each.
+
+    Returns
+    -------
+    ndarray of int8, shape (K, L)
+        Of equally good draws the first.
+    """
+    values = np.array([0, 0, 1, -1] if zeros else [1, -1], dtype=np.int8)
+    # Equal columns have equal sums, exact in float64. Other columns that meet by chance are drawn again too.
+    bits = 52 - math.ceil(math.log2(n_classes))
+    keys = rng.integers(1, 2**bits, size=n_classes).astype(np.float64)
+    best, best_distance = np.empty(0, dtype=np.int8), -1.0
+    step = max(1, _BLOCK_ENTRIES // (n_classes * n_learners))
+    for start in range(0, _DRAWS, step):
+        size = min(step, _DRAWS - start)
+        drawn = _draw(rng, values, (size, n_learners, n_classes))
+        _replace_unusable(drawn, keys, rng, values)
+        distance = smallest_distance(drawn)
+        winner = int(distance.argmax())
+        if distance[winner] > best_distance:
+            best, best_distance = drawn[winner].T.copy(), float(distance[winner])
+    return best
+
+
+def smallest_distance(columns: CodingMatrix) -> npt.NDArray[np.float32]:
+    """Smallest distance between two rows of each of B coding matrices, given as their columns (B, L, K).
+
+    The distance of rows a and b is half the sum of ``|m_al| |m_bl| |m_al - m_bl|``: the number of learners
+    that see both classes on different sides.
+    """
+    signs = columns.astype(np.float32)  # whole numbers below 2^24: exact
+    shown = np.abs(signs)
+    # Learners that see both, minus those on whose sides they agree, plus those where they differ: twice the latter.
+    # In one thread: on a busy machine handing out thousands of small products costs more than making them.
+    with single_threaded_blas():
+        differ = (shown.transpose(0, 2, 1) @ shown - signs.transpose(0, 2, 1) @ signs) / 2
+    diagonal = np.arange(columns.shape[2])
+    differ[:, diagonal, diagonal] = np.inf
+    smallest: npt.NDArray[np.float32] = differ.min(axis=(1, 2))
+    return smallest
+
+
+def _draw(rng: np.random.Generator, values: CodingMatrix, shape: tuple[int, ...]) -> CodingMatrix:
+    drawn: CodingMatrix = values[rng.integers(0, len(values), size=shape, dtype=np.uint8)]
+    return drawn
+
+
+def _replace_unusable(
+    drawn: CodingMatrix, keys: npt.NDArray[np.float64], rng: np.random.Generator, values: CodingMatrix
+) -> None:
+    """Draw columns anew, in place, until those of each matrix (B, L, K) are usable and all different."""
+    pending = np.arange(len(drawn))
+    key = np.abs(drawn @ keys)
+    while len(pending):
+        columns, own_key = drawn[pending], key[pending]
+        order = own_key.argsort(axis=1, kind="stable")
+        ranked = np.take_along_axis(own_key, order, axis=1)
+        unusable = np.zeros(own_key.shape, dtype=bool)
+        np.put_along_axis(unusable, order[:, 1:], ranked[:, 1:] == ranked[:, :-1], axis=1)
+        unusable |= (columns.max(axis=2) != 1) | (columns.min(axis=2) != -1)
+        matrix, learner = np.nonzero(unusable)
+        fresh = _draw(rng, values, (len(matrix), drawn.shape[2]))
+        drawn[pending[matrix], learner] = fresh
+        key[pending[matrix], learner] = np.abs(fresh @ keys)
+        pending = pending[unusable.any(axis=1)]
+
+
+# A coding matrix, checked: its learners can be trained, and the classes told apart.
+
+
+def check_coding_matrix(coding_matrix: npt.ArrayLike) -> CodingMatrix:
+    """Return `coding_matrix` as int8 after checking that it can be learned and decoded.
+
+    Parameters
+    ----------
+    coding_matrix : array-like, shape (K, L)
+        Entries -1, 0, +1; each column with both signs, each row with at least one entry that is not 0.
+
+    Raises
+    ------
+    ValueError
+        Wrong rank, other entries, a column without both signs, an empty row.
+    """
+    given = np.asarray(coding_matrix)
+    if given.ndim != 2 or given.shape[0] < 2 or given.shape[1] < 1:
+        raise ValueError(
+            f"coding_matrix must have shape (n_classes >= 2, n_learners >= 1), got shape {given.shape}"
+        )
+    if given.dtype.kind not in "biuf" or not ((given == 1) | (given == 0) | (given == -1)).all():
+        raise ValueError("coding_matrix must hold -1, 0 and +1 only")
+    matrix = given.astype(np.int8)
+    one_sided = (matrix.max(axis=0) != 1) | (matrix.min(axis=0) != -1)
+    if one_sided.any():
+        raise ValueError(f"coding_matrix column {one_sided.argmax()} must hold both +1 and -1")
+    unseen = ~matrix.any(axis=1)
+    if unseen.any():
+        raise ValueError(f"coding_matrix row {unseen.argmax()} is all 0: no learner ever sees this class")
+    return matrix
+
+
+def own_coding(coding: object, n_classes: int) -> CodingMatrix:
+    """Check a user's coding matrix against the number of classes; rows and columns must differ.
+
+    Raises
+    ------
+    TypeError
+        Not a matrix of numbers.
+    ValueError
+        As `check_coding_matrix`; another number of rows than classes; equal rows (classes that are never told
+        apart); columns that are equal, or the negative of each other (the same learner twice).
+    """
+    try:
+        given = np.asarray(coding)
+        is_matrix = given.dtype.kind in "biuf" and given.ndim > 0
+    except ValueError:  # rows of different lengths
+        is_matrix = False
+    if not is_matrix:
+        raise TypeError(f"coding must be the name of a design or a matrix of -1, 0 and +1, got {coding!r}")
+    matrix = check_coding_matrix(given)
+    if len(matrix) != n_classes:
+        raise ValueError(f"coding must have {n_classes} rows, one per class, got shape {matrix.shape}")
+    # A column and its negative make the same learner: compare them with their first sign +.
+    leading = matrix[(matrix != 0).argmax(axis=0), np.arange(matrix.shape[1])]
+    for what, lines, why in (
+        ("rows", matrix, "these classes are never told apart"),
+        ("columns", (matrix * leading).T, "the same learner twice, but for the sign"),
+    ):
+        first, again = _first_repeated(lines)
+        if again >= 0:
+            raise ValueError(f"coding {what} {first} and {again} are alike: {why}")
+    return matrix
+
+
+def _first_repeated(lines: CodingMatrix) -> tuple[int, int]:
+    """Return the indices of a line and of its first repetition, (-1, -1) when all differ."""
+    _, first, inverse = np.unique(lines, axis=0, return_index=True, return_inverse=True)
+    original = first[inverse.ravel()]  # numpy 2.0.0 shaped the inverse differently
+    repeated = np.flatnonzero(original != np.arange(len(lines)))
+    return (int(original[repeated[0]]), int(repeated[0])) if len(repeated) else (-1, -1)

@@ -11,11 +11,10 @@ import numpy.typing as npt
 from sklearn.base import is_classifier
 from sklearn.utils.validation import has_fit_parameter
 
-from granular_id._seeds import seeded_clone
-from granular_id.ecoc.coding_matrix import CodingMatrix
-from granular_id.ecoc.learners import line_scores
-from granular_id.ecoc.moments import mean_and_deviation
-from granular_id.ecoc.task import Task, checked_task, over_learners
+from granular_id._estimators import seeded_clone
+from granular_id.ecoc.codings import CodingMatrix
+from granular_id.ecoc.learners import line_scores, mean_and_deviation
+from granular_id.ecoc.training import Task, checked_task, over_learners
 
 __all__ = ["EstimatorLearner", "EstimatorLearners", "check_estimator", "fit_estimators", "score_range"]
 

@@ -11,15 +11,17 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id._arrays import float_array
-from granular_id.ecoc.coding_matrix import CodingMatrix
-from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.dual_svm import BinarySolution, NotSeparableError, solve_binary
-from granular_id.ecoc.one_vs_one import OneVsOneGuess, one_vs_one_guess
-from granular_id.ecoc.task import Task, checked_gram, checked_task, over_learners
-from granular_id.ecoc.training import checked_cost
-
-__all__ = ["DualLearners", "LinearLearner", "fit_dual", "fit_learners", "line_scores"]
+from granular_id._checks import float_array
+from granular_id.ecoc.codings import CodingMatrix, onevsone
+from granular_id.ecoc.svm import (
+    BinarySolution,
+    NotSeparableError,
+    OneVsOneGuess,
+    one_vs_one_guess,
+    solve_binary,
+)
+from granular_id.ecoc.training import Task, checked_cost, checked_gram, checked_task, over_learners
+from granular_id.gram import linear_gram
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -255,3 +257,153 @@ def _solve(
             stacklevel=2,
         )
     return solution
+
+
+# Linear learners in the space of their features: dual solutions turned into weights.
+
+
+@dataclass(frozen=True)
+class PrimalLearners:
+    """Learners whose score is ``coef @ x + intercept``.
+
+    Attributes
+    ----------
+    coef : ndarray, shape (L, D)
+    intercept : ndarray, shape (L,)
+    dual : DualLearners
+        The same learners as weighted sums of rows (centred, and scaled when standardised).
+    """
+
+    coef: FloatArray
+    intercept: FloatArray
+    dual: DualLearners
+
+    def scores(self, rows: FloatArray) -> FloatArray:
+        """Scores (m, L) of features (m, D)."""
+        return line_scores("X", rows, self.coef, self.intercept)
+
+
+def primal_of(
+    dual: DualLearners,
+    rows: FloatArray,
+    moments: Sequence[tuple[FloatArray, FloatArray]],
+) -> PrimalLearners:
+    """Learners in the units of the features, from their dual form.
+
+    Parameters
+    ----------
+    dual : DualLearners
+        Trained on the scalar products of ``(rows - mean) / deviation``.
+    rows : ndarray, shape (n, D)
+        Training rows.
+    moments : sequence of (mean, deviation)
+        For each learner, shapes (D,) or what broadcasts to it.
+    """
+    coef = dual.dual_coef @ rows
+    intercept = dual.intercept.copy()
+    for learner, (mean, deviation) in enumerate(moments):
+        # The multipliers sum to 0 up to rounding: taking off the rest keeps a large offset harmless.
+        coef[learner] -= dual.dual_coef[learner].sum() * mean
+        coef[learner] /= deviation  # once for each factor of a scaled product: a square could underflow
+        coef[learner] /= deviation
+        intercept[learner] -= coef[learner] @ mean
+    return PrimalLearners(coef, intercept, dual)
+
+
+def fit_shared(
+    rows: FloatArray,
+    origin: FloatArray,
+    gram: FloatArray,
+    codes: IntArray,
+    matrix: CodingMatrix,
+    **options: Any,
+) -> PrimalLearners:
+    """Train each column of a coding matrix on one Gram matrix.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, D)
+        Features, finite.
+    origin : ndarray, shape (D,)
+        Point about which the products are taken.
+    gram : ndarray, shape (n, n)
+        ``linear_gram(rows, center=origin)``.
+    codes : ndarray of int, shape (n,)
+        Class index of each row.
+    matrix : ndarray of int8, shape (K, L)
+        Codes -1, 0, +1.
+    **options
+        Of `granular_id.ecoc.learners.fit_dual`.
+    """
+    dual = fit_dual(gram, codes, matrix, **options)
+    return primal_of(dual, rows, [(origin, np.ones(1))] * matrix.shape[1])
+
+
+def fit_standardized(
+    rows: FloatArray,
+    codes: IntArray,
+    matrix: CodingMatrix,
+    *,
+    sample_weight: FloatArray | None,
+    **options: Any,
+) -> PrimalLearners:
+    """Train each column of a coding matrix on features centred and scaled within the rows of that learner.
+
+    Parameters
+    ----------
+    rows, codes, matrix
+        As in `fit_shared`.
+    sample_weight : ndarray, shape (n,), or None
+        Non-negative weights, of the moments too.
+    **options
+        Others of `granular_id.ecoc.learners.fit_dual`.
+
+    Returns
+    -------
+    PrimalLearners
+        In the units of `rows`.
+    """
+    moments: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+    def gram_of(learner: int, members: IntArray) -> FloatArray:
+        own = rows[members]
+        weights = None if sample_weight is None else sample_weight[members]
+        mean, deviation = moments[learner] = mean_and_deviation(own, weights)
+        return linear_gram(own, center=mean, scale=deviation)
+
+    dual = fit_learners(gram_of, len(rows), codes, matrix, sample_weight=sample_weight, **options)
+    return primal_of(dual, rows, [moments[learner] for learner in range(matrix.shape[1])])
+
+
+# Mean and deviation of features, as each learner sees them.
+
+
+def mean_and_deviation(rows: FloatArray, weights: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Weighted mean and population standard deviation of each column; infinite for a constant column.
+
+    Divided by infinity, a feature that says nothing becomes exactly 0, and so does its weight.
+
+    Raises
+    ------
+    ValueError
+        Columns whose sum is beyond the range of float64.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        mean = np.average(rows, axis=0, weights=weights)
+    if not np.isfinite(mean).all():
+        raise ValueError(
+            f"X is too large to standardize (up to {np.abs(rows).max():.3g}): its sums leave the range of float64"
+        )
+    # Rounding leaves a constant column a deviation that is not quite 0.
+    constant = rows.min(axis=0) == rows.max(axis=0)
+    relative = rows - mean
+    # In units of the largest, so that squares neither overflow nor vanish.
+    largest = np.maximum(relative.max(axis=0), -relative.min(axis=0))
+    constant |= largest == 0
+    largest[constant] = np.inf
+    relative /= largest
+    np.square(relative, out=relative)
+    deviation = largest * np.sqrt(
+        np.average(relative, axis=0, weights=weights), where=~constant, out=np.ones_like(mean)
+    )
+    return mean, deviation

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import made_folder, whole_file
-from granular_id.evaluation.chosen import Chosen
-from granular_id.evaluation.partition import Partition
-from granular_id.evaluation.task import STAGES, Answer
+from granular_id.evaluation.scoring import STAGES, Answer
 from granular_id.recording import Dataset
+from granular_id.spaces.candidates import Chosen
+from granular_id.splits import Partition
 
 __all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]
 

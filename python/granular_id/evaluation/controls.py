@@ -19,15 +19,13 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id._words import fixed, listed
+from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.gram_engine import GramBank
-from granular_id.evaluation.partition import Partition
-from granular_id.evaluation.plan import Space
-from granular_id.evaluation.protocol_names import protocol_name
-from granular_id.evaluation.task import Task
+from granular_id.evaluation.gram import GramBank
+from granular_id.evaluation.scoring import Space, Task
 from granular_id.recording import Dataset
 from granular_id.spaces import RawSignal, TimePermutation
+from granular_id.splits import Partition, protocol_name
 
 __all__ = ["Control", "PlannedControl", "judge", "plan_controls"]
 

@@ -13,32 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
+from granular_id._estimators import describe_estimator, seeded_clone, versions
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id._seeds import seeded_clone
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
 from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
-from granular_id.evaluation.describe import (
-    describe_data,
-    describe_estimator,
-    not_drawn,
-    versions,
-    warnings_in,
-)
-from granular_id.evaluation.gram_engine import GramBank, plan_for
-from granular_id.evaluation.one_space import run_space
-from granular_id.evaluation.origins import origins_of
-from granular_id.evaluation.partition import Partition
-from granular_id.evaluation.plan import Space, plan_seed, plan_spaces
-from granular_id.evaluation.portrait import Portrait, portrait
-from granular_id.evaluation.protocols import plan_partitions, plan_protocols
-from granular_id.evaluation.result import EvaluationResult
-from granular_id.evaluation.summary import SpaceSummary
-from granular_id.evaluation.task import SpaceRun, Task
+from granular_id.evaluation.gram import GramBank, plan_for
+from granular_id.evaluation.report_data import Portrait, not_drawn, portrait
+from granular_id.evaluation.result import EvaluationResult, SpaceSummary
+from granular_id.evaluation.scoring import Space, SpaceRun, Task, plan_seed, plan_spaces, run_space
 from granular_id.recording import Dataset
+from granular_id.recording.setup import describe_data, warnings_in
 from granular_id.spaces import FeatureSpace
-
-__all__ = ["evaluate"]
+from granular_id.splits import Partition, origins_of, plan_partitions, plan_protocols
 
 Codes = NDArray[np.intp]
 T = TypeVar("T")

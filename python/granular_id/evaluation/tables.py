@@ -7,67 +7,27 @@ same figures.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular_id._percent import whole_percent
-from granular_id.evaluation.describe import of_check
-from granular_id.evaluation.protocol_names import are_blocks, protocol_name
-from granular_id.evaluation.task import STAGES
+from granular_id._text import Table, counted, percent, whole_percent
+from granular_id.evaluation.scoring import STAGES
+from granular_id.recording.setup import of_check
+from granular_id.spaces.candidates import Chosen
+from granular_id.splits import are_blocks, protocol_name
 from granular_id.synthetic.materials import PAPER_MATERIALS
 
 if TYPE_CHECKING:
+    from granular_id.evaluation.compare import Comparison
     from granular_id.evaluation.result import EvaluationResult
-
-__all__ = [
-    "Table",
-    "accuracy_table",
-    "comparison_tables",
-    "confusion_table",
-    "controls_table",
-    "gap_lines",
-    "marked",
-    "mistakes_table",
-    "recall_table",
-    "seconds_table",
-    "shows_paper",
-]
-
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
 SMALL_GAP = 0.01
 """A gap below one point is called none."""
 
 _GAPS_IN_WORDS = 3
-
-
-@dataclass(frozen=True)
-class Table:
-    """A title, a header, rows of text (first column left, others right aligned) and notes below."""
-
-    title: str
-    header: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    notes: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        widths = [max(len(row[i]) for row in (self.header, *self.rows)) for i in range(len(self.header))]
-
-        def line(cells: tuple[str, ...]) -> str:
-            first = cells[0].ljust(widths[0])
-            rest = (cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))
-            return "  ".join((first, *rest)).rstrip()
-
-        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
-        return "\n".join(
-            (self.title, rule, line(self.header), rule, *map(line, self.rows), rule, *self.notes)
-        )
-
-
-def percent(share: float | None, digits: int = 1) -> str:
-    """Format a share of 1 as percent; ``-`` when there is none."""
-    return "-" if share is None or math.isnan(share) else f"{100 * share:.{digits}f} %"
 
 
 def accuracy_table(result: EvaluationResult) -> Table:
@@ -278,3 +238,162 @@ def _train_per_class(result: EvaluationResult, protocol: str) -> str:
     ]
     low, high = int(np.min(sizes)), int(np.max(sizes))
     return str(low) if low == high else f"{low} to {high}"
+
+
+# Tables of what the spaces that choose took: over all partitions, and in each of them.
+
+_MOST_ROWS = 40
+"""Partitions that the second table lists; more are in the JSON file."""
+
+
+def choice_tables(result: EvaluationResult) -> tuple[Table, ...]:
+    """Say what each space that chooses took: over all partitions, then in each of them; none without such a space.
+
+    Parameters
+    ----------
+    result : EvaluationResult
+
+    Returns
+    -------
+    tuple of Table
+        Two a space.
+    """
+    found: list[Table] = []
+    for space in result.spaces:
+        of_protocol = {
+            protocol: result.chosen[protocol, space.name]
+            for protocol in result.protocols
+            if (protocol, space.name) in result.chosen
+        }
+        if of_protocol:
+            found += [_over_all(result, space.name, of_protocol), _of_each(result, space.name, of_protocol)]
+    return tuple(found)
+
+
+def _over_all(result: EvaluationResult, space: str, of_protocol: Mapping[str, Sequence[Chosen]]) -> Table:
+    """How often each machine was taken, and its mean accuracy on the folds that chose."""
+    every = [one for each in of_protocol.values() for one in each]
+    taken = {
+        protocol: Counter(k for one in each for k in one.chosen) for protocol, each in of_protocol.items()
+    }
+    rows = []
+    for k, name in enumerate(every[0].machines):
+        inside = [one.accuracies[k] for one in every if one.accuracies]
+        counts = (f"{taken[protocol][k]} of {len(each)}" for protocol, each in of_protocol.items())
+        rows.append((f"{k + 1} {name}", *counts, percent(float(np.mean(inside)) if inside else None)))
+    names = [protocol_name(protocol, result.partitions[protocol]) for protocol in of_protocol]
+    notes = [
+        f"{name}: chosen on {note}"
+        for name, each in zip(names, of_protocol.values(), strict=True)
+        for note in dict.fromkeys(one.note for one in each)
+    ]
+    seed = result.space(space).settings.get("own_classifier", {}).get("random_state")
+    if seed is not None:
+        notes.append(f"seed of random folds: {seed}; the model is the mean of the machines that were taken")
+    title = f"What {space} chose: machines taken, of the partitions that trained{marked(result)}"
+    return Table(title, ("machine", *names, "held-out accuracy"), tuple(rows), tuple(notes))
+
+
+def _of_each(result: EvaluationResult, space: str, of_protocol: Mapping[str, Sequence[Chosen]]) -> Table:
+    """Machines by number, their accuracy on the folds that chose, and what the partition measured."""
+    rows = [
+        (
+            f"{protocol_name(protocol, result.partitions[protocol])}, {partition.description}",
+            " ".join(str(k + 1) for k in one.chosen),
+            percent(one.together),
+            percent(float(tested)),
+        )
+        for protocol, each in of_protocol.items()
+        for partition, one, tested in zip(
+            result.partitions[protocol], each, result.accuracies(space, protocol), strict=True
+        )
+    ]
+    notes = [
+        "held out: the machines together, on the recordings of the training that chose them, so too good; "
+        "tested: on the recordings of the partition"
+    ]
+    if len(rows) > _MOST_ROWS:
+        notes.append(f"and {len(rows) - _MOST_ROWS} more partitions: the JSON file has all")
+    title = f"What {space} chose in each partition{marked(result)}"
+    return Table(
+        title, ("partition", "machines", "held out", "tested"), tuple(rows[:_MOST_ROWS]), tuple(notes)
+    )
+
+
+# A whole evaluation as plain text.
+
+
+def plain_text(result: EvaluationResult) -> str:
+    """Accuracies with gaps and notes, controls, comparisons, what was chosen, then seconds."""
+    controls = (controls_table(result),) if result.controls else ()
+    parts = (
+        accuracy_table(result),
+        *controls,
+        *comparison_tables(result),
+        *choice_tables(result),
+        seconds_table(result),
+    )
+    return "\n\n".join(map(str, parts))
+
+
+# The pairs of a comparison as a table, with a note on each column that needs one.
+
+MANN_WHITNEY_MARK = (
+    "† Mann-Whitney, as the paper reports it, but far too small: it takes partitions that share recordings for "
+    "independent. With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data "
+    "sets, not in 1 of 20."
+)
+
+
+def comparison_table(comparison: Comparison, of: str | None = None) -> Table:
+    """Return all pairs, or those of one method against each other one; see `Comparison.table`."""
+    if of is None:
+        pairs = comparison.pairs
+    elif of in comparison.names:
+        pairs = tuple(comparison.pair(of, other) for other in comparison.names if other != of)
+    else:
+        raise ValueError(f"of must be one of {', '.join(map(repr, comparison.names))}, got {of!r}")
+    count = comparison.n_partitions
+    where = f", {comparison.protocol} protocol" if comparison.protocol else ""
+    title = f"Differences in accuracy on the same {counted(count, 'partition')}{where}"
+    why_not = (comparison.why_not,) if comparison.why_not else ()
+    if not comparison.testable:
+        plain = tuple((pair.first, pair.second, _points(pair.difference)) for pair in pairs)
+        return Table(title, ("first", "second", "points"), plain, why_not)
+    header = ("first", "second", "points", "U test†", "p", "Holm", "worse", "equal", "better")
+    rows = tuple(
+        (
+            pair.first,
+            pair.second,
+            _points(pair.difference),
+            *map(_p, (pair.mann_whitney_p, pair.corrected_p, pair.holm_p)),
+            *map(probability, (pair.worse, pair.equivalent, pair.better)),
+        )
+        for pair in pairs
+    )
+    tests = sum(not math.isnan(pair.corrected_p) for pair in comparison.pairs)
+    notes = (
+        MANN_WHITNEY_MARK,
+        "p: corrected resampled t-test (Nadeau & Bengio 2003); "
+        f"Holm: the same, adjusted for {counted(tests, 'pair')}",
+        "worse, equal, better: probability that the first is so, equal meaning within "
+        f"{100 * comparison.rope:g} % (Bayesian correlated t-test, Corani & Benavoli 2015)",
+    )
+    return Table(title, header, rows, (*notes, *why_not))
+
+
+def _points(difference: float) -> str:
+    return f"{100 * difference:+.2f}"
+
+
+def _p(value: float) -> str:
+    if math.isnan(value):
+        return "-"
+    return "<0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def probability(value: float) -> str:
+    """Format a probability so that almost sure and almost impossible keep their rest; ``-`` for NaN."""
+    if math.isnan(value):
+        return "-"
+    return f"{whole_percent(100 * value) if value > 0 else '0'} %"

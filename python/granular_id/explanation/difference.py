@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.utils.validation import column_or_1d
+from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import check_is_fitted, column_or_1d
 
 from granular_id._columns import wrench_of
+from granular_id._estimators import real_steps
+from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.bands import BandExplanation
-from granular_id.explanation.naming import named
-from granular_id.explanation.pairs import pair_factors
 from granular_id.explanation.result import ExplainedBlock, Explanation
-from granular_id.explanation.steps import chain_of
-
-__all__ = ["explain"]
+from granular_id.spaces import FeatureBlock, RecordingFilter, feature_blocks
+from granular_id.spaces.base import axis_names
+from granular_id.spaces.best import BestClassifier
+from granular_id.spaces.multiband import BandColumns, band_columns
+from granular_id.spaces.scaling import LINEAR_STEPS, folded_back, is_linear_step
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,7 +76,7 @@ def explain(
     Notes
     -----
     The score is that of the learner trained on the two materials, positive for `first`. A coding other than
-    one-vs-one may have none: `granular_id.explanation.pairs.pair_factors` says which sum takes its place.
+    one-vs-one may have none: `granular_id.explanation.difference.pair_factors` says which sum takes its place.
 
     The bins of a histogram hold a fixed number of samples in all: what one gains another loses. Contributions of
     single bins are to be read with their neighbours.
@@ -172,3 +176,189 @@ def _rows_of(label: Any, labels: npt.NDArray[Any], *, given: bool) -> npt.NDArra
             f"{missing} {str(label)!r}: without recordings of both materials there is no difference"
         )
     return rows
+
+
+# Which steps of a model lead from recordings to columns, and which on to the classifier, and the way back.
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A fitted model in three parts.
+
+    Attributes
+    ----------
+    space : Pipeline
+        From recordings to columns with a meaning: filters and one feature space.
+    after : tuple of transformers
+        From columns to what the classifier sees; each an affine map.
+    classifier : ECOCClassifier or BestClassifier
+        With linear learners.
+    blocks : tuple of FeatureBlock
+        What the columns stand for.
+    bands : BandColumns or None
+        What the columns stand for in the multi-band space; `blocks` then hold only those read along one coordinate.
+    """
+
+    space: Pipeline
+    after: tuple[Any, ...]
+    classifier: ECOCClassifier | BestClassifier
+    blocks: tuple[FeatureBlock, ...]
+    bands: BandColumns | None = None
+
+    def columns_and_scores(
+        self, recordings: npt.NDArray[Any], factors: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Columns (n, D) of recordings (n, T, C), and weighted sums (n,) of the learners' scores."""
+        columns = features = self.space.transform(recordings)
+        for step in self.after:  # not as arrays: a step fitted on a data frame wants its names again
+            features = step.transform(features)
+        weights, offset = factors @ self.classifier.coef_, factors @ self.classifier.intercept_
+        scores: FloatArray = np.asarray(features, dtype=np.float64) @ weights + offset
+        return np.asarray(columns, dtype=np.float64), scores
+
+    def weights_of(self, factors: FloatArray) -> FloatArray:
+        """Weight (D,) of each column in the weighted sum of the learners' scores."""
+        weights, _ = folded_back(self.after, factors @ self.classifier.coef_)
+        return weights
+
+
+def chain_of(model: Any) -> Chain:
+    """Take a fitted model apart.
+
+    Raises
+    ------
+    TypeError
+        Not a pipeline that ends in an `ECOCClassifier` with linear learners or a `BestClassifier`, or a step
+        that mixes columns in a way that cannot be followed back.
+    NotFittedError
+        Not fitted.
+    """
+    if not isinstance(model, Pipeline):
+        raise TypeError(
+            "model must be a Pipeline of a feature space and an ECOCClassifier, "
+            f"for instance make_pipeline(RawHFMH(), ECOCClassifier()), got {type(model).__name__}"
+        )
+    steps = real_steps(model)
+    classifier = steps.pop() if steps else None
+    if not isinstance(classifier, (ECOCClassifier, BestClassifier)):
+        raise TypeError(
+            f"model must end in an ECOCClassifier or a BestClassifier, got {type(classifier).__name__}"
+        )
+    check_is_fitted(classifier, "classes_")
+    if getattr(classifier, "coef_", None) is None:
+        raise TypeError(
+            "model must have linear learners, whose score is a sum over features, trained by fit: "
+            f"{classifier} has no coef_"
+        )
+    n_before = 0
+    while n_before < len(steps) and isinstance(steps[n_before], RecordingFilter):
+        n_before += 1
+    space, after = steps[: n_before + 1], steps[n_before + 1 :]
+    for step in after:
+        if not is_linear_step(step):
+            known = ", ".join(kind.__name__ for kind in LINEAR_STEPS)
+            raise TypeError(
+                f"model may have {known} between feature space and classifier, "
+                f"got {type(step).__name__}, which cannot be followed back to instants and bins"
+            )
+    before = Pipeline(
+        [(f"step{number}", step) for number, step in enumerate(space)] or [("none", "passthrough")]
+    )
+    bands = band_columns(before)
+    if bands is not None:
+        return Chain(before, tuple(after), classifier, bands.read_along(), bands)
+    try:
+        blocks = feature_blocks(before)
+    except TypeError as reason:
+        raise TypeError(f"model cannot be followed back to the recording: {reason}") from None
+    return Chain(before, tuple(after), classifier, blocks)
+
+
+# One score for two classes, as a weighted sum of the scores of binary learners.
+
+
+def pair_factors(
+    coding_matrix: npt.NDArray[np.int8], first: int, second: int, *, decoding: str
+) -> npt.NDArray[np.float64]:
+    """Factors of the learners' scores whose sum speaks for one class against another.
+
+    Learners trained on these two classes alone speak for them: with one-vs-one there is exactly one, whose
+    score is taken as it is (with several, their mean). Where the coding has none, the sum is the difference
+    between the decision values of the two classes when decoded with the linear loss (1 - m s) / 2, the only loss
+    that keeps the sum linear: each learner counts with half the difference of the two codes, each divided by
+    what the decoding divides by.
+
+    Parameters
+    ----------
+    coding_matrix : ndarray of int8, shape (K, L)
+        Codes -1, 0, +1.
+    first, second : int
+        Rows of the two classes.
+    decoding : {"loss_weighted", "loss_based"}
+        The former divides by the number of learners that know the class, the latter by L.
+
+    Returns
+    -------
+    ndarray, shape (L,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> onevsone = np.array([[1, 1, 0], [-1, 0, 1], [0, -1, -1]], dtype=np.int8)
+    >>> pair_factors(onevsone, 2, 0, decoding="loss_weighted").tolist()
+    [0.0, -1.0, 0.0]
+    >>> onevsall = 2 * np.eye(3, dtype=np.int8) - 1
+    >>> pair_factors(onevsall, 0, 1, decoding="loss_weighted").round(3).tolist()
+    [0.333, -0.333, 0.0]
+    """
+    codes = coding_matrix.astype(np.float64)
+    known = np.abs(codes)
+    alone = (known.sum(axis=0) == 2) & (codes[first] * codes[second] == -1)
+    if alone.any():
+        only: npt.NDArray[np.float64] = np.where(alone, codes[first], 0.0) / alone.sum()
+        return only + 0.0  # no negative zeros
+    divisors = known.sum(axis=1) if decoding == "loss_weighted" else np.full(len(codes), codes.shape[1])
+    factors: npt.NDArray[np.float64] = 0.5 * (
+        codes[first] / divisors[first] - codes[second] / divisors[second]
+    )
+    return factors
+
+
+# The names that recordings give their axes, in the place of those that feature spaces give by position.
+
+
+def named(chain: Chain, axes: Any, n_axes: int) -> Chain:
+    """Return a chain whose columns are told by the names of the axes.
+
+    A space calls the first of six axes fx and the first of three axis0, whatever it measures.
+
+    Parameters
+    ----------
+    chain : Chain
+    axes : sequence of str
+        Name of each axis of the recordings.
+    n_axes : int
+        Of the recordings.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Something else than one name for each axis, or one name twice.
+    """
+    if isinstance(axes, str) or not isinstance(axes, Sequence) or not all(isinstance(a, str) for a in axes):
+        raise TypeError(f"axes must be a sequence of names of axes, got {axes!r}")
+    if len(axes) != n_axes or len(set(axes)) < n_axes:
+        raise ValueError(f"axes must be {n_axes} different names, one for each axis of X, got {tuple(axes)}")
+    own = dict(zip(axis_names(n_axes), axes, strict=True))
+
+    def told(name: str) -> str:
+        return "_".join(own.get(part, part) for part in name.split("_"))
+
+    blocks = tuple(
+        replace(block, name=told(block.name), axes=tuple(own[axis] for axis in block.axes))
+        for block in chain.blocks
+    )
+    bands = chain.bands
+    if bands is not None:
+        bands = replace(bands, axes=tuple(axes), names=tuple(map(told, bands.names)))
+    return replace(chain, blocks=blocks, bands=bands)

@@ -9,10 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id.identifier.decision import Decision
+    from granular_id.identifier.held_out import OverTime, accuracy_over_time
     from granular_id.identifier.identifier import Identifier
-    from granular_id.identifier.over_time import OverTime, accuracy_over_time
-    from granular_id.identifier.streaming import StreamingIdentifier
+    from granular_id.identifier.streaming import Decision, StreamingIdentifier
 
 __all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accuracy_over_time"]
 

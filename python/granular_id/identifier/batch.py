@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from granular_id._files import TABLES, refuse_other_kind, whole_file
-from granular_id._words import counted, fixed
-from granular_id.evaluation.tables import Table, percent
-from granular_id.identifier.answers import Answers, probabilities
-from granular_id.identifier.building import fingerprint, marks_in, marks_of
+from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.held_out import margins_of
+from granular_id.identifier.identifier import Answers, probabilities
+from granular_id.identifier.training import fingerprint, marks_in, marks_of
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.recording.setup import other_setup
 
@@ -214,7 +213,7 @@ def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = (
     ----------
     model : Identifier
     data : Dataset
-        Of the length, rate and axes of the model, see `granular_id.identifier.fitting`.
+        Of the length, rate and axes of the model, see `granular_id.identifier.recipe`.
     differences : tuple of str
         What of their set-up is not as in the training, as `refuse_others` there returns it.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import available_cores
-from granular_id._threads import spread
+from granular_id._parallel import spread
 
 __all__ = ["MOST_THREADS", "Filled", "all_finite", "bulk_threads", "read_at", "row_major"]
 

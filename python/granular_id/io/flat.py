@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray, as_floats, thaw
 from granular_id.io.bulk import all_finite
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat_checks import (
@@ -34,9 +35,8 @@ from granular_id.io.flat_checks import (
 from granular_id.io.folder_save import checked_dataset, history_json
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import FloatArray, as_floats, thaw
-from granular_id.recording.axes import checked_axes
-from granular_id.recording.stacking import shared_base
+from granular_id.recording.recording import checked_axes
+from granular_id.recording.steps import shared_base
 
 RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from urllib.parse import unquote
 
-from granular_id._words import counted, verb
+from granular_id._text import counted, verb
 from granular_id.io.columns import ABOUT, LABEL, SESSION
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, read_bounded, refuse_outside

@@ -14,11 +14,11 @@ from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
 
+from granular_id._checks import thaw
 from granular_id._files import cannot_write
 from granular_id._progress import ProgressCallback
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
-from granular_id.recording._values import thaw
 
 __all__ = [
     "HISTORY_NAME",

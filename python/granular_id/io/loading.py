@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
-from granular_id._words import counted
+from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, attempt, naming
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
 from granular_id.io.formats import FORMATS, format_of

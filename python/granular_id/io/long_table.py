@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray, checked_text
 from granular_id.io.arrays.details import Entries, stated_rates
 from granular_id.io.arrays.names import Role, role_of
 from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
@@ -21,7 +22,6 @@ from granular_id.io.source import FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.io.units import factor
 from granular_id.recording import AXES, Recording
-from granular_id.recording._values import FloatArray, checked_text
 
 __all__ = ["Coded", "LongTable", "Stated", "recordings_of", "refuse_mask"]
 

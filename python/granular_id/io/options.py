@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id.recording._values import checked_rate, checked_text
+from granular_id._checks import checked_rate, checked_text
 
 MAX_TEXT_BYTES = 8 * 1024 * 1024
 """Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from granular_id._checks import checked_text, freeze, thaw
 from granular_id.io.errors import RecordingFileError
 from granular_id.recording import Recording, StepReport
-from granular_id.recording._values import checked_text, freeze, thaw
 
 __all__ = ["FileContent", "FileSource", "completed"]
 

@@ -14,7 +14,7 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.io.units import factor
 from granular_id.recording import Recording, SampleFlag
-from granular_id.recording.timing import (
+from granular_id.recording.resampling import (
     STATED_TOLERANCE,
     RepairedTime,
     largest_offset,

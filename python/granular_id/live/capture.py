@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._numbers import non_negative_number, whole_number
-from granular_id._words import fixed
+from granular_id._checks import checked_rate, non_negative_number, whole_number
+from granular_id._text import fixed
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import rate_complaint, recording_of
 from granular_id.live.clock import ArrivalClock, late_s
@@ -21,7 +21,6 @@ from granular_id.live.runs import Break, runs
 from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
 from granular_id.recording import Recording
-from granular_id.recording._values import checked_rate
 
 __all__ = ["Capture"]
 

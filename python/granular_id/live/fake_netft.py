@@ -18,12 +18,12 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granular_id._checks import as_floats, checked_rate
 from granular_id.live.fake_netft_faults import Faults, Injected
 from granular_id.live.fake_netft_page import PageServer, page_text
 from granular_id.live.fake_netft_plan import Datagram, FaultPlan
 from granular_id.live.fake_netft_signal import counts_of
 from granular_id.live.netft_page import FORCE_UNITS, SYNTHETIC_FIELD, TORQUE_UNITS
-from granular_id.recording._values import as_floats, checked_rate
 
 __all__ = ["FakeNetft"]
 

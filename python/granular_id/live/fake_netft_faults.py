@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from granular_id.recording._values import checked_number
+from granular_id._checks import checked_number
 
 __all__ = ["FATES", "STATUSES", "Faults", "Injected"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id.recording._values import checked_rate
+from granular_id._checks import checked_rate
 
 __all__ = ["counts_of", "played", "pushes"]
 

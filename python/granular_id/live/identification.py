@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
 from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.fitting import comparison
 from granular_id.identifier.held_out import N_CHECKPOINTS
+from granular_id.identifier.recipe import comparison
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
@@ -25,7 +25,7 @@ from granular_id.recording import Setup as RecordedSetup
 from granular_id.recording.setup import settled
 
 if TYPE_CHECKING:
-    from granular_id.identifier.decision import Decision
+    from granular_id.identifier.streaming import Decision
     from granular_id.live.capture import Capture
 
 __all__ = ["LiveIdentifier"]

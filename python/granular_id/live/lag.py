@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from granular_id._numbers import non_negative_number
-from granular_id._words import fixed
+from granular_id._checks import non_negative_number
+from granular_id._text import fixed
 
 __all__ = ["LagWatch"]
 

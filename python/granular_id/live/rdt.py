@@ -9,12 +9,12 @@ import math
 import weakref
 from typing import Literal
 
+from granular_id._checks import checked_rate
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_http import read_page
 from granular_id.live.netft_page import NetftPage, NetftPageError
 from granular_id.live.source import Health, SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
-from granular_id.recording._values import checked_rate
 
 __all__ = ["RdtSource", "open_url"]
 

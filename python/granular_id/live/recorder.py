@@ -11,6 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from granular_id._checks import checked_text, freeze, thaw
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
@@ -21,7 +22,6 @@ from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import checked_text, freeze, thaw
 
 if TYPE_CHECKING:
     from granular_id.live.capture import Capture

@@ -9,8 +9,8 @@ from bisect import bisect_right
 
 import numpy as np
 
-from granular_id._numbers import non_negative_number, positive_number
-from granular_id._words import counted
+from granular_id._checks import non_negative_number, positive_number
+from granular_id._text import counted
 from granular_id.io import load
 from granular_id.live.clock import host_ns
 from granular_id.live.source import SourceInfo, WrenchSink

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from granular_id._numbers import finite_number, positive_number
+from granular_id._checks import finite_number, positive_number
 from granular_id.live.clock import host_ns
 
 __all__ = ["Motion", "Pose", "Robot", "TimedMotion", "checked_move"]

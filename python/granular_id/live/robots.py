@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TextIO
 
-from granular_id._numbers import non_negative_number
+from granular_id._checks import non_negative_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, TimedMotion, checked_move
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from granular_id._words import counted, fixed, verb
+from granular_id._text import counted, fixed, verb
 from granular_id.live.capture_state import FailureReason
 from granular_id.live.rows import Rows
 from granular_id.recording import SampleFlag

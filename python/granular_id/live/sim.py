@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._numbers import positive_number, sampling_rate, whole_number
+from granular_id._checks import positive_number, sampling_rate, whole_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.sim_faults import Fault, FaultPlan

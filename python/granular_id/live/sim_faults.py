@@ -6,7 +6,7 @@ import threading
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from granular_id._numbers import finite_number, non_negative_number, whole_number
+from granular_id._checks import finite_number, non_negative_number, whole_number
 
 __all__ = ["Fault", "FaultKind", "FaultPlan"]
 

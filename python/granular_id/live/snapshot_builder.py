@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from granular_id._checks import as_floats, checked_index, checked_number, checked_rate
 from granular_id._core import AXES, UNITS
-from granular_id._words import fixed
+from granular_id._text import fixed
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
 from granular_id.live.snapshot import Outcome, Snapshot
-from granular_id.recording._values import as_floats, checked_index, checked_number, checked_rate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from granular_id.identifier.decision import Decision
+    from granular_id.identifier.streaming import Decision
     from granular_id.live.push import Push
     from granular_id.live.rows import BlockLike
 

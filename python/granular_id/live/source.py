@@ -13,9 +13,8 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from granular_id._numbers import positive_number
+from granular_id._checks import checked_rate, checked_text, freeze, positive_number, thaw
 from granular_id.live.source_url import SourceUrl
-from granular_id.recording._values import checked_rate, checked_text, freeze, thaw
 
 __all__ = ["SCHEMES", "Health", "SourceInfo", "WrenchSink", "WrenchSource", "open_source"]
 

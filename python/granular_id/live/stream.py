@@ -6,8 +6,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from granular_id._checks import positive_number
 from granular_id._core import WrenchBuffer
-from granular_id._numbers import positive_number
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "opened"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from granular_id._words import fixed
+from granular_id._text import fixed
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
 from granular_id.live.wording import (

@@ -15,7 +15,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from granular_id._words import fixed
+from granular_id._text import fixed, short
 from granular_id.live.wording import (
     GIVEN,
     SYNTHETIC,
@@ -25,13 +25,13 @@ from granular_id.live.wording import (
     score_of,
     shown_of,
 )
-from granular_id.plotting.style import AXIS_COLOURS, short
+from granular_id.recording.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.console import RenderableType
 
-    from granular_id.identifier.decision import Decision
+    from granular_id.identifier.streaming import Decision
     from granular_id.live.snapshot import Snapshot
     from granular_id.live.wording import Shown
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._numbers import positive_number
+from granular_id._checks import positive_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Motion
 from granular_id.live.rows import Rows

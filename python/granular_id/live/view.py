@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from typing_extensions import Self
 
+from granular_id._checks import checked_number
 from granular_id.live.view_thread import ViewThread
-from granular_id.recording._values import checked_number
 
 if TYPE_CHECKING:
     from granular_id.live.snapshot import Snapshot

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from granular_id._words import counted, fixed
+from granular_id._text import counted, fixed
 from granular_id.live.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from granular_id.identifier.decision import Decision
+    from granular_id.identifier.streaming import Decision
     from granular_id.live.snapshot import Outcome
 
 __all__ = [

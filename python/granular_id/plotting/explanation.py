@@ -2,33 +2,39 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.evaluation.thinning import window_starts
-from granular_id.plotting.band_explanation import draw_band_explanation
+from granular_id._core import AXES
+from granular_id._text import fixed, short
+from granular_id.evaluation.report_data import window_starts
 from granular_id.plotting.style import (
     FAINT,
     INK,
+    TICKS,
     axis_line,
+    middles_to_edges,
     new_figure,
+    number_text,
     pretty,
     quiet,
+    row_names,
     save,
     share_bars,
-    short,
 )
+from granular_id.recording.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.explanation import ExplainedBlock, Explanation
-
-__all__ = ["plot_explanation"]
-
+    from granular_id.evaluation.report_data import Portrait, WeightBlock
+    from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
+    from granular_id.spaces.multiband import Band
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80
 
@@ -179,3 +185,324 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
         return "bin, share of the range of its axis"
     what = {"time": "time", "magnitude": "bin", "frequency": "frequency"}.get(kind, kind)
     return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
+
+
+# What decides between two materials in the multi-band space: bands and axes, couplings, spectrum and level.
+
+Floats = NDArray[np.float64]
+
+# Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
+_COLOURS = "PuOr_r"
+_MATRICES = 3
+
+
+def draw_band_explanation(explanation: BandExplanation) -> Figure:
+    """Draw the parts of a figure that has no heading yet: see `granular_id.plotting.plot_explanation`."""
+    per_cent = explanation.difference > 0
+    scale, unit, digits = (
+        (100.0 / explanation.difference, "% of the difference", 1)
+        if per_cent
+        else (1.0, "units of the score", 3)
+    )
+    table = explanation.by_band_and_axis()
+    n_axes = len(explanation.columns.axes)
+    strongest = _strongest(explanation)
+    along = [part for part in explanation.blocks if part.contributions.any()]
+    heights = [
+        0.7 + 0.21 * (len(table) + 1),
+        *([3.6] if strongest else []),
+        *([0.75 + 0.3 * n_axes] if along else []),
+    ]
+    figure = new_figure(6.6, 0.5 + sum(heights))
+    parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False).ravel())
+
+    left, right = next(parts).subplots(1, 2, width_ratios=(3.2, 1.0))
+    _draw_table(left, table, explanation, scale, digits)
+    left.set_title(f"Bands and axes, {unit}", fontsize=9, color=INK)
+    _draw_bars_band_explanation(
+        right, {block: scale * total for block, total in explanation.by_block().items()}, digits
+    )
+    right.set_title("Blocks", fontsize=9, color=INK)
+    if strongest:
+        _draw_couplings(next(parts), explanation, strongest, scale, unit)
+    if along:
+        _draw_along(next(parts), along, scale, unit)
+    return figure
+
+
+def _strongest(explanation: BandExplanation) -> list[Band]:
+    """Bands of the strongest couplings, then those whose couplings hold most; from the highest down."""
+    columns = explanation.columns
+    totals = {
+        band: float(explanation.contributions[members].sum())
+        for band in columns.bands
+        if (members := columns.of(block="coupling", band=band.number)).size
+    }
+    named = [one.band for one in explanation.strongest_couplings() if one.band is not None]
+    order = [*named, *sorted(totals, key=lambda band: -totals[band])]
+    strongest = list(dict.fromkeys(order))[:_MATRICES]
+    return sorted(strongest, key=lambda band: band.number)
+
+
+def _draw_table(
+    panel: Any, table: dict[str, dict[str, float]], explanation: BandExplanation, scale: float, digits: int
+) -> None:
+    """Draw a heat map with its numbers, and sums beside and below."""
+    axes = explanation.columns.axes
+    values = scale * np.array([[of_axis[axis] for axis in axes] for of_axis in table.values()])
+    rows, across = values.shape
+    limit = float(np.abs(values).max()) or 1.0
+    panel.imshow(values, cmap=_COLOURS, vmin=-limit, vmax=limit, aspect="auto", interpolation="none")
+    sums = [(across, row, total) for row, total in enumerate(values.sum(axis=1).tolist())]
+    sums += [(column, rows, total) for column, total in enumerate(values.sum(axis=0).tolist())]
+    sums.append((across, rows, float(values.sum())))
+    inside = [(column, row, float(values[row, column])) for row in range(rows) for column in range(across)]
+    for column, row, value in [*inside, *sums]:
+        dark = column < across and row < rows and abs(value) > 0.6 * limit
+        panel.text(
+            column,
+            row,
+            number_text(value, digits if max(rows, across) < 14 else 0),
+            ha="center",
+            va="center",
+            fontsize=7.5 if across < 8 else 5.5,
+            color="white" if dark else INK,
+            fontweight="normal" if column < across and row < rows else "bold",
+        )
+    panel.set_xlim(-0.5, across + 0.5)
+    row_names(panel, [*(name.removeprefix("the ") for name in table), "sum"])
+    panel.set_xticks(range(across + 1), [*map(pretty, axes), "sum"], rotation=_turned(axes))
+    panel.tick_params(labelsize=8, colors=INK, length=0, top=False)
+    for spine in panel.spines.values():
+        spine.set_visible(False)
+
+
+def _turned(axes: Sequence[str]) -> int:
+    """Turn names that are no short symbols, where there are many."""
+    return 90 if len(axes) > 3 and not set(axes) <= set(AXES) else 0
+
+
+def _draw_bars_band_explanation(panel: Any, shares: dict[str, float], digits: int) -> None:
+    share_bars(panel, shares, ["#0072B2"] * len(shares), digits)
+    panel.margins(x=0.35)
+    panel.set_xticks([])
+    for side in ("left", "bottom"):
+        panel.spines[side].set_visible(False)
+
+
+def _draw_couplings(
+    figure: Any, explanation: BandExplanation, bands: list[Band], scale: float, unit: str
+) -> None:
+    """Draw two matrices a band: both axes at one instant, and the second one earlier."""
+    axes = explanation.columns.axes
+    n = len(axes)
+    matrices = np.full((2, len(bands), n, n), np.nan)
+    for place, band in enumerate(bands):
+        for (first, second, lag), total in explanation.by_pair(band.number).items():
+            matrices[int(lag > 0), place, axes.index(first), axes.index(second)] = scale * total
+    limit = float(np.nanmax(np.abs(matrices))) or 1.0
+    panels = figure.subplots(2, len(bands), squeeze=False)
+    earlier = max(key[2] for key in explanation.by_pair())
+    for (row, place), panel in np.ndenumerate(panels):
+        values, band = matrices[row, place], bands[place]
+        image = panel.imshow(values, cmap=_COLOURS, vmin=-limit, vmax=limit, interpolation="none")
+        for down, across in np.argwhere(values < -0.1 * limit).tolist():
+            colour = "white" if values[down, across] < -0.6 * limit else INK
+            panel.text(across, down, "\N{MINUS SIGN}", ha="center", va="center", fontsize=7, color=colour)
+        panel.set_xticks(range(n), map(pretty, axes), rotation=_turned(axes))
+        panel.set_yticks(range(n), map(pretty, axes) if place == 0 else [""] * n)
+        panel.tick_params(labelsize=7.5 if n <= 8 else 5.5, colors=INK, length=0)
+        for spine in panel.spines.values():
+            spine.set_color(FAINT)
+        if row == 0:
+            panel.set_title(str(band).removeprefix("the "), fontsize=9, color=INK)
+            panel.set_xlabel("at the same instant", fontsize=8, color=INK)
+        else:
+            panel.set_xlabel(f"columns {1e3 * earlier / band.rate_hz:.3g} ms earlier", fontsize=8, color=INK)
+    bar = figure.colorbar(image, ax=panels, pad=0.02, aspect=30, shrink=0.9)
+    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
+    bar.set_label(unit, fontsize=8, color=INK)
+    figure.suptitle("Couplings, in the bands of the strongest", fontsize=9, color=INK)
+
+
+def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: str) -> None:
+    """Draw one row of steps an axis: upward what speaks for the first material."""
+    axes = parts[0].block.axes
+    panels = figure.subplots(
+        len(axes), len(parts), squeeze=False, sharex="col", width_ratios=[2.0, 1.0][: len(parts)]
+    )
+    for number, part in enumerate(parts):
+        block, column = part.block, panels[:, number]
+        edges = middles_to_edges(block.coordinates)
+        largest = scale * float(np.abs(part.contributions).max()) or 1.0
+        for place, (axis, panel) in enumerate(zip(axes, column, strict=True)):
+            colour = axis_line(axis, place)["color"]
+            panel.stairs(scale * part.contributions[place], edges, fill=True, color=colour)
+            panel.axhline(0.0, color=FAINT, linewidth=0.6)
+            panel.set_ylim(min(0.0, scale * float(part.contributions.min())), largest)
+            quiet(panel)
+            panel.set_yticks([])
+            for side in ("left", "bottom"):
+                panel.spines[side].set_visible(side == "bottom" and place == len(axes) - 1)
+            panel.tick_params(bottom=place == len(axes) - 1, labelbottom=place == len(axes) - 1)
+            if number == 0:
+                panel.set_ylabel(pretty(axis), rotation=0, ha="right", va="center", fontsize=8.5, color=INK)
+        if block.kind == "frequency" and edges[0] > 0:
+            column[0].set_xscale("log")
+            ticks = [tick for tick in TICKS if edges[0] <= tick <= edges[-1]]
+            column[-1].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            column[-1].minorticks_off()
+        column[-1].set_xlim(edges[0], edges[-1])
+        column[0].set_title(
+            f"{block.name.capitalize()}: tallest {largest:.2g} {'%' if unit.startswith('%') else unit}",
+            fontsize=9,
+            color=INK,
+        )
+        column[-1].set_xlabel(f"{block.kind}, {block.unit}", fontsize=8, color=INK)
+
+
+# Where a linear model looks: influence over time, axis, bin and band.
+
+_ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
+
+
+def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot which instants, axes, bins and bands weigh in the decisions of a linear model fitted on all recordings.
+
+    Parameters
+    ----------
+    portrait : granular_id.evaluation.report_data.Portrait
+        For instance ``result.portrait``.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One column a block of features, two of them side by side, one row an axis. Heights are the size of a
+        weight times the standard deviation of its feature, mean over the binary learners, on one scale within a
+        block; bars of bands add up all features of a band. The per cent are the share of an axis in all decisions.
+        A block that the model does not use, as `level` where it was not chosen, is left out.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a portrait without weights: no feature space kept a link to time, axis and bin.
+
+    Examples
+    --------
+    >>> from granular_id import RawHFMH, synthesize
+    >>> from granular_id.evaluation.report_data import portrait
+    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> len(plot_weights(seen).axes)
+    12
+    """
+    if not portrait.weights:
+        raise ValueError("portrait has no weights: no feature space kept a link to time, axis and bin")
+    blocks = blocks_with_weight(portrait)
+    across = min(2, len(blocks))
+    down = math.ceil(len(blocks) / across)
+    rows = max(len(block.axes) for block in blocks)
+    figure = new_figure(0.4 + 4.2 * across, 0.4 + down * (0.5 + 0.62 * rows))
+    cells = figure.subfigures(down, across, squeeze=False).ravel()
+    for block, cell in zip(blocks, cells, strict=False):
+        column = cell.subplots(rows, 1, squeeze=False)[:, 0]
+        draw_weights(column, block)
+        column[0].set_title(block.name, fontsize=10, color=INK, parse_math=False)
+    synthetic = ", SYNTHETIC recordings" if portrait.n_synthetic else ""
+    title = f"Where the linear model of {portrait.looked_at} looks{synthetic}"
+    figure.suptitle(title, fontsize=11, color=INK, parse_math=False)
+    save(figure, path)
+    return figure
+
+
+def blocks_with_weight(portrait: Portrait) -> tuple[WeightBlock, ...]:
+    """Blocks that the model uses; all of them where it uses none."""
+    return tuple(block for block in portrait.weights if block.influence.any()) or portrait.weights
+
+
+def draw_weights(panels: Any, block: WeightBlock) -> None:
+    """Draw one block into a column of panels, one an axis; panels left over are removed."""
+    top = float(block.influence.max()) or 1.0
+    bands = block.kind == "band"
+    left, right = _reach(block, top)
+    for axis, panel in zip(block.axes, panels, strict=False):
+        number = block.axes.index(axis)
+        colour = AXIS_COLOURS[number % len(AXIS_COLOURS)]
+        if bands:
+            panel.bar(_places(block), block.influence[number], 0.94, color=colour, alpha=0.75, linewidth=0)
+        else:
+            panel.fill_between(
+                block.coordinates, block.influence[number], color=colour, alpha=0.75, linewidth=0
+            )
+        panel.set_xlim(left, right if right > left else left + 1.0)
+        panel.set_ylim(0.0, top)
+        quiet(panel)
+        panel.set_yticks([])
+        panel.spines["left"].set_visible(False)
+        share = 100 * float(block.shares[number])
+        panel.set_ylabel(
+            f"{pretty(axis)}\n{share:.1f} %", rotation=0, ha="right", va="center", fontsize=8.5, color=INK
+        )
+        last = number == len(block.axes) - 1
+        if bands:
+            _name_edges(panel, block)
+        elif _is_geometric(block):
+            panel.set_xscale("log")
+            ticks = [tick for tick in TICKS if left <= tick <= right]
+            panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+            panel.minorticks_off()
+        panel.tick_params(labelbottom=last, length=3 if last else 0, colors=INK)
+        panel.spines["bottom"].set_color(FAINT)
+    for unused in panels[len(block.axes) :]:
+        unused.remove()
+    what = _ACROSS.get(block.kind, block.kind)
+    panels[len(block.axes) - 1].set_xlabel(
+        f"{what}, {block.unit.replace(', ', ' or ')}", fontsize=8, color=INK
+    )
+
+
+def _reach(block: WeightBlock, top: float) -> tuple[float, float]:
+    """Return the first and the last coordinate to show."""
+    if block.kind == "band":
+        places = _places(block)
+        return float(places[0]) - 0.5, float(places[-1]) + 0.5
+    left, right = float(block.coordinates.min()), float(block.coordinates.max())
+    used = np.flatnonzero(block.influence.max(axis=0) > 0.01 * top)
+    if block.kind != "time" and used.size > 1:  # most bins of a wide range stay empty, most bands silent
+        left, right = block.coordinates[[used[0], used[-1]]].tolist()
+    return left, right
+
+
+def _is_geometric(block: WeightBlock) -> bool:
+    """Whether frequencies lie closer below than above, as pooled ones do."""
+    if block.kind != "frequency" or len(block.coordinates) < 3 or block.coordinates[0] <= 0:
+        return False
+    steps = np.diff(block.coordinates)
+    return bool(steps[-1] > 2 * steps[0])
+
+
+def _places(block: WeightBlock) -> NDArray[np.float64]:
+    """Octaves side by side, and the whole signal half a place in front of them."""
+    places = np.arange(len(block.coordinates), dtype=np.float64)
+    places[block.coordinates == 0] -= 0.5
+    return places
+
+
+def _name_edges(panel: Any, block: WeightBlock) -> None:
+    places, octaves = _places(block), block.coordinates > 0
+    middles = block.coordinates[octaves]
+    edges = [*(middles / np.sqrt(2)), *(middles[-1:] * np.sqrt(2))]
+    at = [*(places[octaves] - 0.5), *(places[octaves][-1:] + 0.5)]
+    panel.set_xticks(
+        [*places[~octaves], *at],
+        [
+            *("all" for _ in places[~octaves]),
+            *(fixed(edge, 0) if edge >= 9.5 else f"{edge:.2g}" for edge in edges),
+        ],
+        fontsize=7.5,
+    )

@@ -9,23 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._words import fixed
-from granular_id.plotting.style import (
-    INK,
-    axis_line,
-    evenly,
-    new_figure,
-    pretty,
-    quiet,
-    save,
-    short,
-)
+from granular_id._checks import checked_index
+from granular_id._text import fixed, short
+from granular_id.plotting.style import INK, axis_line, evenly, new_figure, pretty, quiet, save
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import checked_index
-from granular_id.recording.axes import unit_of
-from granular_id.recording.onset import Onset
-from granular_id.recording.onset.find import FALSE_ALARM_RATE, REST_S
-from granular_id.recording.onset.step import STEP, onsets_of
+from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, STEP, Onset, onsets_of
+from granular_id.recording.recording import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -2,33 +2,37 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from granular_id._core import AXES
+from granular_id._checks import checked_index
+from granular_id._core import AXES, UNITS
+from granular_id._text import short
 from granular_id.plotting.style import (
+    AXIS_DASHES,
     FAINT,
     INK,
     axis_line,
     evenly,
     material_panels,
+    new_figure,
     pretty,
     quiet,
+    row_names,
     save,
-    short,
 )
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import checked_index
-from granular_id.recording.axes import unit_of
+from granular_id.recording.recording import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_recordings"]
-
+    from granular_id.evaluation.report_data import HighPass, Portrait
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
 
@@ -134,3 +138,391 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
     panel.margins(x=0)
     quiet(panel)
     return first_lines
+
+
+# Mean and spread of the forces over time, one panel a material: the paper's figure.
+
+
+def plot_mean_forces(
+    dataset: Dataset | Portrait,
+    *,
+    axes: Sequence[str] = ("fx", "fz"),
+    path: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Plot the mean and spread over time of each material, one panel a material.
+
+    Parameters
+    ----------
+    dataset : Dataset or granular_id.evaluation.report_data.Portrait
+        Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
+    axes : sequence of str, default ("fx", "fz")
+        Which of fx fy fz (N) or of tx ty tz (N m); not both kinds, their units differ.
+    path : path-like, optional
+        Where to save; the ending chooses the format (png, svg, pdf). Written under a temporary name and
+        renamed, so that a reader never sees half a file.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Lines are means over the recordings, bands one standard deviation to either side. All panels share
+        their scales. The title says "synthetic" when recordings are.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For unknown, repeated or mixed axes, recordings of unequal length or without labels.
+
+    Examples
+    --------
+    >>> from granular_id.plotting import plot_mean_forces
+    >>> from granular_id.synthetic import synthesize
+    >>> figure = plot_mean_forces(synthesize(["rice", "fine sugar"], n_per_class=3))
+    >>> [panel.get_title() for panel in figure.axes]
+    ['rice', 'fine sugar']
+    """
+    columns, unit = _chosen_axes(axes)
+    curves = curves_of(dataset, columns) if isinstance(dataset, Dataset) else curves_in(dataset, columns)
+    figure, panels = material_panels(len(curves))
+    for curve, panel in zip(curves, panels, strict=True):
+        handles = draw_mean_forces(panel, curve)
+    quantity = "force" if unit == "N" else "torque"
+    figure.supxlabel("time, s", fontsize=10, color=INK)
+    figure.supylabel(f"{quantity}, {unit}", fontsize=10, color=INK)
+    figure.suptitle(_title(dataset, quantity), fontsize=11, color=INK)
+    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    save(figure, path)
+    return figure
+
+
+AXIS_LINES = tuple(
+    (axis, axis[1], AXES.index(axis), {"-": "", "--": "6 4", ":": "2 3"}[AXIS_DASHES[AXES.index(axis)]])
+    for axis in ("fx", "fz")
+)
+"""The lines of the default axes for a legend outside a figure: name, index, colour number, dashes of SVG."""
+
+
+class Curves(NamedTuple):
+    """Mean and standard deviation over time of one material, per axis name."""
+
+    label: str
+    time_s: NDArray[np.float64]
+    mean: dict[str, NDArray[np.float64]]
+    sd: dict[str, NDArray[np.float64]]
+
+
+def curves_of(dataset: Dataset, columns: Mapping[str, int]) -> list[Curves]:
+    """Compute the curves of recordings, in the order in which materials first appear: the user's own."""
+    X, y = dataset.X, dataset.y
+    time_s = np.arange(X.shape[1]) / dataset.rate_hz
+    curves = []
+    for label in dict.fromkeys(y.tolist()):
+        own = X[y == label]
+        mean = {axis: own[:, :, column].mean(axis=0) for axis, column in columns.items()}
+        sd = {axis: own[:, :, column].std(axis=0) for axis, column in columns.items()}
+        curves.append(Curves(label, time_s, mean, sd))
+    return curves
+
+
+def curves_in(portrait: Portrait, columns: Mapping[str, int]) -> list[Curves]:
+    """Take the curves from a portrait, in the order of its labels."""
+    return [
+        Curves(
+            label,
+            portrait.time_s,
+            {axis: portrait.mean[k, column] for axis, column in columns.items()},
+            {axis: portrait.sd[k, column] for axis, column in columns.items()},
+        )
+        for k, label in enumerate(portrait.labels)
+    ]
+
+
+def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
+    """Draw one material; return the lines for a legend."""
+    lines = []
+    for axis, mean in curves.mean.items():
+        style = {**axis_line(axis), "linewidth": 1.3}
+        low, high = mean - curves.sd[axis], mean + curves.sd[axis]
+        panel.fill_between(curves.time_s, low, high, color=style["color"], alpha=0.25, linewidth=0)
+        lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
+    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    # A label with $ in it is a label, no mathematics.
+    panel.set_title(short(curves.label), fontsize=10, color=INK, parse_math=False)
+    panel.margins(x=0)
+    quiet(panel)
+    return lines
+
+
+def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
+    wanted = [axes] if isinstance(axes, str) else list(axes)
+    unknown = [axis for axis in wanted if axis not in AXES]
+    if unknown or not wanted:
+        what = f"{unknown[0]!r}" if unknown else "nothing"
+        raise ValueError(f"axes must name some of {', '.join(AXES)}, got {what}")
+    if len(set(wanted)) < len(wanted):
+        raise ValueError(f"axes names an axis twice: {', '.join(wanted)}")
+    columns = {axis: AXES.index(axis) for axis in wanted}
+    units = {UNITS[column] for column in columns.values()}
+    if len(units) > 1:
+        raise ValueError(f"axes mixes forces (N) and torques (N m), got {', '.join(wanted)}")
+    return columns, units.pop()
+
+
+def _title(dataset: Dataset | Portrait, quantity: str) -> str:
+    if isinstance(dataset, Dataset):
+        synthetic = sum(recording.is_synthetic for recording in dataset)
+        total = len(dataset)
+    else:
+        synthetic, total = dataset.n_synthetic, sum(dataset.counts)
+    if synthetic == 0:
+        kind = ""
+    elif synthetic == total:
+        kind = "Synthetic recordings: "
+    else:
+        kind = f"{synthetic} of {total} recordings synthetic: "
+    text = f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
+    return text[0].upper() + text[1:]
+
+
+# Mean high-frequency magnitude histograms, per material and axis.
+
+
+def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot the mean histogram of the high-passed signal, one panel an axis, one row a material.
+
+    Parameters
+    ----------
+    portrait : granular_id.evaluation.report_data.Portrait
+        For instance ``result.portrait``.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Colours on a log scale. Axes of one unit and the same bins share colours and bins, so that one that says
+        nothing looks like it; bins that stay empty on all of them, in all materials, are cut off at both ends.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a portrait without high-pass: the sampling rate was too low for the cut-off.
+
+    Examples
+    --------
+    >>> from granular_id import RawHFMH, synthesize
+    >>> from granular_id.evaluation.report_data import portrait
+    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> figure = plot_hfmh(seen)
+    >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
+    ['bin, N m', 'bin, N m', 'bin, N m']
+    """
+    part = high_pass_of(portrait)
+    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
+    title = f"Histograms of the signal above {part.settings['cutoff_hz']:g} Hz: {synthetic}mean of a material"
+    return plot_six(
+        lambda panel, axis: draw_hfmh(panel, portrait, axis), portrait.axes, len(portrait.labels), title, path
+    )
+
+
+def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
+    """Draw the heat map of one axis, by its number."""
+    part = high_pass_of(portrait)
+    values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
+    unit = axis_unit(portrait.axes[axis])
+    alike = [
+        other
+        for other, name in enumerate(portrait.axes)
+        if axis_unit(name) == unit and part.bin_range[other].tolist() == [low, high]
+    ]
+    edges = np.linspace(low, high, values.shape[1] + 1)
+    used = np.flatnonzero(part.hfmh[:, alike].any(axis=(0, 1)))
+    first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, values.shape[1])
+    draw_heat(
+        panel,
+        values[:, first:last],
+        across=(float(edges[first]), float(edges[last])),
+        labels=portrait.labels,
+        limits=shared_limits(part.hfmh[:, alike]),
+        key="density" if part.settings.get("density") else "samples in a bin",
+    )
+    panel.locator_params(axis="x", nbins=5)
+    panel.set_xlabel(f"bin, {unit}", fontsize=8, color=INK)
+
+
+# What is left above the cut-off over time, per material and axis.
+
+# The first of forty windows may hold the filter's response to an offset: it must not take all the colours.
+_SHARE = 0.97
+
+
+def plot_residual(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot the root mean square of the high-passed signal over time, one panel an axis, one row a material.
+
+    Parameters
+    ----------
+    portrait : granular_id.evaluation.report_data.Portrait
+        For instance ``result.portrait``.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Colours on a log scale, of its own for each axis; the three highest values in a hundred share the last.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a portrait without high-pass: the sampling rate was too low for the cut-off.
+
+    Examples
+    --------
+    >>> from granular_id import RawHFMH, synthesize
+    >>> from granular_id.evaluation.report_data import portrait
+    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> figure = plot_residual(seen)
+    >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
+    ['$F_x$', '$F_y$']
+    """
+    part = high_pass_of(portrait)
+    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
+    title = f"Signal above {part.settings['cutoff_hz']:g} Hz: {synthetic}root mean square over time"
+    return plot_six(
+        lambda panel, axis: draw_residual(panel, portrait, axis),
+        portrait.axes,
+        len(portrait.labels),
+        title,
+        path,
+    )
+
+
+def draw_residual(panel: Any, portrait: Portrait, axis: int) -> None:
+    """Draw the heat map of one axis, by its number."""
+    part = high_pass_of(portrait)
+    values = part.residual[:, axis]
+    draw_heat(
+        panel,
+        values,
+        across=(0.0, portrait.n_samples / portrait.rate_hz),
+        labels=portrait.labels,
+        limits=shared_limits(values, share=_SHARE),
+        key=f"RMS, {axis_unit(portrait.axes[axis])}",
+    )
+    panel.set_xlabel("time, s", fontsize=8, color=INK)
+
+
+def high_pass_of(portrait: Portrait) -> HighPass:
+    """Return the high-pass part, or say why there is none."""
+    if portrait.high_pass is None:
+        raise ValueError(
+            f"portrait has no high-pass: its {portrait.rate_hz:g} Hz are too low for the cut-off of the filter"
+        )
+    return portrait.high_pass
+
+
+# What the two heat maps share: one row a material, one panel an axis, size as colour on a log scale.
+
+# Dark to light in an order that survives any colour vision and a grey print.
+_COLOURS = "cividis"
+
+
+def axis_unit(axis: str) -> str:
+    """Return the unit of an axis, N or N m."""
+    return UNITS[AXES.index(axis)]
+
+
+def draw_heat(
+    panel: Any,
+    values: NDArray[np.float64],
+    *,
+    across: tuple[float, float],
+    labels: Sequence[str],
+    limits: tuple[float, float],
+    key: str,
+) -> None:
+    """Draw one heat map with its colour key; what is zero stays empty.
+
+    Parameters
+    ----------
+    panel : matplotlib axes
+    values : (K, m) float array
+        One row a material, not negative.
+    across : (float, float)
+        Left and right edge of the columns.
+    labels : sequence of K str
+    limits : (float, float)
+        Values with the first and the last colour, positive and ascending.
+    key : str
+        What the colours mean.
+    """
+    from matplotlib.colors import LogNorm  # noqa: PLC0415  # an extra
+
+    image = panel.imshow(
+        np.ma.masked_less_equal(values, 0.0),
+        cmap=_COLOURS,
+        norm=LogNorm(*limits),
+        aspect="auto",
+        interpolation="none",  # one pixel a value in an SVG, which stays small
+        extent=(*across, len(values) - 0.5, -0.5),
+    )
+    row_names(panel, labels)
+    panel.tick_params(labelsize=7.5, colors=INK)
+    for spine in panel.spines.values():
+        spine.set_visible(False)
+    beyond = "max" if values.max() > limits[1] else "neither"
+    bar = panel.figure.colorbar(image, ax=panel, pad=0.02, aspect=25, extend=beyond)
+    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
+    bar.outline.set_visible(False)
+    bar.set_ticks(ticks := _ticks(limits), labels=[f"{tick:g}" for tick in ticks])
+    bar.ax.minorticks_off()
+    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
+    bar.set_label(key, fontsize=8, color=INK)
+
+
+def _ticks(limits: tuple[float, float]) -> list[float]:
+    """Powers of ten within limits; where there are fewer than three, more steps between them."""
+    low, high = limits
+    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    for steps in ((1,), (1, 2, 5), (1, 2, 3, 4, 5, 6, 8)):
+        inside = [step * 10.0**e for e in exponents for step in steps if low <= step * 10.0**e <= high]
+        if len(inside) > 2:
+            break
+    return inside
+
+
+def shared_limits(
+    values: NDArray[np.float64], decades: float = 4.0, share: float = 1.0
+) -> tuple[float, float]:
+    """Limits of the colours: the value that this share does not exceed, and at most so many decades below it.
+
+    Where the largest values are a few, such as a filter's first response to an offset, a share below 1 leaves
+    the colours to the rest.
+    """
+    top = float(np.quantile(values, share))
+    if top <= 0:
+        return 0.1, 1.0
+    smallest = float(values[values > 0].min())
+    return max(min(smallest, 0.5 * top), top * 10.0**-decades), top
+
+
+def plot_six(
+    draw: Callable[[Any, int], None],
+    axes: Sequence[str],
+    n_rows: int,
+    title: str,
+    path: str | os.PathLike[str] | None,
+) -> Figure:
+    """Lay out one panel an axis, forces above torques, each filled by ``draw(panel, axis number)``."""
+    figure = new_figure(12.0, 2 * (1.0 + 0.17 * n_rows) + 0.5)
+    for number, panel in enumerate(figure.subplots(2, 3).ravel()):
+        draw(panel, number)
+        panel.set_title(f"{pretty(axes[number])}", fontsize=10, color=INK)
+    figure.suptitle(title, fontsize=11, color=INK)
+    save(figure, path)
+    return figure

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES
 from granular_id._files import whole_file
-from granular_id._words import fixed
+from granular_id._text import fixed, short
+from granular_id.recording.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "AXIS_COLOURS",
     "AXIS_DASHES",
     "FAINT",
     "INK",
@@ -42,11 +42,8 @@ __all__ = [
     "save",
     "share_axis",
     "share_bars",
-    "short",
 ]
 
-AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
-"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
 
 AXIS_DASHES = ("-", ":", "--", ":", "-", "--")
 """Dashes as well as colours: the lines must stay apart in black and white."""
@@ -127,18 +124,6 @@ def file_format(path: str | os.PathLike[str], name: str = "path") -> str:
         others = ", ".join(f".{other}" for other in sorted(known - {"png", "svg", "pdf"}))
         raise ValueError(f"{name} must end in .png, .svg or .pdf ({others} work too), got {str(target)!r}")
     return form
-
-
-def short(text: str, most: int = 24) -> str:
-    """Shorten a long name in the middle: names of a series differ at their ends.
-
-    Examples
-    --------
-    >>> short("sunflower seeds"), short("sunflower seeds, roasted and salted", 20)
-    ('sunflower seeds', 'sunflower …nd salted')
-    """
-    tail = (most - 1) // 2
-    return text if len(text) <= most else f"{text[: most - 1 - tail]}…{text[-tail:]}"
 
 
 def pretty(axis: str) -> str:

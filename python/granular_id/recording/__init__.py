@@ -5,14 +5,12 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 """
 
 from granular_id._core import AXES
-from granular_id.recording.checking import SENSOR_RANGES, CheckReport, Finding, Verdict
-from granular_id.recording.dataset import Dataset
-from granular_id.recording.flags import SampleFlag
-from granular_id.recording.one import Recording
+from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
+from granular_id.recording.dataset import Dataset, Summary
 from granular_id.recording.onset import Onset, find_onset
+from granular_id.recording.recording import Recording, SampleFlag
 from granular_id.recording.report import StepReport
 from granular_id.recording.setup import Setup
-from granular_id.recording.summary import Summary
 
 __all__ = [
     "AXES",

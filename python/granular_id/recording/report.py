@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from granular_id._checks import checked_text, freeze, thaw
 from granular_id._files import JSON, refuse_other_kind, whole_file
-from granular_id.recording._values import checked_text, freeze, thaw
 
 _PRINTED_ROWS = 10
 

@@ -8,9 +8,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-from granular_id.recording._values import thaw
-from granular_id.recording.axes import KNOWN_UNITS, unit_of
-from granular_id.recording.onset.step import STEP as ONSET
+from granular_id._checks import thaw
+from granular_id.recording import Dataset
+from granular_id.recording.onset import STEP as ONSET
+from granular_id.recording.recording import KNOWN_UNITS, unit_of
 
 if TYPE_CHECKING:
     from granular_id.recording.dataset import Dataset
@@ -287,3 +288,39 @@ def _text(value: Any, unit: str = "") -> str | None:
 def _plain(unit: str) -> str:
     """Leave out what stands between the parts of a unit: "Nm" and "N m" are one."""
     return "".join(c for c in unit if c not in " *.-\N{MIDDLE DOT}\N{DOT OPERATOR}")
+
+
+SEVERE = ("error: ", "warning: ")
+"""How the lines of `warnings_in` begin."""
+
+
+def describe_data(data: Dataset) -> dict[str, Any]:
+    """Return size, rate and summary of a data set with the history of the steps that made it."""
+    n_recordings, n_samples, n_axes = data.X.shape
+    return {
+        "n_recordings": n_recordings,
+        "n_samples": n_samples,
+        "n_axes": n_axes,
+        "rate_hz": data.rate_hz,
+        "summary": data.summary().to_dict(),
+        "history": [step.to_dict() for step in data.history],
+    }
+
+
+def warnings_in(data: Dataset) -> list[str]:
+    """Return what may mislead a reader of the accuracies, one line each.
+
+    These are set-ups that differ, and the errors and warnings of `Dataset.check`.
+    """
+    return mixed(data) + [str(finding) for finding in data.check() if finding.severity != "info"]
+
+
+def of_check(note: str) -> str:
+    """Say in front of a line of `warnings_in` whose it is: "error: " alone is what a command prints that has failed.
+
+    Examples
+    --------
+    >>> of_check("error: 1 pair of recordings shares samples"), of_check("nothing is drawn")
+    ('data check: error: 1 pair of recordings shares samples', 'nothing is drawn')
+    """
+    return f"data check: {note}" if note.startswith(SEVERE) else note

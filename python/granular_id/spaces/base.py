@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 import warnings
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,22 +15,12 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from granular_id._checks import positive_number
 from granular_id._columns import column_names, wrench_of
-from granular_id._core import AXES
-from granular_id._numbers import positive_number
-from granular_id.features import extract_features
+from granular_id._core import AXES, UNITS
+from granular_id._estimators import real_steps
+from granular_id.features import extract_features, feature_names
 from granular_id.recording import Dataset
-from granular_id.spaces.blocks import FeatureBlock
-
-__all__ = [
-    "RecordingFilter",
-    "RecordingTransformer",
-    "axis_series",
-    "check_input_names",
-    "check_rate",
-    "learns",
-    "real_steps",
-]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -274,31 +266,177 @@ def _refuse_gaps(recordings: FloatArray) -> None:
         )
 
 
-def learns(transformer: Any) -> bool:
-    """Whether fitting takes anything from the data but their shape.
+# What the columns of a feature space stand for: a block of instants, bins or frequencies, axis after axis.
 
-    A pipeline learns when one of its steps does. What does not say (no boolean ``learns``) counts as learning,
-    the safe side: it is then fitted on training rows only.
+BlockKind = Literal["time", "magnitude", "frequency", "component"]
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureBlock:
+    """Columns that lie side by side and are read along one coordinate, the same one for each of their axes.
+
+    Attributes
+    ----------
+    name : str
+        Name of the block, for instance "raw" or "hfmh"; unique within a feature space.
+    kind : {"time", "magnitude", "frequency", "component"}
+        What the coordinate is.
+    axes : tuple of str
+        Axes of the sensor, for instance ``("fx", ..., "tz")``.
+    coordinates : ndarray, shape (m,)
+        Instants, centres of bins, frequencies or numbers of components.
+    unit : str
+        Unit of the coordinates: "s" or "sample", "Hz" or "1/sample" when the rate is not known; "N", "N m" or
+        "N, N m" of magnitudes, "" when the axes are not those of a wrench.
+    columns : slice
+        Where the block lies in the feature vector. Axis-major: axis ``a`` occupies the ``m`` columns from
+        ``columns.start + a * m``.
 
     Examples
     --------
-    >>> from sklearn.pipeline import make_pipeline
-    >>> from sklearn.preprocessing import StandardScaler
+    >>> import numpy as np
     >>> from granular_id.spaces import RawSignal
-    >>> learns(RawSignal()), learns(make_pipeline(RawSignal(), StandardScaler()))
-    (False, True)
+    >>> (block,) = RawSignal(rate_hz=500).fit(np.zeros((1, 1600, 6))).feature_blocks()
+    >>> block.name, block.kind, block.unit, block.coordinates[:3].tolist()
+    ('raw', 'time', 's', [0.0, 0.002, 0.004])
     """
-    if isinstance(transformer, Pipeline):
-        return any(learns(step) for step in real_steps(transformer))
-    return bool(getattr(transformer, "learns", True))
+
+    name: str
+    kind: BlockKind
+    axes: tuple[str, ...]
+    coordinates: FloatArray
+    unit: str
+    columns: slice
+
+    def renamed(self, name: str) -> FeatureBlock:
+        """Return the same block under another name."""
+        return replace(self, name=name)
 
 
-def real_steps(pipeline: Pipeline) -> list[Any]:
-    """List the steps of a pipeline that do something, those of pipelines within it included."""
-    steps: list[Any] = []
-    for _, step in pipeline.steps:
-        if isinstance(step, Pipeline):
-            steps.extend(real_steps(step))
-        elif step is not None and step != "passthrough":
-            steps.append(step)
-    return steps
+def axis_names(n_axes: int) -> tuple[str, ...]:
+    """Names of the axes as feature names spell them: ``fx ... tz`` for six, else ``axis0 ...``."""
+    return tuple(name.rpartition("_")[0] for name in feature_names(n_samples=1, n_axes=n_axes, hfmh=False))
+
+
+def axis_units(n_axes: int) -> tuple[str, ...]:
+    """Units of the axes: those of a wrench for six, else unknown."""
+    return UNITS if n_axes == len(AXES) else ("",) * n_axes
+
+
+def time_block(name: str, n_samples: int, n_axes: int, rate_hz: float | None) -> FeatureBlock:
+    """Every sample of every axis."""
+    step, unit = (1.0, "sample") if rate_hz is None else (1.0 / rate_hz, "s")
+    instants: FloatArray = np.arange(n_samples, dtype=np.float64) * step
+    return FeatureBlock(name, "time", axis_names(n_axes), instants, unit, slice(0, n_samples * n_axes))
+
+
+def range_blocks(name: str, bounds: FloatArray, n_bins: int) -> tuple[FeatureBlock, ...]:
+    """Histograms: one block where all axes share a range, else one an axis, named ``<name>_<axis>``."""
+    axes, units = axis_names(len(bounds)), axis_units(len(bounds))
+    if (bounds == bounds[0]).all():
+        unit = ", ".join(dict.fromkeys(units))
+        span = slice(0, n_bins * len(axes))
+        return (FeatureBlock(name, "magnitude", axes, _centres(bounds[0], n_bins), unit, span),)
+    return tuple(
+        FeatureBlock(
+            f"{name}_{axis}",
+            "magnitude",
+            (axis,),
+            _centres(bounds[k], n_bins),
+            units[k],
+            slice(k * n_bins, (k + 1) * n_bins),
+        )
+        for k, axis in enumerate(axes)
+    )
+
+
+def shifted(blocks: Sequence[FeatureBlock], by: int) -> tuple[FeatureBlock, ...]:
+    """Return the same blocks, further right in the feature vector."""
+    return tuple(
+        replace(block, columns=slice(block.columns.start + by, block.columns.stop + by)) for block in blocks
+    )
+
+
+def _centres(bounds: FloatArray, n_bins: int) -> FloatArray:
+    edges = np.linspace(bounds[0], bounds[1], n_bins + 1)
+    centres: FloatArray = edges[:-1] + np.diff(edges) / 2
+    return centres
+
+
+# From the columns of any fitted feature space, pipelines included, back to the recording.
+
+
+def block_sizes(transformer: Any) -> dict[str, int] | None:
+    """Columns of each block of a fitted feature space that has blocks of statistics, as `MultiBand`; else None.
+
+    Parameters
+    ----------
+    transformer : transformer or Pipeline
+        A fitted feature space; of a pipeline the last step counts.
+    """
+    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
+    sizes: dict[str, int] | None = getattr(steps[-1], "block_sizes_", None)
+    return None if sizes is None else dict(sizes)
+
+
+def tell_blocks(estimator: Any, sizes: dict[str, int] | None) -> None:
+    """Set `blocks` of an estimator that has that parameter and leaves it open, as `BlockScaler` has.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Changed in place; not fitted.
+    sizes : dict of str to int, or None
+        See `block_sizes`; None: nothing to tell.
+
+    Examples
+    --------
+    >>> from granular_id.spaces import BlockScaler, tell_blocks
+    >>> scaler, given = BlockScaler(), BlockScaler([3])
+    >>> for estimator in (scaler, given):
+    ...     tell_blocks(estimator, {"left": 2, "right": 1})
+    >>> scaler.blocks, given.blocks
+    ({'left': 2, 'right': 1}, [3])
+    """
+    if sizes is not None and estimator.get_params().get("blocks", ...) is None:
+        estimator.set_params(blocks=sizes)
+
+
+def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
+    """Say what the columns of a fitted feature space stand for.
+
+    Parameters
+    ----------
+    transformer : transformer or Pipeline
+        A fitted feature space; a pipeline may have steps in front that keep time, as `Tare` does.
+
+    Returns
+    -------
+    tuple of FeatureBlock
+
+    Raises
+    ------
+    TypeError
+        The columns do not stand for instants, bins or frequencies: a step mixes them (principal components), or
+        shuffles time in front, or is not from here.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from granular_id.spaces import RawHFMH, Tare, feature_blocks
+    >>> pipeline = make_pipeline(Tare(), RawHFMH()).fit(np.zeros((2, 400, 6)))
+    >>> [(block.name, block.unit, block.columns) for block in feature_blocks(pipeline)]
+    [('raw', 's', slice(0, 2400, None)), ('hfmh', 'N, N m', slice(2400, 3000, None))]
+    """
+    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
+    while steps and isinstance(steps[0], RecordingFilter) and steps[0].keeps_time:
+        steps = steps[1:]
+    if len(steps) != 1 or not hasattr(steps[0], "feature_blocks"):
+        kinds = ", ".join(type(step).__name__ for step in steps) or "nothing behind filters"
+        raise TypeError(
+            "transformer must give columns that stand for instants, bins or frequencies: one feature space, with or "
+            f"without filters in front that keep time, got {kinds}"
+        )
+    blocks: tuple[FeatureBlock, ...] = steps[0].feature_blocks()
+    return blocks

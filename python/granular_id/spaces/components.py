@@ -10,9 +10,8 @@ import scipy.linalg
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._arrays import float_array
-from granular_id._blas import single_threaded_blas
-from granular_id._numbers import whole_number
+from granular_id._checks import float_array, whole_number
+from granular_id._parallel import single_threaded_blas
 from granular_id.gram import check_symmetric, linear_gram
 from granular_id.spaces.base import check_input_names
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from sklearn.pipeline import Pipeline
 
-from granular_id.spaces.base import RecordingFilter, learns, real_steps
+from granular_id._estimators import learns, real_steps
+from granular_id.spaces.base import RecordingFilter
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import HFMH, RawHFMH
 from granular_id.spaces.raw import RawSignal
-from granular_id.spaces.union import BlockUnion
-from granular_id.spaces.weights import check_block_weights
+from granular_id.spaces.union import BlockUnion, check_block_weights
 
 __all__ = ["GramPlan", "block_key", "gram_plan"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,19 +10,8 @@ import numpy.typing as npt
 from sklearn.base import clone
 from sklearn.utils.metaestimators import _BaseComposition
 
-from granular_id.spaces.base import RecordingTransformer, learns
-from granular_id.spaces.blocks import FeatureBlock, shifted
-from granular_id.spaces.links import feature_blocks
-from granular_id.spaces.weights import (
-    BlockWeights,
-    check_block_weights,
-    fixed_weights,
-    row_norms,
-    unit_weight,
-    weigh,
-)
-
-__all__ = ["BlockUnion"]
+from granular_id._estimators import learns
+from granular_id.spaces.base import FeatureBlock, RecordingTransformer, feature_blocks, shifted
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -193,3 +182,132 @@ def _unique(parts: list[tuple[str, list[str]]]) -> list[str]:
     if len(set(plain)) == len(plain):
         return plain
     return [f"{name}__{inner}" for name, names in parts for inner in names]
+
+
+# How much each block of a union counts.
+
+BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
+
+
+def check_block_weights(block_weights: Any, names: Sequence[str]) -> str | tuple[float, ...] | None:
+    """Return None, "unit", or one number per block; refuse anything else."""
+    if block_weights is None or (isinstance(block_weights, str) and block_weights == "unit"):
+        return block_weights
+    wanted = f"None, 'unit' or {len(names)} numbers, one for each of {', '.join(names)}"
+    try:
+        numbers = np.asarray(block_weights, dtype=np.float64)
+    except (TypeError, ValueError):
+        kind = ValueError if isinstance(block_weights, str) else TypeError
+        raise kind(f"block_weights must be {wanted}, got {block_weights!r}") from None
+    if numbers.shape != (len(names),):
+        raise ValueError(f"block_weights must be {wanted}, got {block_weights!r}")
+    if not (np.isfinite(numbers).all() and (numbers > 0).all()):
+        raise ValueError(f"block_weights must be positive and finite, got {block_weights!r}")
+    return tuple(numbers.tolist())
+
+
+def fixed_weights(checked: str | tuple[float, ...] | None, n_blocks: int) -> FloatArray | None:
+    """Return the weights where they do not depend on data: None for "unit"."""
+    if checked == "unit":
+        return None
+    return np.ones(n_blocks) if checked is None else np.asarray(checked, dtype=np.float64)
+
+
+def row_norms(rows: FloatArray) -> FloatArray:
+    """Euclidean norms (n,) of rows, without overflow where the norm itself has none."""
+    reach = float(max(rows.max(initial=0.0), -rows.min(initial=0.0)))
+    if reach == 0.0:
+        return np.zeros(len(rows))
+    norms = np.empty(len(rows))
+    for i, row in enumerate(rows):  # a copy of one row at a time, not of all
+        scaled = row / reach
+        norms[i] = reach * np.sqrt(scaled @ scaled)
+    return norms
+
+
+def weigh(features: FloatArray, columns: slice, weight: float) -> None:
+    """Multiply columns of features by the weight of their block, in place."""
+    if weight == 1.0:
+        return
+    with np.errstate(over="ignore"):  # reported below
+        features[:, columns] *= weight
+    if not np.isfinite(features[:, columns]).all():
+        raise ValueError(
+            f"block_weights must keep features in the range of float64, got a weight of {weight:g}"
+        )
+
+
+def unit_weight(norms: npt.ArrayLike) -> float:
+    """Factor that brings training rows with these norms to a mean norm of one.
+
+    Parameters
+    ----------
+    norms : array-like, shape (n,)
+        Euclidean norms of the training rows of one block; the square roots of the diagonal of their Gram matrix.
+
+    Returns
+    -------
+    float
+        1 over the mean; 1 for a block that is zero in all rows, which no factor changes.
+
+    Raises
+    ------
+    ValueError
+        The factor does not fit into float64.
+
+    Examples
+    --------
+    >>> unit_weight([3.0, 5.0])
+    0.25
+    """
+    mean = float(np.mean(np.asarray(norms, dtype=np.float64)))
+    if mean == 0.0:
+        return 1.0
+    weight = 1.0 / mean if mean > 0.0 else np.nan
+    if not (np.isfinite(mean) and np.isfinite(weight) and weight > 0.0):
+        raise ValueError(
+            f"block_weights='unit' needs features in the range of float64, got a mean norm of {mean:g}"
+        )
+    return float(weight)
+
+
+# Block sizes whose text keeps their order: it says which columns a block has.
+
+BlockSizes = Mapping[str, int] | Sequence[int] | None
+
+
+class OrderedSizes(dict[str, int]):
+    """A dict that scikit-learn prints as it is.
+
+    Printing an estimator, scikit-learn sorts the keys of a plain dict: typed in again, the sizes would belong to other
+    columns.
+
+    Examples
+    --------
+    >>> from granular_id.spaces import BlockScaler
+    >>> BlockScaler({"spectrum": 192, "coupling": 624})
+    BlockScaler(blocks={'spectrum': 192, 'coupling': 624})
+    """
+
+    def __repr__(self) -> str:  # any but that of dict: scikit-learn knows a dict by it
+        return dict.__repr__(self)
+
+
+class SizesParameter:
+    """A parameter of an estimator that turns a plain dict into `OrderedSizes`, however it is set."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, estimator: Any, owner: type) -> Any:
+        return self if estimator is None else self._own(estimator)
+
+    def __set__(self, estimator: Any, value: Any) -> None:
+        # What is no plain dict stays the same object: clone() asks for that.
+        estimator.__dict__[self.name] = OrderedSizes(value) if type(value) is dict else value
+
+    def _own(self, estimator: Any) -> Any:
+        try:
+            return estimator.__dict__[self.name]
+        except KeyError:
+            raise AttributeError(f"{type(estimator).__name__} has no {self.name!r}") from None

@@ -9,16 +9,19 @@ noise of breaking contacts (`contact_breaks`); it reaches all six axes through t
 `synthesize` draws whole sets of recordings with everything that varies between them (`Nuisance`).
 """
 
-from granular_id.synthetic.contacts import contact_break_rate_hz, contact_breaks
-from granular_id.synthetic.drag import contact_count, drag_profile, froude_number, mean_drag_n
+from granular_id.synthetic.drag import Rig, contact_count, drag_profile, froude_number, mean_drag_n
+from granular_id.synthetic.fluctuations import (
+    contact_break_rate_hz,
+    contact_breaks,
+    heterogeneity,
+    relative_fluctuation,
+    shear_band_wave,
+    slip_length_m,
+    stick_slip,
+)
 from granular_id.synthetic.generate import synthesize
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material
-from granular_id.synthetic.nuisance import Conditions, Nuisance
-from granular_id.synthetic.push import PARTS, simulate_push
-from granular_id.synthetic.rig import Rig
-from granular_id.synthetic.sensor import Sensor, tool_resonance
-from granular_id.synthetic.slip import relative_fluctuation, slip_length_m, stick_slip
-from granular_id.synthetic.texture import heterogeneity, shear_band_wave
+from granular_id.synthetic.push import PARTS, Conditions, Nuisance, Sensor, simulate_push, tool_resonance
 
 __all__ = [
     "PAPER_MATERIALS",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from granular_id._numbers import finite_number as real
-from granular_id._numbers import non_negative_number as non_negative
-from granular_id._numbers import sampling_rate as rate
+from granular_id._checks import finite_number as real
+from granular_id._checks import non_negative_number as non_negative
+from granular_id._checks import sampling_rate as rate
 
 __all__ = ["non_negative", "positive", "rate", "real"]
 

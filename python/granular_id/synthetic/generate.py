@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from granular_id._numbers import whole_number
-from granular_id._words import fixed
+from granular_id._checks import whole_number
+from granular_id._text import fixed
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import _checks
+from granular_id.synthetic.drag import Rig
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
-from granular_id.synthetic.nuisance import CUT_SD, Conditions, Nuisance
-from granular_id.synthetic.push import random_stream, simulate_push
-from granular_id.synthetic.rig import Rig
-from granular_id.synthetic.sensor import Sensor
+from granular_id.synthetic.push import CUT_SD, Conditions, Nuisance, Sensor, random_stream, simulate_push
 
 __all__ = ["draw_push", "push_meta", "synthesize"]
 

@@ -9,10 +9,10 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray
 from granular_id.io.arrays.tree import Origin
 from granular_id.io.bulk import all_finite
 from granular_id.recording import AXES
-from granular_id.recording._values import FloatArray
 
 _CLEARLY_LONGER = 4
 """Where only length can tell, the time axis is at least this many times as long as the one of recordings.

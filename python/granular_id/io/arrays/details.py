@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray
 from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.labels import labels_of, whole_numbers
 from granular_id.io.arrays.names import Role, plain_name
@@ -19,7 +20,6 @@ from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.options import LoadOptions
 from granular_id.io.stamped import NOT_SECONDS, RATE_TOLERANCE, unlikely_step
 from granular_id.io.units import factor
-from granular_id.recording._values import FloatArray
 
 Entries = dict[Role, dict[str, Any]]
 """What the entries of a level are for, by their names: role, then name to node."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.recording._values import FloatArray
+from granular_id._checks import FloatArray
 
 
 @dataclass

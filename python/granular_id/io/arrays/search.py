@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._checks import FloatArray
 from granular_id.io.arrays.axes import (
     Known,
     cut_padding,
@@ -66,7 +67,6 @@ from granular_id.io.bulk import row_major
 from granular_id.io.columns import axis_of, split_unit
 from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES
-from granular_id.recording._values import FloatArray
 
 _ONE_PER_RECORDING: tuple[Role, ...] = (
     "labels",

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.parts import FORCES, TORQUES
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.units import factor
 from granular_id.recording import AXES
-from granular_id.recording._values import FloatArray
-from granular_id.recording.axes import unit_of
+from granular_id.recording.recording import unit_of
 
 __all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
 __all__ += [

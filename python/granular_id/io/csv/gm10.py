@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._checks import FloatArray, checked_text
 from granular_id._core import NumberTableError, parse_number_table
 from granular_id.io.csv.numbers import plain_number
 from granular_id.io.errors import RecordingFileError
@@ -25,7 +26,6 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.recording import Recording
-from granular_id.recording._values import FloatArray, checked_text
 
 __all__ = ["is_gm10", "read_gm10"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._threads import spread
+from granular_id._parallel import spread
 from granular_id.io.bulk import bulk_threads
 from granular_id.io.expansion import Expansion
 

@@ -15,7 +15,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.extras import need
 from granular_id.io.flat import FORMAT, NUMBERS, OPTIONAL, VERSION, FlatRecordings, flatten
 from granular_id.recording import Dataset
-from granular_id.recording.axes import unit_of
+from granular_id.recording.recording import unit_of
 
 __all__ = ["SAMPLES", "UNITS", "save_hdf5"]
 

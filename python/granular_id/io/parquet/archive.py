@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray
 from granular_id._core import interleave
-from granular_id._threads import spread
+from granular_id._parallel import spread
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import check_expansion, check_file, read_bounded
 from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
@@ -24,7 +25,6 @@ from granular_id.io.parquet.index import Partition, floats, integers, partitions
 from granular_id.io.parquet.layout import FLAGS, INDEX_COLUMNS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
-from granular_id.recording._values import FloatArray
 
 __all__ = ["ParquetArchive"]
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray, checked_index
 from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
 from granular_id.io.flat import FlatRecordings, flatten
@@ -29,7 +30,6 @@ from granular_id.io.parquet.layout import (
     part_name,
 )
 from granular_id.recording import Dataset, Recording
-from granular_id.recording._values import FloatArray, checked_index
 
 RECORDINGS_PER_GROUP = 128
 """A row group of 1600 samples each has 10 MB of samples: what a worker holds of them at least."""

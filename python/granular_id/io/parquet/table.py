@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray
 from granular_id.io.columns import (
     FLAGS,
     LABEL,
@@ -30,8 +31,7 @@ from granular_id.io.parquet.file import TEXTS, CheckedParquet, is_list, open_par
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
-from granular_id.recording._values import FloatArray
-from granular_id.recording.flags import KNOWN_FLAGS
+from granular_id.recording.recording import KNOWN_FLAGS
 
 __all__ = ["read_parquet_table"]
 

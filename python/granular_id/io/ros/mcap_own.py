@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import FloatArray, checked_number, checked_rate, thaw
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat_checks import checked_history
 from granular_id.io.json_text import check_parts
@@ -25,7 +26,6 @@ from granular_id.io.ros.wrench import Wrenches
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.recording import Recording, StepReport
-from granular_id.recording._values import FloatArray, checked_number, checked_rate, thaw
 
 __all__ = ["CHANGED_NOTE", "own_records", "restored", "wire_stamps"]
 

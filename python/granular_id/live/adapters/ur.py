@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from granular_id._numbers import positive_number
+from granular_id._checks import positive_number
 from granular_id.live.adapters import NOT_RUN
 from granular_id.live.adapters.polling import PolledMotion, PollingSource, PushStart, library
 from granular_id.live.robot import Pose, checked_move

@@ -21,7 +21,7 @@ _HERE = Path(__file__).parent
 _FILES: Mapping[str, tuple[bytes, str]] = {
     "": ((_HERE / "page.html").read_bytes(), "text/html"),
     # The report's own: pages of one family, and colours in one place.
-    "report.css": ((_HERE.parents[1] / "evaluation" / "report" / "style.css").read_bytes(), "text/css"),
+    "report.css": ((_HERE.parents[1] / "report" / "style.css").read_bytes(), "text/css"),
     "page.css": ((_HERE / "page.css").read_bytes(), "text/css"),
     **{path.name: (path.read_bytes(), "text/javascript") for path in sorted(_HERE.glob("*.js"))},
 }

@@ -9,12 +9,12 @@ import socket
 import time
 from typing import TYPE_CHECKING
 
-from granular_id._words import fixed
+from granular_id._checks import checked_index
+from granular_id._text import fixed
 from granular_id.live.monitor.frame import event, frame
 from granular_id.live.monitor.request import answer, busy
 from granular_id.live.view import MAX_HZ, checked_max_hz
 from granular_id.live.view_thread import ViewThread
-from granular_id.recording._values import checked_index
 
 if TYPE_CHECKING:
     from granular_id.live.snapshot import Snapshot

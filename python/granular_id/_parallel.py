@@ -1,0 +1,138 @@
+"""Work spread over threads that are all gone when it ends, however it ends."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from threading import Event, Lock
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: int | None) -> list[Result]:
+    """Do some work for each item, as `spread` does, each thread with the caller's configuration of scikit-learn.
+
+    Parameters
+    ----------
+    work : callable
+        From an item to a result.
+    items : iterable
+    n_jobs : int or None
+        Threads, as in joblib: None is 1, -1 all cores. One thread is the caller's own.
+
+    Returns
+    -------
+    list
+
+    Examples
+    --------
+    >>> in_threads(abs, [-2, 1], n_jobs=2)
+    [2, 1]
+    """
+    # slow to import, and reading recordings does without
+    from joblib import effective_n_jobs  # noqa: PLC0415
+    from sklearn import config_context, get_config  # noqa: PLC0415
+
+    configuration = get_config()  # scikit-learn keeps one for each thread
+
+    def configured(item: Item) -> Result:
+        with config_context(**configuration):
+            return work(item)
+
+    return spread(configured, items, effective_n_jobs(n_jobs))
+
+
+def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int) -> list[Result]:
+    """Do some work for each item; results in the order of the items.
+
+    When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
+    several items that fail the first in order is told.
+    joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
+    back from compiled code into an interpreter that is no more.
+
+    Examples
+    --------
+    >>> spread(abs, [-2, 1], n_threads=2)
+    [2, 1]
+    """
+    every = list(items)
+    n_threads = min(n_threads, len(every))
+    if n_threads <= 1:
+        return [work(item) for item in every]
+    results: dict[int, Result] = {}
+    errors: dict[int, BaseException] = {}
+    places = iter(range(len(every)))
+    next_place, stopped = Lock(), Event()
+
+    def work_on() -> None:
+        while not stopped.is_set():
+            with next_place:
+                place = next(places, None)
+            if place is None:
+                return
+            try:
+                results[place] = work(every[place])
+            except BaseException as error:
+                errors[place] = error
+                stopped.set()
+
+    # The caller does nothing but wait: Ctrl-C is raised there, and must not meet it with a lock in its hands.
+    pool = ThreadPoolExecutor(n_threads)
+    begun: list[Future[None]] = []
+    try:
+        with suppress(RuntimeError):  # no more threads are to be had: a limit, or the end of the program
+            begun.extend(pool.submit(work_on) for _ in range(n_threads))
+        for done in begun:
+            done.result()
+        if not begun:
+            work_on()
+    finally:
+        stopped.set()
+        pool.shutdown(wait=True)
+    if errors:
+        raise errors[min(errors)]
+    return [results[place] for place in range(len(every))]
+
+
+# One thread for linear algebra, where the last bit of a product would otherwise depend on their number.
+
+_lock = threading.Lock()
+_inside = 0
+_limits: threadpool_limits | None = None
+
+
+@contextmanager
+def single_threaded_blas() -> Iterator[None]:
+    """Keep BLAS to one thread inside the block.
+
+    An iterative method that rounds differently with two threads than with one ends elsewhere. The limit
+    belongs to the process, so the first thread that enters sets it and the last that leaves takes it back:
+    a limit of its own for each thread would be lifted under the feet of those still at work, or stay for ever.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id._parallel import single_threaded_blas
+    >>> with single_threaded_blas():
+    ...     float(np.ones((2, 2)).dot(np.ones(2)).sum())
+    4.0
+    """
+    global _inside, _limits  # noqa: PLW0603 - what they count belongs to the process
+    with _lock:
+        if _inside == 0:
+            _limits = threadpool_limits(limits=1, user_api="blas")
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if _inside == 0 and _limits is not None:
+                _limits.restore_original_limits()
+                _limits = None

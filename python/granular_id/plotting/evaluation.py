@@ -1,0 +1,523 @@
+"""Accuracy of each feature space under each protocol, with intervals."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id._text import fixed, short, whole_percent
+from granular_id.plotting.style import FAINT, INK, new_figure, quiet, row_names, save, share_axis
+from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.splits import protocol_name
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from granular_id.evaluation import EvaluationResult
+    from granular_id.identifier import OverTime
+_PAPER = "the paper, on its own recordings"
+
+
+def plot_accuracy(
+    result: EvaluationResult, *, paper: bool = False, path: str | os.PathLike[str] | None = None
+) -> Figure:
+    """Plot the mean accuracy of each feature space under each protocol, with intervals.
+
+    Parameters
+    ----------
+    result : EvaluationResult
+    paper : bool, default False
+        Mark the accuracies that the paper reports for its own recordings, where a space has one.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A bar is a mean over partitions. Its line is the 95 % interval, corrected for the recordings that
+        partitions share (`granular_id.statistics.corrected_interval`); dots, one a partition, take
+        its place where there are fewer than three. The dashed line is chance.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+
+    Examples
+    --------
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> result = evaluate(data, ["raw", "hfmh"], "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> [label.get_text() for label in plot_accuracy(result).axes[0].get_yticklabels()]
+    ['raw', 'hfmh']
+    """
+    names = [space.name for space in result.spaces]
+    shown = looks(result)
+    figure = new_figure(4.7, 0.9 + len(names) * (0.18 + 0.15 * len(shown)))
+    panel = figure.subplots()
+    thickness = 0.78 / len(shown)
+    for i, (protocol, look) in enumerate(shown.items()):
+        rows = np.arange(len(names)) + (i - (len(shown) - 1) / 2) * thickness
+        means = [result.mean_accuracy(name, protocol) for name in names]
+        panel.barh(rows, means, 0.8 * thickness, color=look.colour, alpha=0.35, linewidth=0, label=look.name)
+        for row, name, mean in zip(rows.tolist(), names, means, strict=True):
+            draw_accuracy(panel, result, name, protocol, row, look.colour)
+            panel.annotate(
+                f"{100 * mean:.1f}",
+                (1.0, row),
+                xytext=(4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=7.5,
+                color=INK,
+                annotation_clip=False,
+            )
+    if paper:
+        known = [(space.paper_accuracy, k) for k, space in enumerate(result.spaces) if space.paper_accuracy]
+        panel.plot(
+            [share for share, _ in known],
+            [k for _, k in known],
+            linestyle="none",
+            marker="|",
+            markersize=11,
+            markeredgewidth=1.6,
+            color=INK,
+            label=_PAPER,
+        )
+    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
+    share_axis(panel)
+    row_names(panel, names)
+    quiet(panel)
+    panel.spines["left"].set_visible(False)
+    panel.set_xlabel("accuracy", fontsize=9, color=INK)
+    panel.grid(axis="x", color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+    handles, words = panel.get_legend_handles_labels()
+    # The protocols first: matplotlib puts lines before bars.
+    order = sorted(range(len(words)), key=lambda i: words[i] in {"chance", _PAPER})
+    figure.legend(
+        [handles[i] for i in order],
+        [words[i] for i in order],
+        loc="outside upper left",
+        ncols=2,
+        frameon=False,
+        fontsize=8,
+        labelcolor=INK,
+    )
+    save(figure, path)
+    return figure
+
+
+def draw_accuracy(
+    panel: Any, result: EvaluationResult, space: str, protocol: str, row: float, colour: str
+) -> None:
+    """Draw the interval of one accuracy into a row, or its partitions where there are too few for one."""
+    low, high = result.interval(space, protocol)
+    if np.isfinite(low):
+        panel.plot([low, high], [row, row], color=colour, linewidth=2.2, solid_capstyle="butt")
+    else:
+        values = result.accuracies(space, protocol)
+        panel.plot(
+            values, np.full(values.shape, row), linestyle="none", marker="o", markersize=3, color=colour
+        )
+
+
+# The gap between random partitions and the strictest protocol, for one feature space.
+
+_GAP_COLOUR = "#E69F00"
+
+
+def plot_gap(
+    result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
+) -> Figure:
+    """Plot the accuracy of one feature space under every protocol on one scale, and the gap between them.
+
+    Parameters
+    ----------
+    result : EvaluationResult
+    space : str, optional
+        Default: the best under random draws.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One row a protocol: dots are partitions, the large mark is their mean, the line the 95 % interval
+        (`EvaluationResult.interval`; none below three partitions). The shaded stretch is the gap between
+        random draws and the strictest protocol; the dashed line is chance.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a space that was not evaluated.
+
+    Examples
+    --------
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> counts = {"n_partitions": 3, "train_per_class": 4, "test_per_class": 2}
+    >>> result = evaluate(data, "hfmh", ["paper", "chronological"], **counts)
+    >>> [label.get_text() for label in plot_gap(result).axes[0].get_yticklabels()]
+    ['random partitions', 'halves in time order']
+    """
+    name = result.space(space).name if space is not None else result.best_space(result.random)
+    shown = looks(result)
+    figure = new_figure(5.2, 0.75 + 0.42 * len(shown))
+    panel = figure.subplots()
+    strictest = result.strictest
+    if result.random is not None and strictest is not None:
+        means = [result.mean_accuracy(name, protocol) for protocol in (result.random, strictest)]
+        panel.axvspan(min(means), max(means), color=_GAP_COLOUR, alpha=0.3, linewidth=0)
+    for row, (protocol, look) in enumerate(shown.items()):
+        _draw_row(panel, result, name, protocol, row, look)
+    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--")
+    panel.annotate(
+        "chance",
+        (result.chance, len(shown) - 0.5),
+        xytext=(3, 3),
+        textcoords="offset points",
+        fontsize=8,
+        color=INK,
+    )
+    share_axis(panel)
+    panel.set_yticks(range(len(shown)), [look.name for look in shown.values()])
+    panel.set_ylim(len(shown) - 0.5, -0.5)
+    quiet(panel)
+    panel.tick_params(axis="y", length=0, labelsize=9)
+    panel.spines["left"].set_visible(False)
+    panel.grid(axis="x", color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+    mark = ", SYNTHETIC recordings" if result.synthetic else ""
+    panel.set_title(f"accuracy of {short(name, 40)}{mark}", fontsize=9, color=INK, parse_math=False)
+    save(figure, path)
+    return figure
+
+
+def _draw_row(panel: Any, result: EvaluationResult, space: str, protocol: str, row: int, look: Any) -> None:
+    values, mean = result.accuracies(space, protocol), result.mean_accuracy(space, protocol)
+    low, high = result.interval(space, protocol)
+    if np.isfinite(low):
+        panel.plot([low, high], [row, row], color=look.colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
+    dots = {"linestyle": "none", "marker": ".", "markersize": 5, "markeredgewidth": 0, "clip_on": False}
+    panel.plot(values, np.full(values.shape, float(row)), color=INK, alpha=0.55, **dots)
+    panel.plot(
+        [mean], [row], linestyle="none", marker=look.marker, markersize=8, color=look.colour, clip_on=False
+    )
+    # The number stands on the side that has room.
+    left = mean > 0.5
+    panel.annotate(
+        f"{100 * mean:.1f} %",
+        (min(values.min(), low if np.isfinite(low) else 1.0) if left else max(values.max(), mean), row),
+        xytext=(-6 if left else 8, 0),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        va="center",
+        fontsize=10,
+        fontweight="bold",
+        color=INK,
+    )
+
+
+# Which classes are recognised, under each protocol.
+
+
+def plot_recall(
+    result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
+) -> Figure:
+    """Plot the recall of each class: the share of its recordings that was named rightly.
+
+    Parameters
+    ----------
+    result : EvaluationResult
+    space : str, optional
+        Default: the best under random draws.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One row a class, one mark a protocol, joined by a line: its length is what the class loses.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a space that was not evaluated.
+
+    Examples
+    --------
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> result = evaluate(data, "hfmh", "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> [label.get_text() for label in plot_recall(result).axes[0].get_yticklabels()]
+    ['fine sugar', 'rice']
+    """
+    name = result.space(space).name if space is not None else result.best_space(result.random)
+    shown = looks(result)
+    recalls = {protocol: result.recall(name, protocol) for protocol in shown}
+    rows = range(len(result.labels))
+    figure = new_figure(4.7, 0.9 + 0.22 * len(rows))
+    panel = figure.subplots()
+    for row in rows:
+        ends = [recall[row] for recall in recalls.values()]
+        panel.plot([min(ends), max(ends)], [row, row], color=FAINT, linewidth=2, zorder=1)
+    for protocol, look in shown.items():
+        marks: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": look.marker,
+            "markersize": 6,
+            "color": look.colour,
+        }
+        panel.plot(recalls[protocol], rows, label=look.name, alpha=0.9, clip_on=False, **marks)
+    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
+    share_axis(panel)
+    row_names(panel, result.labels)
+    quiet(panel)
+    panel.spines["left"].set_visible(False)
+    panel.set_xlabel("recall", fontsize=9, color=INK)
+    panel.grid(axis="x", color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+    figure.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8, labelcolor=INK)
+    save(figure, path)
+    return figure
+
+
+# How a protocol looks in a figure.
+
+_MARKS = {
+    "paper": ("#0072B2", "o"),
+    "session": ("#D55E00", "s"),
+    "chronological": ("#CC79A7", "D"),
+    "kfold": ("#009E73", "^"),
+}
+
+
+class Look(NamedTuple):
+    """Name for a reader, Okabe & Ito's colour, and a marker, so that colour is never alone."""
+
+    name: str
+    colour: str
+    marker: str
+
+
+def looks(result: EvaluationResult) -> dict[str, Look]:
+    """Return name, colour and marker of each protocol that ran, in order."""
+    return {
+        protocol: Look(protocol_name(protocol, partitions), *_MARKS.get(protocol, ("#666666", "v")))
+        for protocol, partitions in result.partitions.items()
+    }
+
+
+# A confusion matrix as a heat map.
+
+_CELL = "#0072B2"
+
+_WHITE_ABOVE = 78.0
+"""Per cent from which on white stands out from a cell on white paper better than ink does."""
+
+
+def plot_confusion(
+    matrix: ArrayLike,
+    labels: Sequence[str],
+    *,
+    title: str | None = None,
+    path: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Plot a confusion matrix as a heat map, each row as per cent of its true class.
+
+    Parameters
+    ----------
+    matrix : array_like, shape (k, k)
+        Counts; row = true class, column = predicted class.
+    labels : sequence of str, length k
+        Names of the classes in the matrix's order.
+    title : str, optional
+    path : path-like, optional
+        As in `plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A class without any recording keeps an empty row.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    ValueError
+        For a matrix that is not square, holds negative or non-finite counts, or does not match the labels.
+
+    Examples
+    --------
+    >>> from granular_id.plotting import plot_confusion
+    >>> figure = plot_confusion([[9, 1], [0, 10]], ["peas", "rice"])
+    >>> [text.get_text() for text in figure.axes[0].texts]
+    ['90', '10', '100']
+    """
+    counts = _checked_counts(matrix, labels)
+    percent = as_percent(counts)
+    k = len(labels)
+    side = 1.8 + 0.5 * k
+    figure = new_figure(side + 0.8, side)
+    draw_confusion(figure.subplots(), percent, labels)
+    heading = "" if title is None else f"{title}\n"
+    figure.axes[0].set_title(
+        f"{heading}per cent of each true class", fontsize=10, color=INK, parse_math=False
+    )
+    save(figure, path)
+    return figure
+
+
+def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[str]) -> None:
+    """Draw a matrix of per cent (K, K) with the numbers in its cells."""
+    from matplotlib.patches import Rectangle  # noqa: PLC0415  # an extra
+
+    for row, column in np.argwhere(percent > 0):
+        value = float(percent[row, column])
+        # Faint to full in one hue: order survives any colour vision, a grey print and a dark page.
+        corner = (column - 0.47, row - 0.47)
+        panel.add_patch(
+            Rectangle(corner, 0.94, 0.94, color=_CELL, alpha=0.08 + 0.92 * value / 100, linewidth=0)
+        )
+        panel.text(
+            column,
+            row,
+            whole_percent(value),
+            ha="center",
+            va="center",
+            fontsize=9,
+            color="white" if value > _WHITE_ABOVE else INK,
+        )
+    k = len(labels)
+    names = [short(label) for label in labels]
+    # A label with $ in it is a label, no mathematics.
+    panel.set_xticks(
+        range(k), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=9, parse_math=False
+    )
+    panel.set_yticks(range(k), names, fontsize=9, parse_math=False)
+    panel.set_xticks(np.arange(k + 1) - 0.5, minor=True)
+    panel.set_yticks(np.arange(k + 1) - 0.5, minor=True)
+    panel.grid(which="minor", color=FAINT, linewidth=0.4, alpha=0.6)
+    panel.tick_params(which="both", length=0, colors=INK)
+    for spine in panel.spines.values():
+        spine.set_visible(False)
+    panel.set_xlim(-0.5, k - 0.5)
+    panel.set_ylim(k - 0.5, -0.5)
+    panel.set_aspect("equal")
+    panel.set_xlabel("predicted", color=INK)
+    panel.set_ylabel("true", color=INK)
+
+
+def as_percent(counts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each row as per cent of its sum; a row without counts stays zero."""
+    totals = counts.sum(axis=1, keepdims=True)
+    percent = np.zeros(counts.shape)
+    np.divide(100.0 * counts, totals, out=percent, where=totals > 0)
+    return percent
+
+
+def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.float64]:
+    counts = np.asarray(matrix, dtype=np.float64)
+    if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
+        raise ValueError(f"matrix must be square, got shape {counts.shape}")
+    if len(labels) != counts.shape[0]:
+        raise ValueError(f"labels must name the {counts.shape[0]} classes of matrix, got {len(labels)}")
+    if not np.all(np.isfinite(counts)) or np.any(counts < 0):
+        raise ValueError("matrix must hold finite counts that are not negative")
+    return counts
+
+
+# Accuracy and early answers against seconds of signal seen.
+
+_ACCURACY, _ANSWERED, _WRONG = AXIS_COLOURS[0], AXIS_COLOURS[1], AXIS_COLOURS[2]
+
+
+def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = None) -> Figure:
+    """Plot how accurate provisional answers are, and how many recordings are answered early, against time.
+
+    Parameters
+    ----------
+    course : granular_id.identifier.OverTime
+        From `granular_id.identifier.accuracy_over_time`.
+    path : path-like, optional
+        As in `granular_id.plotting.plot_mean_forces`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The full line is the share of provisional answers that are right, its end that of whole recordings; the
+        dashed line is chance. The filled curve is the share of recordings that the early rule has answered by then,
+        its dark part what of that is wrong.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+
+    Examples
+    --------
+    >>> from granular_id import synthesize
+    >>> from granular_id.identifier import accuracy_over_time
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=10, duration_s=0.5)
+    >>> plot_over_time(accuracy_over_time(data, target_error=0.1)).axes[0].get_xlabel()
+    'signal seen, s'
+    """
+    figure = new_figure(5.6, 3.4)
+    panel = figure.subplots()
+    seconds = course.seconds
+    if course.answered[-1] > 0:
+        _fill(panel, seconds, course.answered, _ANSWERED, "answered early")
+        wrong = [
+            share * error if share > 0 else 0.0
+            for share, error in zip(course.answered, course.error, strict=True)
+        ]
+        _fill(panel, seconds, wrong, _WRONG, "of these wrong", alpha=0.9)
+        panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
+        panel.annotate(
+            f"mean {fixed(course.mean_seconds, 2)} s",
+            (course.mean_seconds, 0.5),
+            xytext=(-4, 0),
+            textcoords="offset points",
+            ha="right",
+            fontsize=8,
+            color=INK,
+        )
+    panel.plot(seconds, course.accuracy, color=_ACCURACY, linewidth=1.8, label="provisional answers right")
+    panel.axhline(course.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
+    panel.annotate(
+        f"{100 * course.accuracy[-1]:.1f} %",
+        (seconds[-1], course.accuracy[-1]),
+        xytext=(-3, 5),
+        textcoords="offset points",
+        ha="right",
+        fontsize=9,
+        fontweight="bold",
+        color=INK,
+    )
+    panel.set_xlim(0.0, seconds[-1])
+    panel.set_ylim(0.0, 1.08)
+    panel.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    panel.grid(axis="y", color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+    quiet(panel)
+    panel.set_xlabel("signal seen, s", fontsize=9, color=INK)
+    mark = ", SYNTHETIC recordings" if course.synthetic else ""
+    panel.set_title(
+        f"{course.held_out}: {course.n_answers} answers{mark}", fontsize=9, color=INK, parse_math=False
+    )
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8, labelcolor=INK)
+    save(figure, path)
+    return figure
+
+
+def _fill(panel: Any, seconds: Any, shares: Any, colour: str, name: str, alpha: float = 0.3) -> None:
+    panel.fill_between(seconds, shares, step="post", color=colour, alpha=alpha, linewidth=0, label=name)

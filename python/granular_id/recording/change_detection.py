@@ -1,0 +1,382 @@
+"""Compare neighbouring windows of a recording with how they differ at rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._checks import FloatArray
+
+SPAN = 3
+"""Windows that a change must last to count: two are compared, and one between them keeps glitches out."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What detection found in n recordings of T samples and C axes.
+
+    Attributes
+    ----------
+    noise : RestNoise
+        What rest looks like.
+    critical : ndarray, shape (n, C)
+        Smallest change between windows that counts, in units of the axis; infinite for an axis that never moves.
+    statistic : ndarray, shape (n, T, C)
+        Change at each sample over the critical one; 0 where there is no room for the windows.
+    joint : ndarray, shape (n, T)
+        What decides: above 1 where two axes change, or one by what is critical for an axis alone.
+    first : ndarray of int, shape (n,)
+        First sample at which that is so, or -1.
+    wander : ndarray, shape (n, C)
+        Largest distance of a window after the rest from the level at rest.
+    """
+
+    noise: RestNoise
+    critical: FloatArray
+    statistic: FloatArray
+    joint: FloatArray
+    first: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+    wander: FloatArray
+
+
+def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
+    """Find the first sample at which any axis changes by more than noise, in recordings of shape (n, T, C).
+
+    At sample t there are two windows before it and two from it on, one window's length apart. Its change is the
+    gap between the two before and the two after: all four must agree, so a glitch shorter than a window, which
+    touches one of them at most, cannot pass. The gap never exceeds the difference of the two windows that meet
+    at t, the moving sum statistic whose distribution at rest is known (Basseville & Nikiforov, "Detection of
+    Abrupt Changes", 1993, section 2.1; P. Bauer and P. Hackl, "The use of MOSUMS for quality control",
+    Technometrics 20, 1978), so its threshold holds. As the comparison is with what came just before, slow drift
+    does not add up. One count is taken off: two readings of one level may differ by that much.
+
+    The motion of a tool loads several axes. Where two change together, the colour of the noise is taken from all
+    axes; a change of one axis only must stand out from what this axis alone has shown, lest the odd axis with
+    slower noise than the others ring every alarm.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, T, C)
+        Near zero (less the first sample, for instance).
+    rest, window : int
+        Samples known to be at rest, and samples of a window; T >= rest + SPAN window.
+    rate : float
+        Probability of a false alarm in a recording without motion.
+    """
+    _, n_samples, n_axes = samples.shape
+    n_tests = n_samples - rest - SPAN * window + 1
+    noise = rest_noise(samples, rest, window)
+    per_axis = rate / n_axes
+    critical = critical_factors(noise.dof, n_tests, per_axis)[:, np.newaxis] * np.sqrt(noise.shift_variance)
+    alone = critical_factors(np.array([noise.own_dof]), n_tests, per_axis) * np.sqrt(noise.own_variance)
+    critical[noise.shift_variance == 0] = np.inf
+    if n_axes == 1:
+        critical = np.where(np.isinf(critical), np.inf, alone)
+    share = np.divide(
+        critical, np.maximum(alone, critical), out=np.zeros_like(critical), where=np.isfinite(critical)
+    )
+    means = windows_of(samples, window)
+    apart = (SPAN - 1) * window
+    low, high = (bound(means[:, apart:], means[:, :-apart]) for bound in (np.minimum, np.maximum))
+    first = rest - SPAN * window  # where the stretch before the first tested sample begins
+    before, after = slice(first, first + n_tests), slice(rest, rest + n_tests)
+    gap = np.maximum(low[:, after] - high[:, before], low[:, before] - high[:, after])
+    gap -= noise.count[:, np.newaxis]
+    np.maximum(gap, 0.0, out=gap)
+    statistic = np.zeros(samples.shape)
+    np.divide(gap, critical[:, np.newaxis], out=statistic[:, after])
+    joint = _joint(statistic, share)
+    passed = joint > 1
+    first_passed = np.where(passed.any(axis=1), passed.argmax(axis=1), -1)
+    wander = np.abs(means[:, rest:] - noise.level[:, np.newaxis]).max(axis=1)
+    return Detection(noise, critical, statistic, joint, first_passed, wander)
+
+
+def _joint(statistic: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the second largest of the axes, or the largest in terms of what one axis alone must show."""
+    first = statistic[:, :, 0].copy()
+    second = np.zeros_like(first)
+    alone = first * share[:, :1]
+    for axis in range(1, statistic.shape[2]):
+        own = statistic[:, :, axis]
+        np.maximum(second, np.minimum(first, own), out=second)
+        np.maximum(first, own, out=first)
+        np.maximum(alone, own * share[:, axis : axis + 1], out=alone)
+    joint: FloatArray = np.maximum(second, alone)
+    return joint
+
+
+# When a change that was found actually began.
+
+# Courses of a change, powers of the time since it began: a jump, a steady rise, the rise of what accelerates.
+_POWERS = (0, 1, 2)
+# Longest stretch that is fitted sample by sample; longer ones are averaged down to it.
+_MOST_POINTS = 400
+# How many rests to look back from where a change was found, and how many typical differences of windows are no move.
+_LOOK_BACK = 5
+_AT_LEVEL = 6.0
+# Half windows fitted after that. Synthetic pushes: with 2 the curve's bend is taken for its beginning (10 ms late),
+# with 6 it mostly is (12 ms late), with 3 the middle of all errors is 3 ms.
+_AFTER = 3
+
+_Indices = NDArray[np.intp]
+
+
+def change_times(
+    samples: FloatArray, weights: FloatArray, first: _Indices, rest: int, window: int
+) -> _Indices:
+    """Estimate the sample at which each change began.
+
+    Axes are added up with `weights` (the matched filter for their common change). From where this sum left
+    its former level, the stretch of `rest` samples before and one and a half windows after is fitted by a level
+    that turns into a jump, a straight or a quadratic rise at sample k. The best k by least squares is the maximum
+    likelihood estimate for white noise (D. V. Hinkley, "Inference about the change-point in a sequence of random
+    variables", Biometrika 57, 1970; for broken lines "Inference in two-phase regression", JASA 66, 1971).
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, T, C)
+    weights : ndarray, shape (n, C)
+        Signed: the sum rises with the change.
+    first : ndarray of int, shape (n,)
+        Where the change was found, at least `rest`.
+    rest, window : int
+        In samples.
+    """
+    length = rest + _AFTER * window // 2
+    course = np.einsum("ntc,nc->nt", samples, weights)
+    left = np.array([_leaves(*one, rest, window) for one in zip(course, first, strict=True)], dtype=np.intp)
+    course = np.take_along_axis(course, (left - rest)[:, np.newaxis] + np.arange(length), axis=1)
+    stride = -(-length // _MOST_POINTS)
+    kept = length // stride
+    course = course[:, length - kept * stride :].reshape(len(course), kept, stride).mean(axis=2)
+    shapes, begins = _shapes(kept, -(-window // stride))
+    best = begins[((course - course.mean(axis=1, keepdims=True)) @ shapes.T).argmax(axis=1)]
+    result: _Indices = left - rest + (length - kept * stride) + best * stride
+    return result
+
+
+def _leaves(course: FloatArray, first: int, rest: int, window: int) -> int:
+    """Return the last sample before `first` at which the windows of the course were at their former level.
+
+    A slow rise may be well under way before it is certain. The former level is that of some rests ago, not
+    that of the first samples: drift since then is no motion.
+    """
+    begin = max(0, int(first) - (_LOOK_BACK + 1) * rest)
+    means = windows_of(course[np.newaxis, begin:first, np.newaxis], window)[0, :, 0]
+    calm = windows_of(course[np.newaxis, :rest, np.newaxis], window)[0, :, 0]
+    usual = np.sqrt(np.square(calm[window:] - calm[:-window]).mean())
+    level = course[begin : begin + rest].mean()
+    at_level = np.flatnonzero(np.abs(means - level) <= _AT_LEVEL * usual)
+    last = int(at_level[-1]) + window if len(at_level) else rest
+    return begin + max(last, rest)
+
+
+@lru_cache(maxsize=64)
+def _shapes(length: int, window: int) -> tuple[FloatArray, _Indices]:
+    """Return the centred unit courses of changes, one a row, and the sample at which each begins."""
+    time = np.arange(length)
+    # a rise is at its old level at k, a jump at k has just left it; each leaves points to be seen by
+    candidates = [
+        (k, np.where(time >= k, 1.0, 0.0) if power == 0 else np.maximum(time - k, 0.0) ** power)
+        for power in _POWERS
+        for k in range(1, length - max(window // 4, 1))
+    ]
+    shapes = np.array([course - course.mean() for _, course in candidates])
+    norms = np.linalg.norm(shapes, axis=1, keepdims=True)
+    return shapes / norms, np.array([k for k, _ in candidates], dtype=np.intp)
+
+
+# What an axis does while nothing moves, measured on the few samples before the motion.
+
+WINDOWS_IN_REST = 5
+"""Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise."""
+# Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
+# thinner than his approximation says where the larger of two estimates is taken and two axes must agree. Set by
+# simulation with benches/onset.py: with 3 the rate is just held when all axes carry one and the same noise.
+_THINNER_TAIL = 2.5
+
+
+@dataclass(frozen=True)
+class RestNoise:
+    """Noise at rest of n recordings of C axes.
+
+    Attributes
+    ----------
+    level, sd : ndarray, shape (n, C)
+        Mean and standard deviation of the samples.
+    shift_variance : ndarray, shape (n, C)
+        Variance of the difference between the means of two neighbouring windows, taking noise to have one
+        colour on all axes; at least `own_variance`.
+    dof : ndarray, shape (n,)
+        Degrees of freedom of that variance.
+    own_variance : ndarray, shape (n, C)
+        The same variance from each axis alone.
+    own_dof : float
+        Its degrees of freedom.
+    count : ndarray, shape (n, C)
+        One count of the sensor: by this much a level may seem to differ though it does not.
+    """
+
+    level: FloatArray
+    sd: FloatArray
+    shift_variance: FloatArray
+    dof: FloatArray
+    own_variance: FloatArray
+    own_dof: float
+    count: FloatArray
+
+
+def windows_of(samples: FloatArray, window: int) -> FloatArray:
+    """Return the means of all windows of this many samples: (n, T, C) gives (n, T - window + 1, C).
+
+    `samples` should be near zero: the means come from running sums.
+    """
+    sums = np.cumsum(samples, axis=1)
+    sums[:, window:] -= sums[:, :-window].copy()
+    return sums[:, window - 1 :] / window
+
+
+def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
+    """Measure the noise of the first `rest` samples of recordings of shape (n, T, C).
+
+    What has to be known is how much the means of neighbouring windows differ when nothing moves, and this is
+    measured as just that: on neighbouring windows at rest. So noise may have any colour (filtered by the sensor,
+    autocorrelated, drifting) without a model of it. One axis offers about three independent such differences,
+    too few to be sure of anything; but axes come from one sensor, as a rule through one filter. How much larger
+    the differences are than those of single samples is therefore also pooled over the axes, with only the size
+    from each axis itself. Axes that move together count once (participation ratio of their correlations).
+    """
+    at_rest = samples[:, :rest]
+    level = at_rest.mean(axis=1)
+    centred = at_rest - level[:, np.newaxis]
+    step = np.abs(np.diff(samples, axis=1))
+    count = _one_count(step, rest)
+    fast = np.square(step[:, : rest - 1]).mean(axis=1)
+    means = windows_of(centred, window)
+    own = np.square(means[:, window:] - means[:, :-window]).mean(axis=1)
+    size_dof = 2 / 3 * (rest - 1)  # of the mean square of differences between independent samples
+    own_dof = size_dof if window == 1 else 0.75 * (rest / window - 1)
+    live = fast > 0
+    colour = np.divide(own, fast, out=np.zeros_like(own), where=live).sum(axis=1) / np.maximum(
+        live.sum(axis=1), 1
+    )
+    pooled_dof = own_dof * _independent(centred)
+    dof = _THINNER_TAIL / (1 / pooled_dof + 1 / size_dof)
+    # reading is exact to half a count at best, evenly spread: a variance of one count squared over twelve
+    own = np.maximum(own, 2 / window * np.square(count) / 12)
+    shared = np.maximum(own, colour[:, np.newaxis] * fast)
+    return RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count)
+
+
+def _one_count(step: FloatArray, rest: int) -> FloatArray:
+    """Find the resolution of each axis: the smallest change between neighbouring samples.
+
+    For an axis that stands still at rest the usual change is taken instead: interpolation may have divided one
+    count into small steps, and nothing else would keep such an axis from answering to a single count.
+    """
+    changed = np.where(step > 0, step, np.inf)
+    count: FloatArray = changed.min(axis=1)
+    count[np.isinf(count)] = 0.0
+    still = (step[:, : rest - 1] == 0).all(axis=1) & (count > 0)
+    for i, axis in np.argwhere(still):
+        one = step[i, :, axis]
+        count[i, axis] = np.median(one[one > 0])
+    return count
+
+
+def _independent(centred: FloatArray) -> FloatArray:
+    """Count how many independent axes those that are not still are worth, shape (n,), at least 1."""
+    size = np.sqrt(np.square(centred).sum(axis=1, keepdims=True))
+    scaled = np.divide(centred, size, out=np.zeros_like(centred), where=size > 0)
+    correlation = np.matmul(scaled.transpose(0, 2, 1), scaled)
+    total = np.square(correlation).sum(axis=(1, 2))
+    trace = np.trace(correlation, axis1=1, axis2=2)
+    independent: FloatArray = np.maximum(np.square(trace) / np.where(total > 0, total, 1.0), 1.0)
+    return independent
+
+
+# How many standard errors a change must measure before chance is ruled out for a whole recording.
+
+# Degrees of freedom of the table; below the first nothing is known about the noise, above the last all is.
+_LEAST, _MOST, _POINTS = 0.5, 1e4, 160
+# Numbers of tests are rounded up to the next of 5 % steps: recordings of similar length share one table.
+_GRID = 1.05
+# Variances are integrated over their probability, from this upwards: less than any rate that can be asked for.
+_RAREST = 1e-16
+_NODES, _HALVINGS = 160, 32
+
+
+def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
+    """Return the upper point of the studentised maximum modulus for these degrees of freedom.
+
+    The factor c with P(max |N_i| > c s) = `rate` for `n_tests` standard normal N_i and an independent estimate s
+    of their standard deviation with `dof` degrees of freedom. The estimate is shared by all tests of an axis: a
+    noise taken for too small by chance is too small for all of them, which Student's t per test would not know.
+    By Sidak's inequality tests may be correlated in any way, as overlapping windows are: the rate is then lower.
+
+    Parameters
+    ----------
+    dof : ndarray
+        Degrees of freedom; below 0.5 the factor is infinite.
+    n_tests : int
+        How many tests are made, at least 1.
+    rate : float
+        Probability that any of them exceeds the factor by chance.
+
+    Returns
+    -------
+    ndarray
+        In the shape of `dof`.
+
+    References
+    ----------
+    Z. Sidak, "Rectangular confidence regions for the means of multivariate normal distributions", Journal of
+    the American Statistical Association 62 (1967). M. R. Stoline and H. K. Ury, "Tables of the studentized
+    maximum modulus distribution", Technometrics 21 (1979).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording.change_detection import critical_factors
+    >>> critical_factors(np.array([10.0, 1e4]), 1, 0.05).round(2).tolist()       # Student's t
+    [2.23, 1.96]
+    """
+    grid = n_tests if n_tests < 20 else math.ceil(_GRID ** math.ceil(math.log(n_tests, _GRID) - 1e-9))
+    known, factors = _table(grid, rate)
+    found = np.exp(np.interp(np.log(np.clip(dof, _LEAST, _MOST)), known, factors))
+    return np.where(dof < _LEAST, np.inf, found)
+
+
+@lru_cache(maxsize=256)
+def _table(n_tests: int, rate: float) -> tuple[FloatArray, FloatArray]:
+    """Logarithms of degrees of freedom and of the factor, by bisection for all of them at once."""
+    from scipy.special import ndtr  # slow to import, and only this step needs it  # noqa: PLC0415
+
+    dof, sd, weights = _estimates()
+    low, high = np.zeros(_POINTS), np.full(_POINTS, math.log(1e30))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        with np.errstate(divide="ignore"):
+            all_inside = n_tests * np.log1p(-2 * ndtr(-np.exp(middle)[:, np.newaxis] * sd))
+        too_often = -np.expm1(all_inside) @ weights > rate
+        low, high = np.where(too_often, middle, low), np.where(too_often, high, middle)
+    return np.log(dof), high
+
+
+@lru_cache(maxsize=1)
+def _estimates() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Degrees of freedom, the standard deviations that each may estimate where 1 is true, and their weights."""
+    from scipy.special import gammaincinv  # noqa: PLC0415
+
+    dof = np.geomspace(_LEAST, _MOST, _POINTS)
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    # equal care for every decade of probability: the small variances make the false alarms
+    probability = np.exp(0.5 * math.log(_RAREST) * (1.0 - nodes))
+    weights = weights * -0.5 * math.log(_RAREST) * probability
+    sd = np.sqrt(gammaincinv(dof[:, np.newaxis] / 2, probability) * 2 / dof[:, np.newaxis])
+    return dof, sd, weights

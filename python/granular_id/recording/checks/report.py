@@ -1,0 +1,258 @@
+"""``CheckReport``: what the checks found, worst first, with a verdict per recording."""
+
+from __future__ import annotations
+
+import json
+import os
+import textwrap
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, overload
+
+from granular_id._checks import freeze, thaw
+from granular_id._text import counted
+from granular_id.recording.recording import Recording
+from granular_id.recording.report import save_report
+
+# ``Finding``: one thing worth knowing about a data set before its results are believed.
+
+Severity = Literal["error", "warning", "info"]
+
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
+"""From worst to mildest."""
+
+_PRINTED_NAMES = 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing worth knowing before results are believed.
+
+    Attributes
+    ----------
+    severity : {"error", "warning", "info"}
+        "error": an evaluation cannot run or would be wrong; "warning": it may mislead; "info": good to know.
+    code : str
+        Short fixed name of the check, for programs.
+    message : str
+        What was found, in words.
+    recordings : tuple of str
+        Names of the recordings concerned; empty when it is the whole set.
+    indices : tuple of int
+        Their places in the data set: names need not be unique.
+    values : mapping
+        The figures behind the message, by name, units in the names.
+
+    Examples
+    --------
+    >>> from granular_id.recording import Finding
+    >>> print(Finding("warning", "gaps", "1 recording has a gap of 0.4 s", ("rice_07.csv",)))
+    warning: 1 recording has a gap of 0.4 s [rice_07.csv]
+    """
+
+    severity: Severity
+    code: str
+    message: str
+    recordings: tuple[str, ...] = ()
+    indices: tuple[int, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", freeze(self.values, "values"))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # read-only mappings cannot be pickled: rebuild from plain ones
+        return (Finding, tuple(thaw(v) if n == "values" else v for n, v in vars(self).items()))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, ready for ``json.dumps``."""
+        plain = {name: getattr(self, name) for name in ("severity", "code", "message")}
+        return {
+            **plain,
+            "recordings": list(self.recordings),
+            "indices": list(self.indices),
+            "values": thaw(self.values),
+        }
+
+    def __str__(self) -> str:
+        names = first_names(self.recordings)
+        return f"{self.severity}: {self.message}" + (f" [{names}]" if names else "")
+
+
+def first_names(names: Sequence[str]) -> str:
+    """Return the first few names in one text.
+
+    Examples
+    --------
+    >>> first_names(["a", "b", "c", "d"])
+    'a, b, c, ...'
+    """
+    return ", ".join(names[:_PRINTED_NAMES]) + (", ..." if len(names) > _PRINTED_NAMES else "")
+
+
+def found(
+    severity: Severity,
+    code: str,
+    message: str,
+    recordings: Sequence[Recording] = (),
+    indices: Iterable[int] = (),
+    **values: Any,
+) -> Finding:
+    """Make a finding about ``recordings[i] for i in indices``; about the whole set when none is given."""
+    places = tuple(int(i) for i in indices)
+    return Finding(severity, code, message, tuple(recordings[i].name for i in places), places, values)
+
+
+State = Literal["ok", "warning", "error"]
+
+WIDTH = 100
+"""Columns of the printed table."""
+
+_NO_FINDING = "nothing found that would spoil an evaluation"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the checks say of one recording.
+
+    Attributes
+    ----------
+    name : str
+        The recording's name.
+    state : {"ok", "warning", "error"}
+        The worst of the findings that name this recording. Findings about the whole set, such as a clock that
+        tells the label, are nobody's in particular: `CheckReport.worst` counts them.
+    codes : tuple of str
+        Codes of those findings, mild ones ("info") included.
+    """
+
+    name: str
+    state: State
+    codes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values, ready for ``json.dumps``."""
+        return {"name": self.name, "state": self.state, "codes": list(self.codes)}
+
+
+@dataclass(frozen=True)
+class CheckReport(Sequence[Finding]):
+    """A sequence of findings, worst first, that prints as a table and judges every recording.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Errors, warnings, infos; within each the order of the checks.
+    verdicts : tuple of Verdict
+        One per recording, in the order of the data set.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import Dataset, Recording
+    >>> noise = np.random.default_rng(0).normal(size=(12, 100, 6))
+    >>> noise[3, :, 2] = 0
+    >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
+    ...                 for i in range(12)])
+    >>> report = data.check()
+    >>> report.worst, [finding.code for finding in report], report.verdicts[3].state
+    ('warning', ['stuck-axis'], 'warning')
+    >>> print(report)
+    12 recordings checked: 11 ok, 1 with warnings
+    <BLANKLINE>
+    warning  stuck-axis  1 recording with an axis that never changes (fz)
+                         [push 3]
+    """
+
+    findings: tuple[Finding, ...]
+    verdicts: tuple[Verdict, ...]
+
+    @classmethod
+    def of(cls, findings: Sequence[Finding], recordings: Sequence[Recording]) -> CheckReport:
+        """Sort findings by severity and judge each recording by those that name it."""
+        ordered = tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
+        own: list[list[Finding]] = [[] for _ in recordings]
+        for finding in ordered:
+            for i in finding.indices:
+                own[i].append(finding)
+        verdicts = tuple(
+            Verdict(r.name, _worst(mine), tuple(finding.code for finding in mine))
+            for r, mine in zip(recordings, own, strict=True)
+        )
+        return cls(ordered, verdicts)
+
+    @property
+    def worst(self) -> State:
+        """The worst finding, "ok" when there is none but infos."""
+        return _worst(self.findings)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Recordings per code, in the order of the findings; those of the whole set count all."""
+        return {f.code: len(f.indices) or len(self.verdicts) for f in self.findings}
+
+    @overload
+    def __getitem__(self, index: int) -> Finding: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Finding, ...]: ...
+    def __getitem__(self, index: int | slice) -> Finding | tuple[Finding, ...]:
+        return self.findings[index]
+
+    def __len__(self) -> int:
+        return len(self.findings)
+
+    def __iter__(self) -> Iterator[Finding]:
+        return iter(self.findings)
+
+    def text(self, width: int = WIDTH) -> str:
+        """Return the table in lines of at most `width` columns, as far as names allow."""
+        lines = [self._headline()]
+        if not self.findings:
+            return f"{lines[0]}: {_NO_FINDING}"
+        longest = max(len(finding.code) for finding in self.findings)
+        indent = " " * (len("warning") + longest + 4)
+        previous = None
+        for finding in self.findings:
+            if finding.severity != previous:
+                lines.append("")
+            previous = finding.severity
+            start = f"{finding.severity:<7}  {finding.code:<{longest}}  "
+            lines += textwrap.wrap(
+                finding.message, width, initial_indent=start, subsequent_indent=indent, break_long_words=False
+            )
+            if 0 < len(finding.indices) < len(self.verdicts):
+                names = f"[{first_names(finding.recordings)}]"
+                lines += textwrap.wrap(names, width, initial_indent=indent, subsequent_indent=indent)
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def _headline(self) -> str:
+        states = Counter(verdict.state for verdict in self.verdicts)
+        parts = [f"{states['ok']} ok"]
+        parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
+        return f"{counted(len(self.verdicts))} checked: {', '.join(parts)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
+        return {
+            "worst": self.worst,
+            "counts": self.counts,
+            "findings": [finding.to_dict() for finding in self.findings],
+            "verdicts": [verdict.to_dict() for verdict in self.verdicts],
+        }
+
+    def to_json(self) -> str:
+        """Return the whole report as one JSON text."""
+        return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
+        save_report(self, path)
+
+
+def _worst(findings: Sequence[Finding]) -> State:
+    severities = {finding.severity for finding in findings}
+    return "error" if "error" in severities else "warning" if "warning" in severities else "ok"

@@ -1,0 +1,364 @@
+"""``Recording``: one push through a material, as the sensor saw it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from enum import IntFlag
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._checks import (
+    FloatArray,
+    as_floats,
+    checked_index,
+    checked_number,
+    checked_rate,
+    checked_text,
+    freeze,
+    locked,
+    thaw,
+)
+from granular_id._columns import by_name, column_names
+from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
+from granular_id._text import fixed
+
+_WRENCH = "a real array of shape (T, C), T >= 1, as a rule with the axes fx fy fz (N) tx ty tz (N m)"
+_TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One recording: validated once, then never changed.
+
+    Exactly one of `rate_hz` and `time_s` is given: a recording is either uniform at a known rate, or carries
+    the stamps of its samples and must be resampled before anything that needs a rate.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (T, C)
+        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64. Of a
+        table (a DataFrame of pandas or polars) the names of the columns are the axes, in the order of the columns;
+        fx fy fz tx ty tz, in small or large letters, come into this order. A column of stamps, or one beside those
+        six, is refused unless `axes` chooses the columns.
+    rate_hz : float or None
+        Sampling rate of a uniform recording, Hz.
+    label : str or None
+        Name of the material; None where it is unknown.
+    session : str or None
+        What was recorded in one go (same set-up, same filling). None: not known, nothing is guessed.
+    start_time : float or None
+        Time of the first sample, seconds since 1970-01-01 UTC.
+    trigger_index : int or None
+        Sample at which the motion (or whatever was waited for) began.
+    time_s : array_like, shape (T,), or None
+        Seconds from the first sample, strictly increasing; None for uniform recordings.
+    meta : mapping
+        Sensor, calibration, filter, frame, sign, tool, speed, fill height ...: any JSON-like tree.
+    flags : array_like of uint8, shape (T,), or None
+        Bits of :class:`SampleFlag` per sample; None when no sample has any.
+    name : str
+        How reports call this recording, for example the file it came from.
+    axes : sequence of str
+        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said. Of a table with
+        named columns: those to take, in this order.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, what came and what is wanted (the first NaN or infinity by its index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import Recording
+    >>> Recording(np.zeros((1600, 6)), rate_hz=500, label="rice", name="rice_01")
+    Recording('rice_01', label='rice', 1600 samples at 500 Hz)
+    """
+
+    wrench: FloatArray
+    rate_hz: float | None = None
+    label: str | None = None
+    session: str | None = None
+    start_time: float | None = None
+    trigger_index: int | None = None
+    time_s: FloatArray | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    flags: NDArray[np.uint8] | None = None
+    name: str = ""
+    axes: tuple[str, ...] = ()
+
+    __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
+
+    def __post_init__(self) -> None:
+        wrench, axes = _checked_wrench(self.wrench, self.axes)
+        checked: dict[str, object] = {"wrench": wrench, "axes": axes}
+        n_samples = len(wrench)
+        if (self.rate_hz is None) == (self.time_s is None):
+            came = "neither" if self.rate_hz is None else "both"
+            raise ValueError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
+        if self.rate_hz is not None:
+            checked["rate_hz"] = checked_rate(self.rate_hz)
+            if not np.isfinite(n_samples / checked_rate(self.rate_hz)):
+                raise ValueError(f"rate_hz={self.rate_hz} makes {n_samples} samples last for ever")
+        if self.time_s is not None:
+            checked["time_s"] = _checked_time(self.time_s, n_samples)
+        for name in ("label", "session"):
+            if getattr(self, name) is not None:
+                checked[name] = checked_text(getattr(self, name), name, spaced=False)
+        checked["name"] = checked_text(self.name, "name", empty=True)
+        if self.start_time is not None:
+            checked["start_time"] = checked_number(self.start_time, "start_time")
+        if self.trigger_index is not None:
+            index = checked_index(self.trigger_index, "trigger_index")
+            if not 0 <= index < n_samples:
+                raise ValueError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
+            checked["trigger_index"] = index
+        if not isinstance(self.meta, Mapping):
+            raise TypeError(f"meta must be a mapping, got {type(self.meta).__name__}")
+        checked["meta"] = freeze(self.meta, "meta")
+        if self.flags is not None:
+            checked["flags"] = _checked_flags(self.flags, n_samples)
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def _trusted(cls, **fields: Any) -> Recording:
+        """Make a recording of fields that a reader has checked and frozen for many recordings at once.
+
+        `wrench` is read-only, C-contiguous, finite float64, `meta` comes from ``freeze``, `axes` is a tuple; the
+        rest is as the constructor would leave it. Fields left out have their defaults.
+        """
+        recording = object.__new__(cls)
+        recording.__dict__.update(_DEFAULTS, **fields)
+        return recording
+
+    @classmethod
+    def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
+        """Make many recordings at once: a column per field, none left out, each as `_trusted` wants it."""
+        make = object.__new__
+        recordings = []
+        for row in zip(*(columns[name] for name in _FIELDS), strict=True):
+            recording = make(cls)
+            recording.__dict__.update(zip(_FIELDS, row, strict=True))
+            recordings.append(recording)
+        return recordings
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples T."""
+        return len(self.wrench)
+
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether it was simulated rather than measured: ``meta["synthetic"]`` says so."""
+        return bool(self.meta.get("synthetic", False))
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the samples are equally spaced at `rate_hz`."""
+        return self.rate_hz is not None
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the first to the last sample."""
+        return float(self.times()[-1])
+
+    def times(self) -> FloatArray:
+        """Return seconds from the first sample, shape (T,), whether uniform or not."""
+        if self.time_s is not None:
+            return self.time_s
+        return np.arange(self.n_samples) / checked_rate(self.rate_hz)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Recording):
+            return NotImplemented
+        plain = ("rate_hz", "label", "session", "start_time", "trigger_index", "name", "meta", "axes")
+        return all(getattr(self, n) == getattr(other, n) for n in plain) and all(
+            _same_array(getattr(self, n), getattr(other, n)) for n in ("wrench", "time_s", "flags")
+        )
+
+    def __repr__(self) -> str:
+        if self.rate_hz is not None:
+            rate = f"at {self.rate_hz:g} Hz"
+        elif self.n_samples > 1:
+            rate = f"irregular, {(self.n_samples - 1) / self.duration_s:.3g} Hz on average"
+        else:
+            rate = "irregular"
+        axes = "" if self.axes == AXES else f", axes {' '.join(self.axes)}"
+        return f"Recording({self.name!r}, label={self.label!r}, {self.n_samples} samples {rate}{axes})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # unpickled arrays are writable and read-only mappings do not pickle: go through the checks again
+        fields = (thaw(self.meta) if n == "meta" else getattr(self, n) for n in self.__dataclass_fields__)
+        return (Recording, tuple(fields))
+
+
+_FIELDS = tuple(f.name for f in fields(Recording))
+
+_DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.default is not MISSING} | {
+    "meta": freeze({}, "meta"),
+    "axes": AXES,
+}
+
+
+def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
+    columns = column_names(value)
+    if columns is not None:
+        wanted = None
+        if not (
+            names is None or (isinstance(names, tuple) and not names)
+        ):  # they choose among the columns: as many as are given
+            given = len(names) if isinstance(names, Sequence) else 0
+            wanted = checked_axes(names, (0, given or len(columns)))
+        value, names = by_name(value, columns, "wrench", wanted)
+    array = as_floats(value, "wrench", _WRENCH)
+    if array.ndim != 2 or not array.size:
+        raise ValueError(f"wrench has shape {array.shape}; wanted {_WRENCH}")
+    axes = checked_axes(names, array.shape)
+    if not np.isfinite(array).all():
+        row, column = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise ValueError(
+            f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}; samples must be finite"
+        )
+    return locked(array), axes
+
+
+def _checked_time(value: object, n_samples: int) -> FloatArray:
+    array = as_floats(value, "time_s", _TIME)
+    if array.shape != (n_samples,):
+        raise ValueError(
+            f"time_s has shape {array.shape}, but wrench has {n_samples} samples; wanted {_TIME}"
+        )
+    if not np.isfinite(array).all():
+        first = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise ValueError(f"time_s[{first}] is {array[first]}; stamps must be finite")
+    if array[0] != 0:
+        raise ValueError(f"time_s[0] is {array[0]:g}; wanted {_TIME}")
+    wrong = np.flatnonzero(array[1:] <= array[:-1])
+    if len(wrong):
+        first = int(wrong[0])
+        raise ValueError(
+            f"time_s[{first + 1}] = {float(array[first + 1])!r} does not come after time_s[{first}] = "
+            f"{float(array[first])!r}"
+        )
+    return locked(array + 0.0)  # -0.0 would not compare equal bit for bit after a round trip through text
+
+
+def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu":
+        raise TypeError(f"flags has dtype {array.dtype}; wanted integers of shape ({n_samples},)")
+    if array.shape != (n_samples,):
+        raise ValueError(f"flags has shape {array.shape}; wanted ({n_samples},)")
+    unknown = np.flatnonzero(array.astype(np.int64) & ~KNOWN_FLAGS)
+    if len(unknown):
+        raise ValueError(
+            f"flags[{unknown[0]}] is {array[unknown[0]]}; wanted bits of SampleFlag (0 to {KNOWN_FLAGS})"
+        )
+    return locked(np.ascontiguousarray(array, dtype=np.uint8)) if array.any() else None
+
+
+def _same_array(a: NDArray[Any] | None, b: NDArray[Any] | None) -> bool:
+    if a is None or b is None:
+        return a is b
+    return a is b or np.array_equal(a, b)
+
+
+# Names and units of the columns of a recording.
+
+KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
+
+
+def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Return one name per column: those given, or fx fy fz tx ty tz where none are and six are wanted.
+
+    Parameters
+    ----------
+    names : sequence of str, or None
+        Empty or None: nothing is said.
+    shape : tuple of int
+        (T, C) of the samples.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Not a sequence of different printable names, not as many as columns, or none given and C is not 6.
+    """
+    if names is None or (isinstance(names, tuple) and not names):
+        if shape[1] != len(AXES):
+            raise ValueError(
+                f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
+            )
+        return AXES
+    if names is AXES:
+        return AXES
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise TypeError(f"axes must be a sequence of names, got {type(names).__name__}")
+    axes = tuple(checked_text(name, f"axes[{i}]", spaced=False) for i, name in enumerate(names))
+    if len(axes) != shape[1]:
+        raise ValueError(f"axes has {len(axes)} names, but wrench has {shape[1]} columns")
+    if len(set(axes)) < len(axes):
+        raise ValueError(f"axes {axes!r} names an axis twice")
+    return axes
+
+
+def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the axes that all recordings share, or raise ValueError naming the method that helps."""
+    first = recordings[0]
+    other = next((r for r in recordings if r.axes != first.axes), None)
+    if other is not None:
+        raise ValueError(
+            f"recordings differ in their axes: {first.name!r} has {' '.join(first.axes)}, {other.name!r} has "
+            f"{' '.join(other.axes)}; call .select(axes=...) to keep those that all have"
+        )
+    return first.axes
+
+
+def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
+    """Return the unit of an axis: N or N m for the six of a wrench, else what ``meta["units"]`` says, else N.
+
+    Examples
+    --------
+    >>> from granular_id.recording.recording import unit_of
+    >>> unit_of("tz"), unit_of("force"), unit_of("depth", {"units": {"depth": "mm"}})
+    ('N m', 'N', 'mm')
+    """
+    units = (meta or {}).get("units")
+    stated = units.get(axis) if isinstance(units, Mapping) else None
+    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "N")
+
+
+# What can be wrong with a single sample: the bits of ``Recording.flags``, as the core numbers them.
+
+
+class SampleFlag(IntFlag):
+    """Bits of one element of ``Recording.flags`` (uint8); a sample may carry several.
+
+    Examples
+    --------
+    >>> from granular_id.recording import SampleFlag
+    >>> SampleFlag.GAP_FILLED | SampleFlag.SATURATED == 3
+    True
+    """
+
+    GAP_FILLED = SAMPLE_FLAGS["GAP_FILLED"]
+    """Interpolated inside a gap of the source: no measurement was taken near this instant."""
+    SATURATED = SAMPLE_FLAGS["SATURATED"]
+    """At least one axis was at the end of the sensor's range."""
+    BAD_STATUS = SAMPLE_FLAGS["BAD_STATUS"]
+    """The sensor reported an error with this sample."""
+    TIME_REPAIRED = SAMPLE_FLAGS["TIME_REPAIRED"]
+    """The sample's time stamp ran backwards or was repeated, and the sample was sorted or merged."""
+
+
+KNOWN_FLAGS = int(
+    SampleFlag.GAP_FILLED | SampleFlag.SATURATED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
+)
+"""All defined bits together; any other bit in ``Recording.flags`` is refused."""
+
+
+AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
+"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""

@@ -1,0 +1,293 @@
+"""``report``: one file of HTML that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from granular_id._files import PAGES, check_target, refuse_other_kind, whole_file
+from granular_id._text import Table, counted, percent
+from granular_id.evaluation.tables import (
+    PAPER_NOTE,
+    SMALL_GAP,
+    accuracy_table,
+    choice_tables,
+    comparison_tables,
+    controls_table,
+    gap_lines,
+    mistakes_table,
+    recall_table,
+    seconds_table,
+    shows_paper,
+)
+from granular_id.plotting.recordings import AXIS_LINES
+from granular_id.recording import StepReport
+from granular_id.recording.setup import SEVERE
+from granular_id.report.figures import Picture, pictures
+from granular_id.splits import protocol_name
+
+if TYPE_CHECKING:
+    from granular_id.evaluation.result import EvaluationResult
+
+
+def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
+    """Write an evaluation as one page of HTML.
+
+    The page is whole or absent, fetches nothing, runs no script, and reads well on a wide screen, on a phone, in
+    the dark and on paper.
+
+    Parameters
+    ----------
+    result : EvaluationResult
+    path : path-like
+        File to write, for instance ``"report.html"``; an existing one is replaced.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib or jinja2, saying what to install.
+    ValueError
+        The path ends like another kind of file.
+    OSError
+        The file cannot be written; this is found out before anything is drawn.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> result = evaluate(data, "hfmh", "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "report.html")
+    >>> report(result, path)
+    >>> "SYNTHETIC" in path.read_text(encoding="utf-8")
+    True
+    """
+    refuse_other_kind(path, PAGES)
+    target = check_target(path)
+    text = html(result)
+    with whole_file(target) as draft:
+        draft.write_text(text, encoding="utf-8", newline="\n")
+
+
+def html(result: EvaluationResult) -> str:
+    """Return the page that `report` writes."""
+    environment = _environment()
+    space = result.best_space(result.random)
+    warnings, notes = split_notes(result)
+    accuracies = accuracy_table(result)
+    judged = result.strictest or result.protocols[0]
+    return str(
+        environment.get_template("page.html").render(
+            result=result,
+            style=files(__package__).joinpath("style.css").read_text(encoding="utf-8"),
+            gap=gap_of(result, space),
+            space=space,
+            warnings=warnings,
+            notes=notes,
+            figures=_grouped(pictures(result, space, result.portrait)),
+            accuracies=Table(
+                "", accuracies.header, accuracies.rows, (PAPER_NOTE,) if shows_paper(result) else ()
+            ),
+            controls=controls_table(result, space),
+            comparisons=[_in_words(table, result) for table in comparison_tables(result, space)],
+            choices=choice_tables(result),
+            mistakes=_in_words(mistakes_table(result, space, judged), result),
+            recalls=recall_table(result, space),
+            seconds=seconds_table(result),
+            summary=_summary(result.data["summary"]["rows"]),
+            history=[str(StepReport(**step)) for step in result.data["history"]],
+            settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
+            portrait=result.portrait,
+            axis_lines=AXIS_LINES,
+        )
+    )
+
+
+def _environment() -> Any:
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # an extra
+        from markupsafe import Markup  # noqa: PLC0415  # comes with jinja2
+    except ImportError as error:
+        raise ImportError("a report needs jinja2: pip install 'granular-id[app]'") from error
+    environment = Environment(
+        loader=PackageLoader("granular_id.report", ""),
+        autoescape=True,  # labels, names and notes are other people's text
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["is_words"] = lambda cell: cell[:1].isalpha()
+    environment.filters["svg"] = lambda picture, key: Markup(picture.svg(key))  # escaped by the XML writer
+    return environment
+
+
+def _grouped(drawn: Sequence[Picture]) -> dict[str, list[Picture]]:
+    groups: dict[str, list[Picture]] = {}
+    for picture in drawn:
+        groups.setdefault(picture.group, []).append(picture)
+    return groups
+
+
+def _in_words(table: Table, result: EvaluationResult) -> Table:
+    """Call the protocol in a title what the page calls it."""
+    title = table.title
+    for protocol, partitions in result.partitions.items():
+        title = title.replace(f"{protocol} protocol", protocol_name(protocol, partitions))
+    return replace(table, title=title)
+
+
+def _summary(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Lay out the summary of the recordings; columns that say nothing are left out."""
+    columns = [key for key in rows[0] if any(row[key] for row in rows)]
+    cells = tuple(tuple(_cell(row[key]) for key in columns) for row in rows)
+    return Table("", tuple(map(_heading, columns)), cells)
+
+
+def _heading(key: str) -> str:
+    """Turn the name of a figure into a heading: ``largest_gap_s`` is ``largest gap, s``."""
+    for ending, unit in (("_hz", ", Hz"), ("_s", ", s")):
+        if key.endswith(ending):
+            return key.removesuffix(ending).replace("_", " ") + unit
+    return key.replace("_", " ")
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+# The sentences of a report: headline, gap, what a reader has to know.
+
+_APART = {
+    "held-out sessions": "different sessions",
+    "blocks in time order": "different stretches of time",
+    "halves in time order": "different halves in time",
+}
+_VERDICTS = {
+    "lost": (
+        "{points} points do not survive {apart}. Recordings made together resemble each other in more than their "
+        "material, and random draws put them on both sides. For new recordings, count on the lower figure."
+    ),
+    "unsure": (
+        "{points} points less with {apart}, which lies within the uncertainty of the figure for random draws: "
+        "these recordings do not show a gap, and are too few to rule one out. For new recordings, count on the "
+        "lower figure."
+    ),
+    "kept": (
+        "Less than a point is lost between random draws and {apart}: these recordings give no sign that it is "
+        "their session that is recognised instead of their material."
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Side:
+    """One of the two figures: what protocol, how accurate, how sure."""
+
+    protocol: str
+    name: str
+    accuracy: str
+    spread: str
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The two accuracies a reader must see together, and what they mean.
+
+    Attributes
+    ----------
+    kind : {"lost", "unsure", "kept", "unknown"}
+        Points are lost; so few that chance explains them; less than one; no strict protocol ran beside random
+        draws.
+    points : (str, str)
+        How many more or fewer, and the unit; no difference where that rounds to none.
+    """
+
+    kind: str
+    headline: str
+    sides: tuple[Side, ...]
+    points: tuple[str, str]
+    verdict: str
+    remarks: tuple[str, ...]
+
+
+def gap_of(result: EvaluationResult, space: str) -> Gap:
+    """Put the gap of one space into words."""
+    shown = [name for name in (result.random, result.strictest) if name is not None]
+    sides = tuple(_side(result, space, name) for name in shown or result.protocols[:1])
+    gap = result.gap(space)
+    if gap is None:
+        headline = f"{space} names {sides[0].accuracy} of recordings rightly ({sides[0].name})"
+        return Gap("unknown", headline, sides, ("", ""), _one_sided(result, sides[0]), _chosen(result))
+    random, strict = sides
+    apart = _APART.get(strict.name, strict.name)
+    kind = _kind(result, space, gap)
+    but = {"lost": "but only", "unsure": "and"}.get(kind, "and still")
+    headline = (
+        f"{space} names {random.accuracy} of recordings rightly when training and test are drawn at random, "
+        f"{but} {strict.accuracy} when they come from {apart}"
+    )
+    verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)
+    remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
+    best = result.best_space(strict.protocol)
+    if best != space:
+        remarks.append(
+            f"best with {strict.name}: {best}, {percent(result.mean_accuracy(best, strict.protocol))}"
+        )
+    change = f"{-100 * gap:+.1f}".replace("-", "−")
+    points = (change, "points") if change.strip("+−") != "0.0" else ("no", "difference")
+    return Gap(kind, headline, sides, points, verdict, (*remarks, *_chosen(result)))
+
+
+def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the warnings and the other notes, without the word that marks them."""
+    marked = [note for note in result.notes if note.startswith(SEVERE)]
+    others = [note for note in result.notes if not note.startswith(SEVERE)]
+    return tuple(note.partition(": ")[2] for note in marked), tuple(others)
+
+
+def _chosen(result: EvaluationResult) -> tuple[str, ...]:
+    n = len(result.spaces)
+    if n == 1:
+        return ()
+    return (f"the best of {n} feature spaces, chosen by these same recordings: a little flattered by that",)
+
+
+def _kind(result: EvaluationResult, space: str, gap: float) -> str:
+    if gap < SMALL_GAP:
+        return "kept"
+    low, _ = result.interval(space, result.random)
+    # Without an interval (all partitions alike) nothing excuses a gap.
+    return "unsure" if result.mean_accuracy(space, result.strictest) >= low else "lost"
+
+
+def _side(result: EvaluationResult, space: str, protocol: str) -> Side:
+    partitions = result.partitions[protocol]
+    values = result.accuracies(space, protocol)
+    low, high = result.interval(space, protocol)
+    if np.isfinite(low):
+        spread = f"95 % interval {100 * low:.1f} to {100 * high:.1f} %, {counted(len(values), 'partition')}"
+    elif len(values) == 1:
+        spread = "one partition"
+    else:
+        each = " and ".join(f"{100 * value:.1f} %" for value in values.tolist())
+        spread = each if len(values) == 2 else f"the same in each of {counted(len(values), 'partition')}"
+    return Side(
+        protocol, protocol_name(protocol, partitions), percent(result.mean_accuracy(space, protocol)), spread
+    )
+
+
+def _one_sided(result: EvaluationResult, side: Side) -> str:
+    if result.strictest is not None:
+        return f"Only {side.name} ran: nothing shows how much random draws would flatter these recordings."
+    return (
+        f"Only {side.name} ran: no protocol held out a session or a stretch of time. Recordings made together "
+        "resemble each other in more than their material, so take this figure as the upper end of what to expect."
+    )
