@@ -14,8 +14,7 @@ from granular_id.features import FeatureSpec, extract_features, feature_names
 if TYPE_CHECKING:
     from granular_id import confidence, signal
     from granular_id.ecoc import ECOCClassifier
-    from granular_id.evaluation import EvaluationResult, evaluate
-    from granular_id.evaluation.selection import Selection, select
+    from granular_id.evaluation import EvaluationResult, Selection, evaluate, select
     from granular_id.explanation import Explanation, explain
     from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
     from granular_id.io import RecordingFileError, load, save
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from granular_id.spaces import (
         DFT,
         HFMH,
+        BestClassifier,
         BlockScaler,
         BlockUnion,
         MultiBand,
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         WithinClassWhitening,
         feature_spaces,
     )
-    from granular_id.spaces.best import BestClassifier
     from granular_id.synthetic import synthesize
 
 __all__ = [
@@ -106,7 +105,7 @@ __all__ = [
 ]
 
 _LAZY = {
-    "BestClassifier": "spaces.best",
+    "BestClassifier": "spaces",
     "BlockScaler": "spaces",
     "BlockUnion": "spaces",
     "CheckReport": "recording",
@@ -130,7 +129,7 @@ _LAZY = {
     "Recording": "recording",
     "RecordingFileError": "io",
     "SampleFlag": "recording",
-    "Selection": "evaluation.selection",
+    "Selection": "evaluation",
     "StepReport": "recording",
     "StreamingIdentifier": "identifier",
     "Summary": "recording",
@@ -146,7 +145,7 @@ _LAZY = {
     "identify": "live",
     "load": "io",
     "save": "io",
-    "select": "evaluation.selection",
+    "select": "evaluation",
     "synthesize": "synthetic",
 }
 

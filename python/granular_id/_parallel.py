@@ -36,8 +36,8 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: in
     [2, 1]
     """
     # slow to import, and reading recordings does without
-    from joblib import effective_n_jobs  # noqa: PLC0415
-    from sklearn import config_context, get_config  # noqa: PLC0415
+    from joblib import effective_n_jobs
+    from sklearn import config_context, get_config
 
     configuration = get_config()  # scikit-learn keeps one for each thread
 

@@ -98,8 +98,8 @@ def _in_words(seconds: float) -> str:
 @contextmanager
 def _bar() -> Iterator[ProgressCallback | None]:
     try:
-        from rich.console import Console  # noqa: PLC0415 (an extra; the library works without it)
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+        from rich.console import Console  # an extra; the library works without it
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
     except ImportError:
         yield _lines()
         return

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
     FloatArray: TypeAlias = NDArray[np.float64]
 
+__all__ = ["butter", "histogram", "sosfilt", "sosfilt_zi", "sosfiltfilt"]
+
 
 _MAX_ORDER = 32
 _BANDS = {

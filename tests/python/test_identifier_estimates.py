@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from evaluation_cases import LABELS, changed, make_data
 from granular_id import evaluate, synthesize
 from granular_id.identifier import Identifier, accuracy_over_time
-from granular_id.identifier.held_out import checkpoints, honest_partitions, over_time, provisional_answers
-from granular_id.identifier.metadata import description, promises
+from granular_id.identifier.held_out import checkpoints, honest_partitions, provisional_answers
+from granular_id.identifier.model_card import description, promises
+from granular_id.identifier.over_time import over_time
 from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset, Recording

@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from granular_id.identifier.streaming import Decision
+from granular_id.identifier.answers import Decision
 
 RANKING = (("rice", 0.1), ("salt", 0.3))
 

@@ -21,7 +21,7 @@ def main() -> None:
     """
     try:
         try:
-            from granular_id.cli.app import app  # noqa: PLC0415 (an extra that may be missing)
+            from granular_id.cli.app import app
         except ModuleNotFoundError as error:
             missing = (error.name or "").partition(".")[0]
             if missing not in _PARTS:

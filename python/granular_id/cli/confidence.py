@@ -106,8 +106,8 @@ def confidence(
     method.refuse_unused(space, block_weights, c)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.cli.session import print_table  # noqa: PLC0415 (slow to import: --help must not wait)
-    from granular_id.confidence import assess  # noqa: PLC0415
+    from granular_id.cli.session import print_table
+    from granular_id.confidence import assess
 
     console = Console(highlight=False)
     if not quiet:
@@ -131,7 +131,7 @@ def confidence(
     for note in found.notes:
         console.print(note, markup=False)
     if figure is not None:
-        from granular_id.plotting.confidence import plot_confidence  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.plotting import plot_confidence
 
         plot_confidence(found, path=figure)
     if json is not None:
@@ -145,7 +145,7 @@ confidence.__doc__ = TEXT
 
 def _effort(data: Dataset, space: str, n_seeds: int) -> str:
     """Say how many models will be trained, and what is cheaper."""
-    from granular_id.confidence.assess import count_trainings  # noqa: PLC0415 (slow to import)
+    from granular_id.confidence import count_trainings
 
     said = f"{space}: up to {count_trainings(data, n_seeds=n_seeds)} models are trained"
     if space != "best":
@@ -155,11 +155,11 @@ def _effort(data: Dataset, space: str, n_seeds: int) -> str:
 
 def _model(data: Dataset, space: FeatureSpace, cost: float) -> Any:
     """Feature space, and its own classifier or the paper's."""
-    from sklearn.base import clone  # noqa: PLC0415 (slow to import: --help must not wait)
-    from sklearn.pipeline import make_pipeline  # noqa: PLC0415
+    from sklearn.base import clone
+    from sklearn.pipeline import make_pipeline
 
-    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
-    from granular_id.spaces import block_sizes, tell_blocks  # noqa: PLC0415
+    from granular_id.ecoc import ECOCClassifier
+    from granular_id.spaces import block_sizes, tell_blocks
 
     if space.classifier is None:
         return make_pipeline(space.transformer, ECOCClassifier(C=cost))

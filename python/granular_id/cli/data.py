@@ -35,7 +35,7 @@ class Target:
             option("--to", PANEL, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
         ] = None,
     ) -> None:
-        from granular_id.io.saving import check_save  # noqa: PLC0415 (--help must not wait for numpy)
+        from granular_id.io.saving import check_save
 
         check_save(output, to)
         self.path = output
@@ -43,7 +43,7 @@ class Target:
 
     def save(self, data: Dataset) -> None:
         """Write recordings, with a bar where it takes long."""
-        from granular_id.io import save  # noqa: PLC0415
+        from granular_id.io import save
 
         save(data, self.path, self._format, progress=True)
 
@@ -93,7 +93,7 @@ def info(
     ]
     console.print("\n".join(lines), soft_wrap=True, markup=False)
     if json is not None:
-        from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
+        from granular_id._files import write_json
 
         write_json(json, {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]})
         say_written(console, [json], None)
@@ -137,7 +137,7 @@ def _chosen(data: Dataset, name: str | None) -> Recording:
         return data[0]
     found = [recording for recording in data if recording.name == name]
     if not found:
-        from difflib import get_close_matches  # noqa: PLC0415 (an error is no reason to start slowly)
+        from difflib import get_close_matches
 
         near = get_close_matches(name, data.names, 3, 0.4) or data.names[:3]
         raise ValueError(f"--name: no recording is called {name!r}; there are {', '.join(near)} ...")
@@ -145,11 +145,13 @@ def _chosen(data: Dataset, name: str | None) -> Recording:
 
 
 def _lines(recording: Recording, n: int) -> list[str]:
-    from textwrap import shorten  # noqa: PLC0415
+    from textwrap import shorten
 
-    from granular_id._checks import thaw  # noqa: PLC0415
-    from granular_id.recording.recording import unit_of  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.recording.report import text_table  # noqa: PLC0415
+    from granular_id._checks import thaw
+    from granular_id.recording import (
+        text_table,
+        unit_of,
+    )
 
     known = ("label", "session", "start_time", "trigger_index")
     facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
@@ -215,7 +217,7 @@ def check(
     console.print()
     console.print(report.text(width=min(console.width, 100)), soft_wrap=True, markup=False)
     if json is not None:
-        from granular_id._files import whole_file  # noqa: PLC0415 (slow to import: --help must not wait)
+        from granular_id._files import whole_file
 
         with whole_file(json) as draft:  # JSON also where the name has no ending
             draft.write_text(report.to_json() + "\n", encoding="utf-8")
@@ -296,7 +298,7 @@ def plot(
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
 
-    from granular_id import plotting  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id import plotting
 
     data = steps.taken(reading.load(quiet=False), quiet=False, onsets=what is What.onset)
     chosen = names_in(axes)
@@ -344,7 +346,7 @@ def convert(
     ] = True,
 ) -> None:
     """Read, take the steps asked for, write, compare; see `TEXT_CONVERT`."""
-    from granular_id.io import load  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.io import load
 
     data = steps.taken(reading.load(quiet=False), quiet=False)
     target.save(data)
@@ -398,7 +400,7 @@ def synthesize(
     at_least("--seed", seed, 0)
     positive("--rate-hz", rate_hz)
 
-    from granular_id.synthetic import synthesize as make  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.synthetic import synthesize as make
 
     data = make(
         names_in(materials) or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed

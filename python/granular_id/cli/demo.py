@@ -67,9 +67,9 @@ demo.__doc__ = TEXT
 
 
 def _run(outputs: Outputs, counts: dict[str, int], seed: int, threads: int | None) -> None:
-    from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import: --help must not wait for it)
-    from granular_id.synthetic import PAPER_MATERIALS, synthesize  # noqa: PLC0415
+    from granular_id.evaluation import in_paper_order
+    from granular_id.spaces import feature_spaces
+    from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
     n_per_class = counts["train_per_class"] + counts["test_per_class"]
     n = n_per_class * len(PAPER_MATERIALS)

@@ -126,8 +126,8 @@ def evaluate(
         notes = method.unused_in(chosen, block_weights, c)
         data = equal_recordings(reading, steps, quiet=quiet)
 
-        from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415 (slow to import: a wrong folder is told at once)
-        from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415
+        from granular_id.ecoc import ECOCClassifier
+        from granular_id.evaluation import in_paper_order
 
         for note in [] if quiet else notes:
             typer.echo(f"note: {note}")
@@ -186,7 +186,7 @@ def report(
         raise ValueError(f"--output {page} is the result itself: give another file")
     outputs = Outputs(report=page, figures=figures, force=force, named={"--report": "--output"})
     with outputs.ready():
-        from granular_id.evaluation import EvaluationResult  # noqa: PLC0415 (slow to import)
+        from granular_id.evaluation import EvaluationResult
 
         written = outputs.write(EvaluationResult.from_json(result), None)
     say_written(Console(highlight=False), written, None)

@@ -97,13 +97,13 @@ def explain(
     console.print(Text(f"explained on recordings held out: {split['held_out']}"), soft_wrap=True)
     console.print(Text(str(explanation)), soft_wrap=True)
     if figure is not None:
-        from granular_id.plotting import plot_explanation  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.plotting import plot_explanation
 
         title = f"{space}, explained on {SPLITS[split['protocol']]}"
         title += ", SYNTHETIC recordings" if data.is_synthetic else ""
         plot_explanation(explanation, title=title, path=figure)
     if json is not None:
-        from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
+        from granular_id._files import write_json
 
         write_json(json, {"space": space, "model": model, "split": split, **explanation.to_dict()})
     written = [path for path in (figure, json) if path is not None]
@@ -117,9 +117,9 @@ def _explained(
     data: Dataset, space: FeatureSpace, cost: float, first: str, second: str
 ) -> tuple[Explanation, str, dict[str, Any]]:
     """Train on some recordings, explain those held out of the two materials; say what was trained, and the split."""
-    from granular_id.explanation import explain as explain_pair  # noqa: PLC0415
-    from granular_id.spaces.candidates import Chosen  # noqa: PLC0415 (--help must not wait)
-    from granular_id.splits import pair_partition  # noqa: PLC0415
+    from granular_id.explanation import explain as explain_pair
+    from granular_id.spaces import Chosen
+    from granular_id.splits import pair_partition
 
     X, y = data.X, data.y
     for label in (first, second):
@@ -142,12 +142,12 @@ def _explained(
 
 def _trained(data: Dataset, X: Any, y: Any, rows: Any, space: FeatureSpace, cost: float) -> Any:
     """Train the classifier of the space, or the paper's."""
-    from sklearn.base import clone  # noqa: PLC0415 (--help must not wait)
-    from sklearn.pipeline import Pipeline  # noqa: PLC0415
+    from sklearn.base import clone
+    from sklearn.pipeline import Pipeline
 
-    from granular_id.ecoc import ECOCClassifier  # noqa: PLC0415
-    from granular_id.identifier.training import fit_pipeline  # noqa: PLC0415
-    from granular_id.splits import origins_of  # noqa: PLC0415
+    from granular_id.ecoc import ECOCClassifier
+    from granular_id.identifier import fit_pipeline
+    from granular_id.splits import origins_of
 
     classifier = ECOCClassifier(C=cost) if space.classifier is None else clone(space.classifier)
     pipeline = Pipeline([("features", clone(space.transformer)), ("classifier", classifier)])

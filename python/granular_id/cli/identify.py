@@ -191,7 +191,7 @@ class Fitting:
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
         """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
-        from granular_id.identifier.recipe import fitted, refuse_others  # noqa: PLC0415 (slow to import)
+        from granular_id.identifier import fitted, refuse_others
 
         say = saying(quiet=quiet)
         data = prepare(data, self.preparation, say)
@@ -224,7 +224,7 @@ def identify(
     for path in (recordings.model, *recordings.paths):
         check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
 
-    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.identifier import Identifier
 
     try:
         identifier = Identifier.load(recordings.model)
@@ -237,9 +237,9 @@ def identify(
     data = recordings.load(quiet=quiet)
     data, differences = fitting.taken(data, identifier, quiet=quiet)
 
-    from granular_id.cli.session import print_table  # noqa: PLC0415
-    from granular_id.identifier.batch import identify_all  # noqa: PLC0415
-    from granular_id.recording.setup import other_setup  # noqa: PLC0415
+    from granular_id.cli.session import print_table
+    from granular_id.identifier import identify_all
+    from granular_id.recording import other_setup
 
     answers = identify_all(identifier, data, differences)
     console = Console(highlight=False)
@@ -256,7 +256,7 @@ def identify(
     else:
         print_table(console, answers.table(), strong=bool(answers.synthetic))
     if json is not None:
-        from granular_id._files import write_json  # noqa: PLC0415
+        from granular_id._files import write_json
 
         write_json(json, answers.to_dict())
     if csv is not None:

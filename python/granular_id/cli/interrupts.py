@@ -62,7 +62,7 @@ def heeding_interrupts() -> Iterator[None]:
 @contextmanager
 def stopping_the_robot() -> Iterator[None]:
     """Stop the robot on every signal that ends a session, say so where it moved, and exit with the signal's code."""
-    from granular_id.live.stopping import (  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.live.stopping import (
         robot_was_stopped,
         stop_on_signals,
     )

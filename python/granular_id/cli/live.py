@@ -93,7 +93,7 @@ class Sensing:
 
     def open(self, url: str | None = None) -> WrenchSource:
         """Make the source; nothing is read yet."""
-        from granular_id.live.source import open_source  # noqa: PLC0415 (--help must not wait for numpy)
+        from granular_id.live.source import open_source
 
         return open_source(self.url if url is None else url, **self.options)
 
@@ -166,7 +166,7 @@ class Moving:
 
     def setup(self, source: WrenchSource) -> Setup:
         """Choose robot and trigger."""
-        from granular_id.live.setup import setup_of  # noqa: PLC0415 (--help must not wait for numpy)
+        from granular_id.live.setup import setup_of
 
         return setup_of(source, self._robot, self._trigger, threshold_n=self._threshold_n)
 
@@ -241,12 +241,12 @@ def live(
     positive("--pre-s", pre_s)
     check_outputs(("--json", json, LIVE_ANSWERS), ("--rerun", rerun, RERUN_LOG), source=model, force=force)
 
-    from granular_id._files import whole_lines  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.identifier import Identifier  # noqa: PLC0415
-    from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
-    from granular_id.live.identification import LiveIdentifier  # noqa: PLC0415
-    from granular_id.live.stream import opened  # noqa: PLC0415
-    from granular_id.live.view import Views  # noqa: PLC0415
+    from granular_id._files import whole_lines
+    from granular_id.identifier import Identifier
+    from granular_id.live.capture_state import CaptureError
+    from granular_id.live.identification import LiveIdentifier
+    from granular_id.live.stream import opened
+    from granular_id.live.view import Views
 
     identifier = Identifier.load(model)
     source = sensing.open()
@@ -310,7 +310,7 @@ def _views(
 ) -> Iterator[View]:
     """Open what was asked for, and say where it is."""
     if view:
-        from granular_id.live.monitor import MonitorServer  # noqa: PLC0415
+        from granular_id.live.monitor import MonitorServer
 
         page = MonitorServer(port)
         console.print(f"page: {page.url}", soft_wrap=True, markup=False)
@@ -318,17 +318,17 @@ def _views(
             webbrowser.open(page.url)
         yield page
     if rerun is not None:
-        from granular_id.live.rerun_log import RerunLog  # noqa: PLC0415 (an extra)
+        from granular_id.live.rerun_log import RerunLog
 
         yield RerunLog(rerun)
     if not quiet:
-        from granular_id.live.terminal import TerminalView  # noqa: PLC0415
+        from granular_id.live.terminal import TerminalView
 
         yield TerminalView(console)
 
 
 def _warn(console: Console, differences: tuple[str, ...]) -> None:
-    from granular_id.recording.setup import other_setup  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.recording import other_setup
 
     for difference in differences:
         text = f"warning: {other_setup(difference)}"
@@ -434,8 +434,8 @@ def record(
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")
 
-    from granular_id.live.recorder import Recorder, checked_label  # noqa: PLC0415 (--help must not wait for numpy)
-    from granular_id.live.stream import opened  # noqa: PLC0415
+    from granular_id.live.recorder import Recorder, checked_label
+    from granular_id.live.stream import opened
 
     for name in labels:
         checked_label(name)
@@ -497,7 +497,7 @@ def _places(labels: list[str], url: str) -> dict[str, list[str]]:
 
 def _recorded(recorder: Recorder, label: str, title: str, retries: int, console: Console) -> tuple[int, str]:
     """Record until it is accepted; return how many were refused, and a line about the recording."""
-    from granular_id.live.capture_state import CaptureError  # noqa: PLC0415
+    from granular_id.live.capture_state import CaptureError
 
     refused = 0
     while True:

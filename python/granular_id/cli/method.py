@@ -103,7 +103,7 @@ def method_fits(
 
     Whether the cut-off lies below half the rate is only known here when the rate is asked for.
     """
-    from granular_id.features import FeatureSpec  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.features import FeatureSpec
 
     positive("--cutoff-hz", cutoff_hz)
     settings: dict[str, Any] = {"order": order, "n_bins": n_bins}
@@ -116,7 +116,7 @@ def method_fits(
 
 def known_spaces(*names: str) -> None:
     """Refuse a name that no feature space has."""
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import, and rarely needed this early)
+    from granular_id.spaces import feature_spaces
 
     known = feature_spaces()
     for name in names:
@@ -126,8 +126,8 @@ def known_spaces(*names: str) -> None:
 
 def of_paper() -> list[str]:
     """Names of the feature spaces of the paper's table, the best there first."""
-    from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415 (slow to import)
-    from granular_id.spaces import feature_spaces  # noqa: PLC0415
+    from granular_id.evaluation import in_paper_order
+    from granular_id.spaces import feature_spaces
 
     known = feature_spaces()
     return [name for name in in_paper_order(known) if known[name].paper_accuracy is not None]
@@ -284,7 +284,7 @@ class Method:
 
     def spaces(self, rate_hz: float, weights: Weights = Weights.plain) -> dict[str, FeatureSpace]:
         """Return every feature space with these settings, for recordings of a rate."""
-        from granular_id.spaces import feature_spaces  # noqa: PLC0415 (slow to import: --help must not wait)
+        from granular_id.spaces import feature_spaces
 
         return feature_spaces(
             rate_hz=rate_hz,

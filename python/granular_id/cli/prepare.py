@@ -147,7 +147,7 @@ def _refuse_unequal_rates(data: Dataset) -> None:
     if not irregular and len(rates) == 1:
         return
     if irregular:
-        import numpy as np  # noqa: PLC0415 (an error is no reason to start slowly)
+        import numpy as np
 
         steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
         if not steps.size:

@@ -127,7 +127,7 @@ class Reading:
 
     def refuse_absent(self) -> None:
         """Refuse a path with nothing there, before an import that takes longer than a look."""
-        from granular_id._files import check_source  # noqa: PLC0415 (--help must not wait)
+        from granular_id._files import check_source
 
         check_source(self.path)
 
@@ -173,7 +173,7 @@ def load_settings(
 
 def loaded(path: Path, settings: Mapping[str, Any], *, quiet: bool) -> Dataset:
     """Read one file or folder, with messages that name options."""
-    from granular_id.io import RecordingFileError, load  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.io import RecordingFileError, load
 
     try:
         return load(path, progress=not quiet, **settings)
@@ -203,7 +203,7 @@ def load_all(paths: Sequence[Path], settings: Mapping[str, Any], *, quiet: bool)
     Dataset
         Of several paths, recordings are named after the path they came from.
     """
-    from granular_id.recording import Dataset  # noqa: PLC0415 (--help must not wait for numpy)
+    from granular_id.recording import Dataset
 
     parts = [loaded(path, settings, quiet=quiet) for path in paths]
     if len(parts) == 1:

@@ -67,9 +67,11 @@ def select(
     method.fits(steps.preparation.rate_hz)
     chosen = None
     if spaces:
-        from granular_id.evaluation.candidates import refuse_own_classifiers  # noqa: PLC0415
-        from granular_id.evaluation.scoring import in_paper_order  # noqa: PLC0415 (slow to import)
-        from granular_id.spaces import feature_spaces  # noqa: PLC0415
+        from granular_id.evaluation import (
+            in_paper_order,
+            refuse_own_classifiers,
+        )
+        from granular_id.spaces import feature_spaces
 
         known = feature_spaces()
         chosen = chosen_spaces(spaces, None) or in_paper_order(known)
@@ -79,9 +81,9 @@ def select(
         notes = method.unused_in(chosen, Weights.plain) if chosen else []
         data = equal_recordings(reading, steps, quiet=quiet)
 
-        from granular_id.cli.session import print_table  # noqa: PLC0415 (slow to import)
-        from granular_id.evaluation.candidates import DEFAULT_SPACES  # noqa: PLC0415
-        from granular_id.evaluation.selection import select as select_space  # noqa: PLC0415
+        from granular_id.cli.session import print_table
+        from granular_id.evaluation import DEFAULT_SPACES
+        from granular_id.evaluation import select as select_space
 
         for note in [] if quiet else notes:
             typer.echo(f"note: {note}")

@@ -23,17 +23,6 @@ from rich.text import Text
 from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target, made_folder
 from granular_id._text import Table
 from granular_id.cli.method import option
-from granular_id.evaluation.checkpoint import RUN, OtherEvaluationError
-from granular_id.evaluation.tables import (
-    PAPER_NOTE,
-    accuracy_table,
-    choice_tables,
-    comparison_tables,
-    confusion_table,
-    controls_table,
-    mistakes_table,
-    seconds_table,
-)
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
@@ -111,7 +100,7 @@ class Outputs:
         """Figures that would be replaced; which of all there will be depends on the evaluation."""
         if self.figures is None or not any(self.figures.glob("*.png")):
             return []
-        from granular_id.report.figures import FIGURES  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.report import FIGURES
 
         paths = (self.figures / f"{name}.png" for name in FIGURES)
         return [path for path in paths if path.exists()]
@@ -128,7 +117,7 @@ class Outputs:
                 write(path)
                 written.append(path)
         if self.figures is not None:
-            from granular_id.report import figures  # noqa: PLC0415 (matplotlib is an extra)
+            from granular_id.report import figures
 
             written += figures(result, self.figures, "png", space=space)
         return written
@@ -145,7 +134,7 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
         if path is None:
             continue
         if kind is PICTURE:
-            from granular_id.plotting.style import file_format  # noqa: PLC0415 (matplotlib is an extra)
+            from granular_id.plotting import file_format
 
             file_format(path, name)
         elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
@@ -202,7 +191,7 @@ def evaluate_and_show(data: Dataset, run: Run, outputs: Outputs, *, quiet: bool)
     quiet : bool
         Accuracies only, no progress.
     """
-    from granular_id.evaluation import evaluate  # noqa: PLC0415
+    from granular_id.evaluation import evaluate
 
     command = repeated_command()
     with kept_for(command, fresh=run.fresh) as kept:
@@ -265,6 +254,17 @@ def print_result(console: Console, result: EvaluationResult, space: str | None, 
     brief : bool
         The table of accuracies only, without gaps and notes.
     """
+    from granular_id.evaluation import (
+        PAPER_NOTE,
+        accuracy_table,
+        choice_tables,
+        comparison_tables,
+        confusion_table,
+        controls_table,
+        mistakes_table,
+        seconds_table,
+    )
+
     accuracies = accuracy_table(result)
     if brief:
         footnotes = tuple(note for note in accuracies.notes if note == PAPER_NOTE)
@@ -336,6 +336,8 @@ class Work:
 
     def going_on(self, work: Callable[[Path | None], T]) -> T:
         """Do some work that goes on from the folder; from the start where the recordings have changed since."""
+        from granular_id.evaluation import OtherEvaluationError
+
         try:
             return work(self.folder)
         except OtherEvaluationError:
@@ -344,6 +346,8 @@ class Work:
 
     def finished(self) -> int:
         """Count what is kept."""
+        from granular_id.evaluation import RUN
+
         return 0 if self.folder is None else sum(path.name != RUN for path in self.folder.glob("*.json"))
 
     def forget(self) -> None:

@@ -37,8 +37,7 @@ from granular_id.cli.session import (
 )
 
 if TYPE_CHECKING:
-    from granular_id.identifier import Identifier
-    from granular_id.identifier.training import Training
+    from granular_id.identifier import Identifier, Training
     from granular_id.recording import Dataset
 TEXT = """
 Train a model on all recordings and write it into one file, which `granular-id identify` and `granular-id live` use.
@@ -139,15 +138,15 @@ def train(
         force=force,
     )
     reading.refuse_absent()
-    from granular_id.identifier.recipe import SPACES, Recipe  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.identifier import SPACES, Recipe
 
     if space in SPACES:  # else the recipe says which there are
         method.refuse_unused(space, block_weights, coding=coding)
     recipe = Recipe(**settings)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier  # noqa: PLC0415
-    from granular_id.identifier.training import train as fit  # noqa: PLC0415
+    from granular_id.identifier import Identifier
+    from granular_id.identifier import train as fit
 
     training = fit(
         data,
@@ -175,14 +174,14 @@ train.__doc__ = TEXT
 
 def _extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> list[Path]:
     """Write the figure and the JSON file that were asked for."""
-    from granular_id._files import write_json  # noqa: PLC0415 (slow to import: --help must not wait)
-    from granular_id.identifier.held_out import over_time  # noqa: PLC0415
+    from granular_id._files import write_json
+    from granular_id.identifier.over_time import over_time
 
     course = None
     if training.held is not None:
         course = over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)
     if figure is not None and course is not None:
-        from granular_id.plotting.evaluation import plot_over_time  # noqa: PLC0415 (matplotlib is an extra)
+        from granular_id.plotting import plot_over_time
 
         plot_over_time(course, path=figure)
     if json is not None:
@@ -221,13 +220,13 @@ def info(
     """Print what is in a model file; see `TEXT_MODEL`."""
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
-    from granular_id.identifier import Identifier  # noqa: PLC0415 (slow to import: --help must not wait)
+    from granular_id.identifier import Identifier
 
     identifier = Identifier.load(file)
     console = Console(highlight=False)
     print_model(console, identifier)
     if json is not None:
-        from granular_id._files import write_json  # noqa: PLC0415
+        from granular_id._files import write_json
 
         write_json(json, _everything(identifier))
         say_written(console, [json], None)
@@ -238,7 +237,7 @@ info.__doc__ = TEXT_MODEL
 
 def print_model(console: Console, identifier: Identifier, *, brief: bool = False) -> None:
     """Print what a model is and what may be expected of it; when brief, only the latter."""
-    from granular_id.identifier.metadata import description, promises  # noqa: PLC0415 (slow to import)
+    from granular_id.identifier import description, promises
 
     lines = promises(identifier) if brief else [*description(identifier), *promises(identifier)]
     for line in lines:

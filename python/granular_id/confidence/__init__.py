@@ -9,13 +9,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id.confidence.assess import Confidence, assess
+    from granular_id.confidence.assess import Confidence, assess, count_trainings
     from granular_id.confidence.calibration import Reliability, reliability
     from granular_id.confidence.conformal import ConformalRule, conformal_rule
     from granular_id.confidence.coverage import CoverageResult, coverage_study
-    from granular_id.confidence.held_out import HeldOutScores, held_out_scores
+    from granular_id.confidence.held_out import HeldOutScores, Scores, held_out_scores
     from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
     from granular_id.confidence.unknown import UnknownRule, unknown_rule
+
 
 __all__ = [
     "Confidence",
@@ -24,9 +25,11 @@ __all__ = [
     "HeldOutScores",
     "OpenSetResult",
     "Reliability",
+    "Scores",
     "UnknownRule",
     "assess",
     "conformal_rule",
+    "count_trainings",
     "coverage_study",
     "held_out_scores",
     "leave_one_material_out",
@@ -35,20 +38,22 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Confidence": "result",
+    "Confidence": "assess",
     "ConformalRule": "conformal",
     "CoverageResult": "coverage",
     "HeldOutScores": "held_out",
     "OpenSetResult": "open_set",
     "Reliability": "calibration",
+    "Scores": "held_out",
     "UnknownRule": "unknown",
-    "assess": "assessing",
-    "conformal_rule": "conformal_fit",
+    "assess": "assess",
+    "conformal_rule": "conformal",
+    "count_trainings": "assess",
     "coverage_study": "coverage",
     "held_out_scores": "held_out",
-    "leave_one_material_out": "leave_one_out",
+    "leave_one_material_out": "open_set",
     "reliability": "calibration",
-    "unknown_rule": "unknown_fit",
+    "unknown_rule": "unknown",
 }
 
 

@@ -20,8 +20,7 @@ from granular_id.confidence.coverage import CoverageResult, coverage_study
 from granular_id.confidence.held_out import N_FOLDS, Rows, held_out_scores, rows_of
 from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
 from granular_id.confidence.unknown import UnknownRule, available_kinds, unknown_rule
-from granular_id.recording import Dataset
-from granular_id.recording.setup import describe_data
+from granular_id.recording import Dataset, describe_data
 
 
 def assess(

@@ -22,8 +22,7 @@ from granular_id import _core
 from granular_id.confidence._stored import Reader
 from granular_id.confidence.conformal import conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
-from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.decoding import decode
+from granular_id.ecoc import decode, onevsone
 
 FloatArray = npt.NDArray[np.float64]
 

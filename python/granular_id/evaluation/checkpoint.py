@@ -19,7 +19,7 @@ import numpy as np
 from granular_id._files import made_folder, whole_file
 from granular_id.evaluation.scoring import STAGES, Answer
 from granular_id.recording import Dataset
-from granular_id.spaces.candidates import Chosen
+from granular_id.spaces import Chosen
 from granular_id.splits import Partition
 
 __all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from granular_id.gram import linear_gram
-from granular_id.spaces import GramPlan, block_key, gram_plan, learns
-from granular_id.spaces.union import row_norms, unit_weight
+from granular_id.spaces import GramPlan, block_key, gram_plan, learns, row_norms, unit_weight
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]

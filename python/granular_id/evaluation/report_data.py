@@ -20,15 +20,16 @@ from granular_id.gram import linear_gram
 from granular_id.recording import Dataset
 from granular_id.spaces import (
     HFMH,
+    BandColumns,
     BlockScaler,
+    Chosen,
     WithinClassWhitening,
+    band_columns,
     block_sizes,
     feature_blocks,
+    folded_back,
     tell_blocks,
 )
-from granular_id.spaces.candidates import Chosen
-from granular_id.spaces.multiband import BandColumns, band_columns
-from granular_id.spaces.scaling import folded_back
 from granular_id.splits import origins_of
 
 Floats = NDArray[np.float64]

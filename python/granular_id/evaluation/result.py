@@ -24,7 +24,7 @@ from granular_id.evaluation.report_data import Portrait
 from granular_id.evaluation.scoring import STAGES
 from granular_id.evaluation.tables import plain_text
 from granular_id.recording import StepReport
-from granular_id.spaces.candidates import Chosen
+from granular_id.spaces import Chosen
 from granular_id.splits import PROTOCOLS, Partition, are_blocks
 from granular_id.statistics import (
     MIN_PARTITIONS,

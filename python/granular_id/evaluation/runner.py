@@ -22,8 +22,7 @@ from granular_id.evaluation.gram import GramBank, plan_for
 from granular_id.evaluation.report_data import Portrait, not_drawn, portrait
 from granular_id.evaluation.result import EvaluationResult, SpaceSummary
 from granular_id.evaluation.scoring import Space, SpaceRun, Task, plan_seed, plan_spaces, run_space
-from granular_id.recording import Dataset
-from granular_id.recording.setup import describe_data, warnings_in
+from granular_id.recording import Dataset, describe_data, warnings_in
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import Partition, origins_of, plan_partitions, plan_protocols
 

@@ -21,8 +21,15 @@ from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram import GramBank, features_of, plan_for
 from granular_id.gram import linear_gram
-from granular_id.spaces import FeatureSpace, GramPlan, block_sizes, feature_spaces, learns, tell_blocks
-from granular_id.spaces.candidates import Chosen
+from granular_id.spaces import (
+    Chosen,
+    FeatureSpace,
+    GramPlan,
+    block_sizes,
+    feature_spaces,
+    learns,
+    tell_blocks,
+)
 from granular_id.splits import Origins, Partition
 
 # From the arguments of `evaluate` to a checked plan: which spaces, which seed.

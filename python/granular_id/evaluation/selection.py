@@ -32,8 +32,7 @@ from granular_id.evaluation.compare import Comparison, Pair, compare
 from granular_id.evaluation.gram import GramBank
 from granular_id.evaluation.scoring import plan_seed
 from granular_id.evaluation.tables import probability
-from granular_id.recording import Dataset
-from granular_id.recording.setup import describe_data, of_check, warnings_in
+from granular_id.recording import Dataset, describe_data, of_check, warnings_in
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import HALVES, RANDOM, SESSIONS, Partition, nested_folds
 from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_interval, corrected_resampled_t, sample_sd

@@ -15,10 +15,10 @@ import numpy as np
 
 from granular_id._text import Table, counted, percent, whole_percent
 from granular_id.evaluation.scoring import STAGES
-from granular_id.recording.setup import of_check
-from granular_id.spaces.candidates import Chosen
+from granular_id.recording import of_check
+from granular_id.spaces import Chosen
 from granular_id.splits import are_blocks, protocol_name
-from granular_id.synthetic.materials import PAPER_MATERIALS
+from granular_id.synthetic import PAPER_MATERIALS
 
 if TYPE_CHECKING:
     from granular_id.evaluation.compare import Comparison

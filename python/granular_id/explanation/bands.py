@@ -13,7 +13,7 @@ from granular_id._checks import whole_number
 from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.explanation.result import Explanation
-from granular_id.spaces.multiband import Band, BandColumn, BandColumns
+from granular_id.spaces import Band, BandColumn, BandColumns
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -16,11 +16,18 @@ from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.result import ExplainedBlock, Explanation
-from granular_id.spaces import FeatureBlock, RecordingFilter, feature_blocks
-from granular_id.spaces.base import axis_names
-from granular_id.spaces.best import BestClassifier
-from granular_id.spaces.multiband import BandColumns, band_columns
-from granular_id.spaces.scaling import LINEAR_STEPS, folded_back, is_linear_step
+from granular_id.spaces import (
+    LINEAR_STEPS,
+    BandColumns,
+    BestClassifier,
+    FeatureBlock,
+    RecordingFilter,
+    axis_names,
+    band_columns,
+    feature_blocks,
+    folded_back,
+    is_linear_step,
+)
 
 FloatArray = npt.NDArray[np.float64]
 

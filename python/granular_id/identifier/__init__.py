@@ -9,18 +9,55 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id.identifier.held_out import OverTime, accuracy_over_time
+    from granular_id.identifier.answers import Decision
+    from granular_id.identifier.batch import identify_all
+    from granular_id.identifier.held_out import N_CHECKPOINTS
     from granular_id.identifier.identifier import Identifier
-    from granular_id.identifier.streaming import Decision, StreamingIdentifier
+    from granular_id.identifier.model_card import description, promises
+    from granular_id.identifier.over_time import OverTime, accuracy_over_time
+    from granular_id.identifier.recipe import SPACES, Recipe, comparison, fitted, refuse_others
+    from granular_id.identifier.streaming import StreamingIdentifier
+    from granular_id.identifier.training import Training, fit_pipeline, train
 
-__all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accuracy_over_time"]
+
+__all__ = [
+    "N_CHECKPOINTS",
+    "SPACES",
+    "Decision",
+    "Identifier",
+    "OverTime",
+    "Recipe",
+    "StreamingIdentifier",
+    "Training",
+    "accuracy_over_time",
+    "comparison",
+    "description",
+    "fit_pipeline",
+    "fitted",
+    "identify_all",
+    "promises",
+    "refuse_others",
+    "train",
+]
 
 _MODULES = {
-    "Decision": "decision",
+    "Decision": "answers",
     "Identifier": "identifier",
+    "N_CHECKPOINTS": "held_out",
     "OverTime": "over_time",
+    "Recipe": "recipe",
+    "SPACES": "recipe",
     "StreamingIdentifier": "streaming",
+    "Training": "training",
     "accuracy_over_time": "over_time",
+    "comparison": "recipe",
+    "description": "model_card",
+    "fit_pipeline": "training",
+    "fitted": "recipe",
+    "identify_all": "batch",
+    "promises": "model_card",
+    "refuse_others": "recipe",
+    "train": "training",
 }
 
 

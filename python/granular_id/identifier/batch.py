@@ -13,11 +13,10 @@ import numpy as np
 
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
+from granular_id.identifier.answers import Answers, probabilities
 from granular_id.identifier.held_out import margins_of
-from granular_id.identifier.identifier import Answers, probabilities
 from granular_id.identifier.training import fingerprint, marks_in, marks_of
-from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.setup import other_setup
+from granular_id.recording import Dataset, Recording, SampleFlag, other_setup
 
 __all__ = ["Batch", "Named", "identify_all"]
 

@@ -6,31 +6,25 @@ which margin on an early answer may be trusted.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._progress import ProgressCallback
-from granular_id._text import fixed
-from granular_id.identifier.recipe import Recipe
-from granular_id.identifier.rules import EarlyRule, outcome_text
-from granular_id.identifier.training import train
 from granular_id.recording import Dataset
-from granular_id.recording.report import text_table
-from granular_id.spaces.candidates import Chosen
+from granular_id.spaces import Chosen
 from granular_id.splits import Partition, plan_partitions, protocol_name, splittable_rows, strictest
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 N_CHECKPOINTS = 160
 """At so many moments of a recording provisional answers are looked at: every 20 ms of the paper's 3.2 s. A live
 identification looks no more often for an early answer: each look is another chance to be wrong."""
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class Partitions(NamedTuple):
@@ -250,186 +244,3 @@ def margins_of(losses: FloatArray) -> FloatArray:
 
 
 # Accuracy against seconds of signal seen: what waiting longer would bring.
-
-_PRINTED = 10
-
-
-@dataclass(frozen=True, eq=False)
-class OverTime:
-    """Answers about held-out recordings against seconds of signal seen; ``print`` it for a table.
-
-    Attributes
-    ----------
-    seconds : ndarray, shape (M,)
-        Signal seen at each moment, s, from the first sample of a recording (its lead before the motion included).
-    accuracy : ndarray, shape (M,)
-        Share of the provisional answers of that moment that are right, of all together. The accuracy that a model
-        states is the mean over partitions: another number where these are not of one size.
-    answered : ndarray, shape (M,)
-        Share of recordings that the early rule has answered by then.
-    error : ndarray, shape (M,)
-        Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings, see
-        `granular_id.identifier.rules`.
-    chance : float
-        Accuracy of guessing with every class as likely.
-    n_answers : int
-        Held-out recordings, each counted as often as a partition held it out.
-    held_out : str
-        What was held out, in words; `note` says how it was drawn.
-    note : str
-    target_error : float or None
-        Of the early rule; None where there is none, and `why_not` says why.
-    why_not : str
-    mean_seconds : float
-        Mean signal seen at an early answer, s; NaN without any.
-    synthetic : bool
-        Recordings were simulated: figures show that the program works, not how well it knows materials.
-    """
-
-    seconds: FloatArray
-    accuracy: FloatArray
-    answered: FloatArray
-    error: FloatArray
-    chance: float
-    n_answers: int
-    held_out: str
-    note: str
-    target_error: float | None
-    why_not: str
-    mean_seconds: float
-    synthetic: bool
-
-    def summary(self) -> str:
-        """Say in a line or two what the figures show."""
-        whole = f"{100 * self.accuracy[-1]:.1f} % of whole recordings right ({self.seconds[-1]:g} s)"
-        near = np.flatnonzero(self.accuracy >= self.accuracy[-1] - 0.01)
-        first = f"within 1 % of that from {fixed(self.seconds[near[0]], 2)} s on"
-        lines = [f"{self.n_answers} answers, {self.held_out}: {whole}; {first}"]
-        if self.target_error is not None and self.answered[-1] > 0:
-            outcome = outcome_text(
-                float(self.answered[-1]), self.mean_seconds, float(self.error[-1]), self.target_error
-            )
-            lines.append(f"early answers: {outcome}")
-        elif self.why_not:
-            lines.append(f"no early answers: {self.why_not}")
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        """Return a table of some moments, and the summary."""
-        places = np.unique(np.linspace(0, len(self.seconds) - 1, _PRINTED).round().astype(int))
-        rows = [
-            {
-                "seconds": fixed(self.seconds[i], 2),
-                "accuracy": f"{100 * self.accuracy[i]:.1f} %",
-                "answered early": f"{100 * self.answered[i]:.1f} %",
-                "of these wrong": "" if math.isnan(self.error[i]) else f"{100 * self.error[i]:.1f} %",
-            }
-            for i in places.tolist()
-        ]
-        title = f"Accuracy over time{' on SYNTHETIC recordings' if self.synthetic else ''}"
-        return "\n".join((title, *text_table(rows), self.summary(), self.note))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all figures, in types that JSON knows (NaN as None)."""
-        plain: dict[str, Any] = {}
-        for name, value in vars(self).items():
-            numbers = value.tolist() if isinstance(value, np.ndarray) else [value]
-            known = [None if isinstance(n, float) and math.isnan(n) else n for n in numbers]
-            plain[name] = known if isinstance(value, np.ndarray) else known[0]
-        return plain
-
-
-def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, synthetic: bool) -> OverTime:
-    """Count what is right, answered early, and wrong among that, at each moment.
-
-    Parameters
-    ----------
-    held : HeldOut
-        Provisional answers about held-out recordings.
-    rate_hz : float
-    rule : EarlyRule or None
-        Calibrated on them.
-    synthetic : bool
-    """
-    right = held.right
-    moments = np.arange(len(held.n_seen))
-    answered, error = np.zeros(len(moments)), np.full(len(moments), np.nan)
-    mean_seconds = math.nan
-    if rule:
-        given = np.flatnonzero(rule.stops >= 0)
-        stops = rule.stops[given]
-        wrong = ~right[given, stops]
-        counts = (stops[:, None] <= moments).sum(axis=0)
-        answered = counts / len(rule.stops)
-        np.divide(
-            (wrong[:, None] & (stops[:, None] <= moments)).sum(axis=0), counts, out=error, where=counts > 0
-        )
-        mean_seconds = float(held.n_seen[stops].mean() / rate_hz)
-    return OverTime(
-        seconds=held.n_seen / rate_hz,
-        accuracy=right.mean(axis=0),
-        answered=answered,
-        error=error,
-        chance=1 / np.unique(held.truth).size,
-        n_answers=len(held.rows),
-        held_out=held.held_out,
-        note=held.note,
-        target_error=rule.target_error if rule else None,
-        why_not="no early rule was asked for" if rule is None else rule.why_not,
-        mean_seconds=mean_seconds,
-        synthetic=synthetic,
-    )
-
-
-def accuracy_over_time(
-    data: Dataset,
-    space: str = "best",
-    *,
-    target_error: float = 0.01,
-    n_folds: int = 5,
-    progress: bool | ProgressCallback | None = None,
-    **settings: Any,
-) -> OverTime:
-    """Measure on held-out recordings how accurate provisional answers are, and what early answers are worth.
-
-    Whole sessions are held out where every class has several; else halves in time order; else random folds.
-
-    Parameters
-    ----------
-    data : Dataset
-        Recordings of equal length and rate with a label each.
-    space : str, default "best"
-        Feature space, as in `Identifier.fit`.
-    target_error : float, default 0.01
-        Share of early answers that may be wrong.
-    n_folds : int, default 5
-        Random folds, where neither sessions nor an order in time are known.
-    progress : bool or callable, optional
-        As in `granular_id.evaluate`; None is silent.
-    **settings
-        Others of `granular_id.identifier.recipe.Recipe` that the space has: ``cutoff_hz``, ``C``, ``coding`` ...
-
-    Returns
-    -------
-    OverTime
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `Identifier.fit`; also where nothing can be held out.
-
-    Examples
-    --------
-    >>> from granular_id import synthesize
-    >>> from granular_id.identifier import accuracy_over_time
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=10, duration_s=0.5)
-    >>> course = accuracy_over_time(data, target_error=0.1)
-    >>> course.seconds[-1], bool(course.accuracy[-1] > 0.8)
-    (np.float64(0.5), True)
-    """
-    training = train(
-        data, Recipe(space=space, **settings), target_error=target_error, n_folds=n_folds, progress=progress
-    )
-    if training.held is None:
-        raise ValueError(f"data: nothing can be held out: {training.why_none}")
-    return over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)

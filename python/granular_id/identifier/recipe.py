@@ -16,20 +16,28 @@ from granular_id import _core
 from granular_id._checks import named
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id._text import counted, verb
-from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.codings import CODINGS, design
-from granular_id.ecoc.decoding import DECODINGS, fitting_loss
-from granular_id.ecoc.posterior import POSTERIORS, Posterior
+from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, design, fitting_loss
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import axes_of, begins_at_first, lead_of
-from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import Difference, other_units, other_values, settled, setups_in
-from granular_id.spaces import HFMH, BlockScaler, RawHFMH, RawSignal, WithinClassWhitening
-from granular_id.spaces.best import DECODING, BestClassifier
-from granular_id.spaces.hfmh import DEFAULT_RANGE, BinRange
-from granular_id.spaces.multiband import ALL_BLOCKS, BAND_LOSS, USUAL_BLOCKS, MultiBand
-from granular_id.spaces.scaling import folded_back, is_linear_step
-from granular_id.spaces.union import BlockWeights
+from granular_id.recording import Dataset, Difference, Setup, other_units, other_values, settled, setups_in
+from granular_id.spaces import (
+    ALL_BLOCKS,
+    BAND_LOSS,
+    DECODING,
+    DEFAULT_RANGE,
+    HFMH,
+    USUAL_BLOCKS,
+    BestClassifier,
+    BinRange,
+    BlockScaler,
+    BlockWeights,
+    MultiBand,
+    RawHFMH,
+    RawSignal,
+    WithinClassWhitening,
+    folded_back,
+    is_linear_step,
+)
 
 GROWING = ("raw", "hfmh", "raw+hfmh")
 """Feature spaces of which scores grow with each sample: a linear score of samples and counts, nothing else."""

@@ -18,10 +18,8 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._checks import checked_number
 from granular_id._text import fixed
-from granular_id.ecoc.posterior import Posterior, check_posterior, fit_posterior
-from granular_id.ecoc.training import Task
-from granular_id.identifier.held_out import HeldOut
-from granular_id.spaces.best import BestClassifier
+from granular_id.ecoc import Posterior, Task, check_posterior, fit_posterior
+from granular_id.spaces import BestClassifier
 
 if TYPE_CHECKING:
     from granular_id.confidence import ConformalRule, UnknownRule
@@ -55,8 +53,10 @@ class Rules:
         stored = json.loads(core.metadata["trained"]).get(KEY)
         if stored is None:
             return cls()
-        from granular_id.confidence.conformal import ConformalRule  # noqa: PLC0415 (few models have them)
-        from granular_id.confidence.unknown import UnknownRule  # noqa: PLC0415
+        from granular_id.confidence import (
+            ConformalRule,  # few models have them
+            UnknownRule,
+        )
 
         kinds: dict[str, Any] = {"conformal": ConformalRule, "unknown": UnknownRule}
         return cls(**{name: kinds[name].from_dict(rule) for name, rule in stored.items() if rule is not None})
@@ -87,8 +87,12 @@ def rules_of(
     dict
         In types that JSON knows.
     """
-    from granular_id.confidence import HeldOutScores, conformal_rule, unknown_rule  # noqa: PLC0415
-    from granular_id.confidence.held_out import Scores  # noqa: PLC0415
+    from granular_id.confidence import (
+        HeldOutScores,
+        Scores,
+        conformal_rule,
+        unknown_rule,
+    )
 
     rows, first = np.unique(held.rows, return_index=True)  # each once, however often it was held out
     scored = HeldOutScores(

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._columns import samples_of
-from granular_id._text import fixed
+from granular_id.identifier.answers import Decision
 from granular_id.identifier.metadata import axes_of
 
 if TYPE_CHECKING:
-    from granular_id.identifier.identifier import Answers
+    from granular_id.identifier.answers import Answers
 
 
 class StreamingIdentifier:
@@ -161,123 +160,9 @@ class StreamingIdentifier:
 
 
 def _probability(model: _core.Model, scores: npt.NDArray[np.float64], label: str) -> float:
-    from granular_id.identifier.identifier import probabilities  # noqa: PLC0415 (brings in scikit-learn)
+    from granular_id.identifier.answers import probabilities  # brings in scikit-learn
 
     return float(probabilities(model, scores[None])[0, model.classes.index(label)])
 
 
 # What an identifier says: a label, how far it is ahead, and how much of the signal it has seen.
-
-
-class _Lazy:
-    """A field that may be given as a function, called when the field is first read."""
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self._name = f"_{name}"
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> None: ...
-
-    @overload
-    def __get__(self, instance: object, owner: type) -> float | None: ...
-
-    def __get__(self, instance: object | None, owner: type) -> float | None:
-        if instance is None:
-            return None  # the default of the field
-        value: Callable[[], float] | float | None = vars(instance)[self._name]
-        if callable(value):
-            value = vars(instance)[self._name] = value()
-        return value
-
-    def __set__(self, instance: object, value: Callable[[], float] | float | None) -> None:
-        vars(instance)[self._name] = value
-
-
-@dataclass(frozen=True)
-class Decision:
-    """The answer to one push, provisional or final.
-
-    Attributes
-    ----------
-    label : str
-        The best material.
-    ranking : tuple of (str, float)
-        Every material with its mean loss, the best first.
-    margin : float
-        Loss of the second material minus that of the first.
-    probability : float, optional
-        Probability of the label, of a model that was trained with `posterior`; else None. A function may be given
-        instead of a number: it is called when the probability is first read, because coupling the learners takes
-        longer than everything else about a decision.
-    final : bool
-        Whether the whole signal was seen.
-    settled : bool
-        Whether the label can no longer change while the remaining forces stay in the range that they had in training.
-    sure : bool
-        Whether the margin is as large as the model's rule for early answers wants at this moment.
-    n_seen : int
-        Samples seen.
-    seconds : float
-        Seconds of signal seen.
-    warnings : tuple of str
-        What may have spoilt the signal: a gap, saturation, lag; and what of the set-up is not as in the training.
-    candidates : tuple of str
-        Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
-        Empty for a provisional answer, and for a model without such a rule.
-    unknown : bool or None
-        Whether the signal is like none of the materials that the model knows; None for a provisional answer, and
-        without such a rule.
-
-    Examples
-    --------
-    >>> from granular_id.identifier.streaming import Decision
-    >>> decision = Decision("rice", (("rice", 0.1), ("salt", 0.3)), 0.2, final=False, n_seen=800, seconds=1.6)
-    >>> print(decision)
-    rice after 1.60 s, provisional: margin 0.200 ahead of salt
-    >>> decision.to_dict()["ranking"]
-    [['rice', 0.1], ['salt', 0.3]]
-    """
-
-    label: str
-    ranking: tuple[tuple[str, float], ...]
-    margin: float
-    probability: _Lazy = _Lazy()
-    final: bool = False
-    settled: bool = False
-    sure: bool = False
-    n_seen: int = 0
-    seconds: float = 0.0
-    warnings: tuple[str, ...] = ()
-    candidates: tuple[str, ...] = ()
-    unknown: bool | None = None
-
-    def __str__(self) -> str:
-        stage = (
-            "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
-        )
-        name = f"like no known material, nearest {self.label}," if self.unknown else self.label
-        line = f"{name} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
-        if len(self.ranking) > 1:
-            line += f" ahead of {self.ranking[1][0]}"
-        if self.probability is not None:
-            line += f", probability {self.probability:.3f}"
-        if len(self.candidates) > 1:
-            line += f"; may be {' or '.join(self.candidates)}"
-        return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the decision in types that JSON knows; computes the probability."""
-        return {
-            "label": self.label,
-            "ranking": [[label, loss] for label, loss in self.ranking],
-            "margin": self.margin,
-            "probability": self.probability,
-            "final": self.final,
-            "settled": self.settled,
-            "sure": self.sure,
-            "n_seen": self.n_seen,
-            "seconds": self.seconds,
-            "warnings": list(self.warnings),
-            "candidates": list(self.candidates),
-            "unknown": self.unknown,
-        }

@@ -19,15 +19,11 @@ from granular_id._estimators import heard_complaints
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.identifier.held_out import HeldOut, answers_held_out, honest_partitions
-from granular_id.identifier.metadata import choice_of, described, estimate_of
+from granular_id.identifier.model_card import choice_of, described, estimate_of
 from granular_id.identifier.recipe import BANDED, Parts, Recipe, parts_of
 from granular_id.identifier.rules import KEY, EarlyRule, calibrate, checked_target, posterior_of, rules_of
-from granular_id.recording import Dataset
-from granular_id.recording.recording import unit_of
-from granular_id.recording.setup import common_units, mixed, warnings_in
-from granular_id.spaces import block_sizes, tell_blocks
-from granular_id.spaces.best import BestClassifier
-from granular_id.spaces.candidates import Chosen
+from granular_id.recording import Dataset, common_units, mixed, unit_of, warnings_in
+from granular_id.spaces import BestClassifier, Chosen, block_sizes, tell_blocks
 from granular_id.splits import Origins, Partition, origins_of, rows_of_class
 
 # From parts to a model: weights, what is known of the training recordings, and words about them.

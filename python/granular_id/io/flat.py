@@ -34,9 +34,7 @@ from granular_id.io.flat_checks import (
 )
 from granular_id.io.folder_save import checked_dataset, history_json
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import Dataset, Recording
-from granular_id.recording.recording import checked_axes
-from granular_id.recording.steps import shared_base
+from granular_id.recording import Dataset, Recording, checked_axes, shared_base
 
 RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""

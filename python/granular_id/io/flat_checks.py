@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, as_floats, checked_text, freeze
 from granular_id.io.json_text import check_parts
-from granular_id.recording import StepReport
-from granular_id.recording.recording import KNOWN_FLAGS
+from granular_id.recording import KNOWN_FLAGS, StepReport
 
 NO_TRIGGER = -1
 """What stands in ``trigger_index`` where a recording has none."""

@@ -13,10 +13,11 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.io.units import factor
-from granular_id.recording import Recording, SampleFlag
-from granular_id.recording.resampling import (
+from granular_id.recording import (
     STATED_TOLERANCE,
+    Recording,
     RepairedTime,
+    SampleFlag,
     largest_offset,
     repair_time,
     uniform_rate,

@@ -16,7 +16,7 @@ from granular_id.live.stream import opened
 from granular_id.live.trigger import Trigger
 
 if TYPE_CHECKING:
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
 
 __all__ = ["identify"]
 

@@ -58,7 +58,7 @@ def pushes(material: str, rate_hz: float, *, seed: int = 0, n_pushes: int = 4) -
     ndarray, shape (n, 6)
         N and N m.
     """
-    from granular_id.synthetic import synthesize  # noqa: PLC0415  # a box that plays a file needs no model
+    from granular_id.synthetic import synthesize  # a box that plays a file needs no model
 
     data = synthesize(material, n_pushes, rate_hz=rate_hz, seed=seed)
     return np.concatenate([recording.wrench for recording in data])
@@ -79,8 +79,8 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
     ValueError
         Recordings without a common rate, or without the six axes.
     """
-    from granular_id.io import load  # noqa: PLC0415
-    from granular_id.live.replay import common_rate  # noqa: PLC0415
+    from granular_id.io import load
+    from granular_id.live.replay import common_rate
 
     data = load(Path(path))
     try:

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
-from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.held_out import N_CHECKPOINTS
-from granular_id.identifier.recipe import comparison
+from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, comparison
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
@@ -20,12 +18,11 @@ from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.live.stream import Stream
 from granular_id.live.view import Views
-from granular_id.recording import SampleFlag
+from granular_id.recording import SampleFlag, settled
 from granular_id.recording import Setup as RecordedSetup
-from granular_id.recording.setup import settled
 
 if TYPE_CHECKING:
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.capture import Capture
 
 __all__ = ["LiveIdentifier"]

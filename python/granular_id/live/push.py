@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.capture_state import FailureReason
 
 __all__ = ["Push"]

@@ -17,8 +17,7 @@ from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.source_url import SourceUrl
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
-from granular_id.recording import AXES, Dataset
-from granular_id.recording.setup import setups_in, values_in
+from granular_id.recording import AXES, Dataset, setups_in, values_in
 
 __all__ = ["ReplaySource", "common_rate", "open_url"]
 

@@ -11,7 +11,7 @@ from granular_id._files import cannot_write, check_target
 from granular_id.io.extras import need
 from granular_id.live.view import BackgroundView
 from granular_id.live.wording import GIVEN, SYNTHETIC, answer_of, state_of, warnings_of
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -23,9 +23,16 @@ from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.source_url import SourceUrl
 from granular_id.recording import SampleFlag
-from granular_id.synthetic import PAPER_MATERIALS, Material, Nuisance, Rig, Sensor
-from granular_id.synthetic.generate import FRAME, SIGN
-from granular_id.synthetic.materials import resolve_materials
+from granular_id.synthetic import (
+    FRAME,
+    PAPER_MATERIALS,
+    SIGN,
+    Material,
+    Nuisance,
+    Rig,
+    Sensor,
+    resolve_materials,
+)
 
 __all__ = ["SimMotion", "SimRobot", "SimSource", "open_url"]
 

@@ -11,9 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.recording import SampleFlag
-from granular_id.synthetic import Conditions, Material, Nuisance, Rig, Sensor, simulate_push
-from granular_id.synthetic.generate import draw_push, push_meta
-from granular_id.synthetic.push import random_stream
+from granular_id.synthetic import (
+    Conditions,
+    Material,
+    Nuisance,
+    Rig,
+    Sensor,
+    draw_push,
+    push_meta,
+    random_stream,
+    simulate_push,
+)
 
 __all__ = ["PlannedPush", "SimWorld"]
 

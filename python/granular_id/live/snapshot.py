@@ -14,7 +14,7 @@ from granular_id._core import AXES, UNITS
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.push import Push
 
 __all__ = ["Outcome", "Snapshot"]

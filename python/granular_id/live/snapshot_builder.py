@@ -21,7 +21,7 @@ from granular_id.live.snapshot import Outcome, Snapshot
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.push import Push
     from granular_id.live.rows import BlockLike
 

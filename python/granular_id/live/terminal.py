@@ -81,7 +81,7 @@ class TerminalView(BackgroundView):
             self._live.stop()
 
     def _draw(self, snapshot: Snapshot) -> None:
-        from granular_id.live.terminal_screen import screen  # noqa: PLC0415 - rich is an extra
+        from granular_id.live.terminal_screen import screen  # rich is an extra
 
         drawn = screen(
             snapshot, self._console.width, self._console.height, ascii_only=self._console.options.ascii_only

@@ -25,13 +25,13 @@ from granular_id.live.wording import (
     score_of,
     shown_of,
 )
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rich.console import RenderableType
 
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.snapshot import Snapshot
     from granular_id.live.wording import Shown
 

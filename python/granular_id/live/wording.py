@@ -12,7 +12,7 @@ from granular_id._text import counted, fixed
 from granular_id.live.snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from granular_id.identifier.streaming import Decision
+    from granular_id.identifier import Decision
     from granular_id.live.snapshot import Outcome
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 
 from granular_id._text import counted
 from granular_id.plotting.style import FAINT, INK, new_figure, quiet, save, share_axis
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

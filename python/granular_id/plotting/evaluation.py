@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._text import fixed, short, whole_percent
 from granular_id.plotting.style import FAINT, INK, new_figure, quiet, row_names, save, share_axis
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 from granular_id.splits import protocol_name
 
 if TYPE_CHECKING:
@@ -379,7 +379,7 @@ def plot_confusion(
 
 def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[str]) -> None:
     """Draw a matrix of per cent (K, K) with the numbers in its cells."""
-    from matplotlib.patches import Rectangle  # noqa: PLC0415  # an extra
+    from matplotlib.patches import Rectangle  # an extra
 
     for row, column in np.argwhere(percent > 0):
         value = float(percent[row, column])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES
 from granular_id._text import fixed, short
-from granular_id.evaluation.report_data import window_starts
+from granular_id.evaluation import window_starts
 from granular_id.plotting.style import (
     FAINT,
     INK,
@@ -27,14 +27,14 @@ from granular_id.plotting.style import (
     save,
     share_bars,
 )
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation.report_data import Portrait, WeightBlock
+    from granular_id.evaluation import Portrait, WeightBlock
     from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
-    from granular_id.spaces.multiband import Band
+    from granular_id.spaces import Band
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80
 
@@ -83,7 +83,7 @@ def plot_explanation(
     >>> [panel.get_title() for panel in plot_explanation(seen, title="SYNTHETIC recordings").axes[::2]]
     ['raw', 'hfmh']
     """
-    from granular_id.explanation import BandExplanation  # noqa: PLC0415 (it knows no figures, and loads much)
+    from granular_id.explanation import BandExplanation  # it knows no figures, and loads much
 
     figure = (
         draw_band_explanation(explanation)

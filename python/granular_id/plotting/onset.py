@@ -12,9 +12,16 @@ from numpy.typing import NDArray
 from granular_id._checks import checked_index
 from granular_id._text import fixed, short
 from granular_id.plotting.style import INK, axis_line, evenly, new_figure, pretty, quiet, save
-from granular_id.recording import Dataset, Recording
-from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, STEP, Onset, onsets_of
-from granular_id.recording.recording import unit_of
+from granular_id.recording import (
+    FALSE_ALARM_RATE,
+    REST_S,
+    STEP,
+    Dataset,
+    Onset,
+    Recording,
+    onsets_of,
+    unit_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -181,8 +188,8 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
 
 
 def _key(shown: list[Recording], kinds: set[str]) -> list[Any]:
-    from matplotlib.lines import Line2D  # noqa: PLC0415  # an extra
-    from matplotlib.patches import Patch  # noqa: PLC0415
+    from matplotlib.lines import Line2D  # an extra
+    from matplotlib.patches import Patch
 
     lines = [
         Line2D([], [], label=pretty(axis), linewidth=_WIDTH, **axis_line(axis, place))

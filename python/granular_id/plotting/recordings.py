@@ -26,13 +26,12 @@ from granular_id.plotting.style import (
     row_names,
     save,
 )
-from granular_id.recording import Dataset, Recording
-from granular_id.recording.recording import unit_of
+from granular_id.recording import Dataset, Recording, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation.report_data import HighPass, Portrait
+    from granular_id.evaluation import HighPass, Portrait
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
 
@@ -461,7 +460,7 @@ def draw_heat(
     key : str
         What the colours mean.
     """
-    from matplotlib.colors import LogNorm  # noqa: PLC0415  # an extra
+    from matplotlib.colors import LogNorm  # an extra
 
     image = panel.imshow(
         np.ma.masked_less_equal(values, 0.0),

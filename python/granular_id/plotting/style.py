@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from granular_id._core import AXES
 from granular_id._files import whole_file
 from granular_id._text import fixed, short
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,7 +58,7 @@ TICKS = tuple(step * 10.0**power for power in range(-3, 5) for step in (1, 2, 5)
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure of `width` x `height` inches, or raise the ImportError that says what to install."""
     try:
-        from matplotlib.figure import Figure  # noqa: PLC0415  # an extra: only those who plot need it
+        from matplotlib.figure import Figure  # an extra: only those who plot need it
     except ImportError as error:
         raise ImportError("plotting needs matplotlib: pip install 'granular-id[app]'") from error
     return Figure(figsize=(width, height), layout="constrained")

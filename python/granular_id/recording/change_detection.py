@@ -355,7 +355,7 @@ def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
 @lru_cache(maxsize=256)
 def _table(n_tests: int, rate: float) -> tuple[FloatArray, FloatArray]:
     """Logarithms of degrees of freedom and of the factor, by bisection for all of them at once."""
-    from scipy.special import ndtr  # slow to import, and only this step needs it  # noqa: PLC0415
+    from scipy.special import ndtr  # slow to import, and only this step needs it
 
     dof, sd, weights = _estimates()
     low, high = np.zeros(_POINTS), np.full(_POINTS, math.log(1e30))
@@ -371,7 +371,7 @@ def _table(n_tests: int, rate: float) -> tuple[FloatArray, FloatArray]:
 @lru_cache(maxsize=1)
 def _estimates() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Degrees of freedom, the standard deviations that each may estimate where 1 is true, and their weights."""
-    from scipy.special import gammaincinv  # noqa: PLC0415
+    from scipy.special import gammaincinv
 
     dof = np.geomspace(_LEAST, _MOST, _POINTS)
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)

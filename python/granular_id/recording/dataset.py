@@ -273,7 +273,7 @@ class Dataset(DatasetSteps):
             An unknown sensor, numbers that do not fit the axes, a rate outside (0, 1).
         """
         # slow to import, and few programs look their recordings over
-        from granular_id.recording.checks.run import check_recordings  # noqa: PLC0415
+        from granular_id.recording.checks.run import check_recordings
 
         return check_recordings(self.recordings, sensor_range, false_alarm_rate, progress)
 

@@ -311,7 +311,7 @@ def _polyphase(recording: Recording, rate: float) -> FloatArray:
         )
     if recording.n_samples == 1:
         return recording.wrench  # there is no line through one point to pad along
-    from scipy.signal import resample_poly  # heavy to import, and only this method needs it  # noqa: PLC0415
+    from scipy.signal import resample_poly  # heavy to import, and only this method needs it
 
     # "line": a force with an offset or a drift must not fall to zero at the ends
     result: FloatArray = resample_poly(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular_id.report.figures import figures
+from granular_id.report.figures import FIGURES, figures
 from granular_id.report.page import report
 
-__all__ = ["figures", "report"]
+__all__ = ["FIGURES", "figures", "report"]

@@ -14,8 +14,19 @@ from numpy.typing import NDArray
 
 from granular_id._files import made_folder
 from granular_id._text import percent
-from granular_id.evaluation.tables import shows_paper
+from granular_id.evaluation import shows_paper
 from granular_id.plotting import (
+    INK,
+    Curves,
+    as_percent,
+    blocks_with_weight,
+    curves_in,
+    draw_confusion,
+    draw_hfmh,
+    draw_mean_forces,
+    draw_residual,
+    draw_weights,
+    new_figure,
     plot_accuracy,
     plot_confusion,
     plot_gap,
@@ -25,18 +36,13 @@ from granular_id.plotting import (
     plot_residual,
     plot_weights,
 )
-from granular_id.plotting.evaluation import as_percent, draw_confusion
-from granular_id.plotting.explanation import blocks_with_weight, draw_weights
-from granular_id.plotting.recordings import Curves, curves_in, draw_hfmh, draw_mean_forces, draw_residual
-from granular_id.plotting.style import INK, new_figure
 from granular_id.report.svg import inline_svg
 from granular_id.splits import PROTOCOLS, protocol_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation.report_data import Portrait
-    from granular_id.evaluation.result import EvaluationResult
+    from granular_id.evaluation import EvaluationResult, Portrait
 _WIDEST = 480
 """Pixels of a column on a wide screen: no figure is scrolled there."""
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from granular_id._files import PAGES, check_target, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, percent
-from granular_id.evaluation.tables import (
+from granular_id.evaluation import (
     PAPER_NOTE,
     SMALL_GAP,
     accuracy_table,
@@ -26,14 +26,13 @@ from granular_id.evaluation.tables import (
     seconds_table,
     shows_paper,
 )
-from granular_id.plotting.recordings import AXIS_LINES
-from granular_id.recording import StepReport
-from granular_id.recording.setup import SEVERE
+from granular_id.plotting import AXIS_LINES
+from granular_id.recording import SEVERE, StepReport
 from granular_id.report.figures import Picture, pictures
 from granular_id.splits import protocol_name
 
 if TYPE_CHECKING:
-    from granular_id.evaluation.result import EvaluationResult
+    from granular_id.evaluation import EvaluationResult
 
 
 def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
@@ -111,8 +110,8 @@ def html(result: EvaluationResult) -> str:
 
 def _environment() -> Any:
     try:
-        from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # an extra
-        from markupsafe import Markup  # noqa: PLC0415  # comes with jinja2
+        from jinja2 import Environment, PackageLoader, StrictUndefined  # an extra
+        from markupsafe import Markup  # comes with jinja2
     except ImportError as error:
         raise ImportError("a report needs jinja2: pip install 'granular-id[app]'") from error
     environment = Environment(

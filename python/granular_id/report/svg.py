@@ -15,8 +15,8 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from granular_id.plotting.style import FAINT, INK
-from granular_id.recording.recording import AXIS_COLOURS
+from granular_id.plotting import FAINT, INK
+from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,8 +85,8 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
 
 
 def _drawn(figure: Figure) -> bytes:
-    import matplotlib as mpl  # noqa: PLC0415  # an extra
-    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+    import matplotlib as mpl  # an extra
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     for patch in (figure.patch, *(panel.patch for panel in figure.axes)):
         patch.set_visible(False)  # the page shows through

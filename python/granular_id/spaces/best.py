@@ -14,11 +14,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs
 from granular_id._parallel import in_threads, single_threaded_blas
-from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.decoding import class_values, fitting_loss
-from granular_id.ecoc.learners import line_scores
-from granular_id.ecoc.training import class_indices
+from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
 from granular_id.gram import linear_gram
 from granular_id.spaces.candidates import Choice, Machine, choose, plan_machines
 from granular_id.spaces.multiband import BAND_LOSS

@@ -99,7 +99,7 @@ def feature_spaces(
     >>> [name for name, space in spaces.items() if space.control]
     ['time-permuted']
     """
-    from granular_id.spaces.best import BestClassifier  # noqa: PLC0415 (it stands on this package)
+    from granular_id.spaces.best import BestClassifier  # it stands on this package
 
     filter_and_bins: dict[str, Any] = {
         "rate_hz": rate_hz,

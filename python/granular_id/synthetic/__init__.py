@@ -19,13 +19,23 @@ from granular_id.synthetic.fluctuations import (
     slip_length_m,
     stick_slip,
 )
-from granular_id.synthetic.generate import synthesize
-from granular_id.synthetic.materials import PAPER_MATERIALS, Material
-from granular_id.synthetic.push import PARTS, Conditions, Nuisance, Sensor, simulate_push, tool_resonance
+from granular_id.synthetic.generate import FRAME, SIGN, draw_push, push_meta, synthesize
+from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
+from granular_id.synthetic.push import (
+    PARTS,
+    Conditions,
+    Nuisance,
+    Sensor,
+    random_stream,
+    simulate_push,
+    tool_resonance,
+)
 
 __all__ = [
+    "FRAME",
     "PAPER_MATERIALS",
     "PARTS",
+    "SIGN",
     "Conditions",
     "Material",
     "Nuisance",
@@ -35,10 +45,14 @@ __all__ = [
     "contact_breaks",
     "contact_count",
     "drag_profile",
+    "draw_push",
     "froude_number",
     "heterogeneity",
     "mean_drag_n",
+    "push_meta",
+    "random_stream",
     "relative_fluctuation",
+    "resolve_materials",
     "shear_band_wave",
     "simulate_push",
     "slip_length_m",

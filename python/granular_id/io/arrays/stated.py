@@ -14,8 +14,7 @@ from granular_id.io.arrays.parts import FORCES, TORQUES
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.units import factor
-from granular_id.recording import AXES
-from granular_id.recording.recording import unit_of
+from granular_id.recording import AXES, unit_of
 
 __all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
 __all__ += [

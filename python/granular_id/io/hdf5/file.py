@@ -19,7 +19,7 @@ from granular_id.io.hdf5.tree import Hdf5Tree
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.units import factor
-from granular_id.recording.recording import unit_of
+from granular_id.recording import unit_of
 
 __all__ = ["read_hdf5"]
 

@@ -14,8 +14,7 @@ from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.extras import need
 from granular_id.io.flat import FORMAT, NUMBERS, OPTIONAL, VERSION, FlatRecordings, flatten
-from granular_id.recording import Dataset
-from granular_id.recording.recording import unit_of
+from granular_id.recording import Dataset, unit_of
 
 __all__ = ["SAMPLES", "UNITS", "save_hdf5"]
 

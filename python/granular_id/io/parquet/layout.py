@@ -16,7 +16,7 @@ from typing import Any
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.json_text import check_parts
-from granular_id.recording.recording import unit_of
+from granular_id.recording import unit_of
 
 INDEX_FILE = "recordings.parquet"
 SAMPLES_FOLDER = "samples"

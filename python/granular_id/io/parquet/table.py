@@ -30,8 +30,7 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.file import TEXTS, CheckedParquet, is_list, open_parquet
 from granular_id.io.parquet.index import coded_texts
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES
-from granular_id.recording.recording import KNOWN_FLAGS
+from granular_id.recording import AXES, KNOWN_FLAGS
 
 __all__ = ["read_parquet_table"]
 

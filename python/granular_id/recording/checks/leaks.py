@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from granular_id._checks import FloatArray
 from granular_id._text import counted, verb
 from granular_id.recording.checks.level import Rest
-from granular_id.recording.checks.report import Finding, first_names, found
+from granular_id.recording.checks.report import Finding, by_label, first_names, found
 from granular_id.recording.checks.timing import Pace, is_number
 from granular_id.recording.recording import Recording, SampleFlag
 
@@ -532,15 +532,6 @@ def check_sessions(recordings: Sequence[Recording]) -> Iterator[Finding]:
 
 
 # Labels: whether there are some, enough, and as many recordings of each.
-
-
-def by_label(recordings: Sequence[Recording]) -> dict[str, list[int]]:
-    """Return the places of the recordings of each label, labels in order of first appearance."""
-    groups: dict[str, list[int]] = {}
-    for i, r in enumerate(recordings):
-        if r.label is not None:
-            groups.setdefault(r.label, []).append(i)
-    return groups
 
 
 def check_labels(recordings: Sequence[Recording]) -> Iterator[Finding]:

@@ -12,8 +12,7 @@ from scipy.special import fdtrc, stdtr, stdtrit
 
 from granular_id._checks import FloatArray
 from granular_id._text import counted, fixed, verb
-from granular_id.recording.checks.leaks import by_label
-from granular_id.recording.checks.report import Finding, found
+from granular_id.recording.checks.report import Finding, by_label, found
 from granular_id.recording.checks.signal import by_axis
 from granular_id.recording.onset import REST_S
 from granular_id.recording.recording import Recording, unit_of

@@ -256,3 +256,12 @@ class CheckReport(Sequence[Finding]):
 def _worst(findings: Sequence[Finding]) -> State:
     severities = {finding.severity for finding in findings}
     return "error" if "error" in severities else "warning" if "warning" in severities else "ok"
+
+
+def by_label(recordings: Sequence[Recording]) -> dict[str, list[int]]:
+    """Return the places of the recordings of each label, labels in order of first appearance."""
+    groups: dict[str, list[int]] = {}
+    for i, r in enumerate(recordings):
+        if r.label is not None:
+            groups.setdefault(r.label, []).append(i)
+    return groups

@@ -1,0 +1,278 @@
+"""What a model says of itself: what it was trained on, what it takes, and how well it did on held-out recordings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from textwrap import shorten
+from typing import Any
+
+import numpy as np
+
+from granular_id import _core
+from granular_id._estimators import versions
+from granular_id._text import counted, fixed
+from granular_id.features import FeatureSpec
+from granular_id.identifier.answers import Answers
+from granular_id.identifier.held_out import HeldOut
+from granular_id.identifier.metadata import begins_at_first
+from granular_id.identifier.recipe import Recipe
+from granular_id.identifier.rules import Rules, outcome_text
+from granular_id.recording import SEVERE, Dataset, describe_data, of_check, setups_in, values_in
+from granular_id.spaces import Choice
+from granular_id.statistics import MIN_PARTITIONS, confusion_counts, corrected_interval, recall_per_class
+
+
+def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:
+    """Return settings, recordings and the steps that prepared them, in types that JSON knows."""
+    about = describe_data(data)
+    labels, counts = np.unique(data.y, return_counts=True)
+    sessions = {session for session in data.sessions.tolist() if session is not None}
+    return {
+        "settings": recipe.to_dict(data.rate_hz),
+        "synthetic": data.is_synthetic,
+        "recordings": dict(zip(labels.tolist(), counts.tolist(), strict=True)),
+        "n_sessions": len(sessions),
+        "n_triggers": sum(recording.trigger_index is not None for recording in data),
+        "setup": values_in(setups_in(data)),
+        # Rows name files: a model is handed on, and says what was done, not to which file.
+        "history": [
+            {key: step[key] for key in ("step", "parameters", "totals")} for step in about["history"]
+        ],
+        "versions": versions(),
+    }
+
+
+def estimate_of(held: HeldOut, classes: Sequence[str]) -> dict[str, Any]:
+    """Return the accuracy on held-out recordings and how it was found, in types that JSON knows.
+
+    The accuracy is the mean over partitions; its interval is corrected for the recordings that they share, and None
+    with fewer than three partitions or where all agree.
+    """
+    shares = held.fold_accuracies()
+    low, high = math.nan, math.nan
+    if len(shares) >= MIN_PARTITIONS:
+        n_train, n_test = (
+            float(np.mean([getattr(partition, part).size for partition in held.partitions]))
+            for part in ("train", "test")
+        )
+        low, high = corrected_interval(shares, n_train, n_test)
+    confusion = confusion_counts(held.truth, held.winners[:, -1], len(classes))
+    recall = recall_per_class(confusion).tolist()
+    return {
+        "protocol": held.protocol,
+        "held_out": held.held_out,
+        "note": held.note,
+        "n_partitions": len(held.partitions),
+        "n_answers": len(held.rows),
+        "accuracy": float(shares.mean()),
+        "interval_95": None if math.isnan(low) else [low, high],
+        "recall": dict(zip(classes, recall, strict=True)),
+    }
+
+
+def choice_of(choice: Choice, held: HeldOut | None) -> dict[str, Any]:
+    """Return what the model chose, and what those of the estimate chose, in types that JSON knows."""
+    elsewhere = [] if held is None else zip(held.partitions, held.chosen, strict=True)
+    return {
+        **choice.to_dict(),
+        "in_partitions": [
+            {
+                "partition": partition.description,
+                "chosen": list(chosen.names),
+                "note": chosen.note,
+                "accuracy_on_the_folds_that_chose": chosen.together,
+            }
+            for partition, chosen in elsewhere
+            if chosen is not None
+        ],
+    }
+
+
+_MOST_NOTES = 8
+
+
+def description(model: Answers) -> list[str]:
+    """Say what a model takes, knows and was trained on; without the estimates, see `promises`.
+
+    Parameters
+    ----------
+    model : Identifier
+
+    Returns
+    -------
+    list of str
+        One line each.
+    """
+    core, spec, trained = model.core, model.spec, model.trained
+    seconds = f"{model.n_samples / model.rate_hz:g} s"
+    size = len(core.to_bytes())
+    learners = f"{counted(core.n_learners, 'learner')} ({core.metadata['coding'] or 'own coding'})"
+    lines = [
+        f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
+        f"of the motion: {_lead(model)}",
+        f"features: {model.space}, {core.n_features} numbers{_content(spec)}",
+        *_bands(spec),
+        f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
+        f"{'' if core.sigmoid is None else ', probabilities by ' + core.metadata['posterior']}",
+        f"size: {size / 2**20:.2f} MiB",
+        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}"
+        f"{'; the file has no digest: damage would go unnoticed' if core.lacks_digest else ''}",
+    ]
+    counts = trained.get("recordings", {})
+    if counts:
+        each = sorted(set(counts.values()))
+        span = f"{each[0]}" if len(each) == 1 else f"{each[0]} to {each[-1]}"
+        sessions = trained.get("n_sessions", 0)
+        within = f", {counted(sessions, 'session')}" if sessions else ""
+        lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
+    lines += _setup(trained.get("setup"))
+    lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
+    if model.synthetic:
+        lines.insert(
+            0, "SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials"
+        )
+    return lines
+
+
+def promises(model: Answers) -> list[str]:
+    """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
+    trained = model.trained
+    synthetic = " (SYNTHETIC recordings)" if model.synthetic else ""
+    estimate = trained.get("estimate")
+    lines = []
+    if estimate:
+        lines.append(f"accuracy, {estimate['held_out']}{synthetic}: {_accuracy(estimate)}")
+        lines.append(f"  {estimate['note']}")
+        weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
+        if weak:
+            named = ", ".join(f"{label} {100 * share:.0f} %" for share, label in weak[:5])
+            lines.append(f"  least recognised: {named}")
+    else:
+        lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
+    lines += _choice(trained)
+    lines.append(f"early answers: {_early(model, trained.get('early'))}")
+    lines += _confidence(Rules.of(model.core), _why_none(trained))
+    if trained.get("left_out"):
+        lines.append(f"note: {trained['left_out']}")
+    notes = trained.get("notes", [])
+    lines += [of_check(note) if note.startswith(SEVERE) else f"note: {note}" for note in notes[:_MOST_NOTES]]
+    if len(notes) > _MOST_NOTES:
+        lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
+    return lines
+
+
+def _confidence(rules: Rules, why_none: str) -> list[str]:
+    """Say what candidates and refusals are worth."""
+    candidates = refusals = f"none{why_none}"
+    if rules.conformal is not None:
+        (level,) = rules.conformal.levels[-1:]
+        promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
+        candidates = "; ".join(rules.conformal.notes) or promise
+    if rules.unknown is not None:
+        share = 100 * rules.unknown.share_known
+        promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
+        refusals = "; ".join(rules.unknown.notes) or promise
+    return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
+
+
+def _why_none(trained: Mapping[str, Any]) -> str:
+    """Say that nothing was held out to set rules on, where that is why there are none."""
+    return "" if trained.get("estimate") else ": no recordings were held out"
+
+
+def _lead(model: Answers) -> str:
+    """Say how much rest the recordings of the training have ahead of their trigger."""
+    if model.lead_s is not None:
+        return f"{model.lead_s:g} s"
+    if begins_at_first(model.core):
+        return "not known, recordings begin at their first sample"
+    known, every = model.trained.get("n_triggers"), sum(model.trained.get("recordings", {}).values())
+    if known is None:
+        return "not known, or not the same in all recordings"
+    if known == 0:
+        return "not known, recordings have no trigger"
+    if known < every:
+        return f"not known of all, {known} of {every} recordings have a trigger"
+    return "not the same in all recordings"
+
+
+def _setup(known: Mapping[str, Sequence[str]] | None) -> list[str]:
+    """Give what the recordings of the training were made with."""
+    if not known:
+        return [f"set-up: {'not known' if known is None else 'the recordings do not tell'}; none is compared"]
+    told = (f"  {name}: {' or '.join(values)}" for name, values in known.items())
+    return ["set-up, compared with that of other recordings:", *told]
+
+
+def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:
+    if not isinstance(spec, FeatureSpec):
+        return ": " + ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items())
+    if not spec.hfmh:
+        return ""
+    ranges = spec.bin_range
+    within = (
+        "ranges of each axis" if isinstance(ranges[0], tuple) else f"{ranges[0]:g} to {ranges[1]:g} N and N m"
+    )
+    return f"; histogram of {spec.n_bins} bins, {within}, above {spec.cutoff_hz:g} Hz"
+
+
+def _bands(spec: FeatureSpec | _core.MultiBandExtractor) -> list[str]:
+    """Give the edges of each band, and its typical size per axis in the training recordings."""
+    if isinstance(spec, FeatureSpec):
+        return []
+    lines = ["  band, Hz: typical size of each axis, N and N m"]
+    for number, ((low, high, *_), scales) in enumerate(zip(spec.bands, spec.scales, strict=True)):
+        edges = "all but the mean" if number == 0 else f"{low:.3g} to {high:.3g}"
+        lines.append(f"  {edges}: {' '.join(f'{scale:.2g}' for scale in scales)}")
+    if "level" in spec.blocks:
+        lines.append(f"  level: {' '.join(f'{scale:.2g}' for scale in spec.level_scales)}")
+    return lines
+
+
+def _choice(trained: Mapping[str, Any]) -> list[str]:
+    """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
+    choice = trained.get("choice")
+    if not choice:
+        return []
+    machines, chosen, elsewhere = choice["machines"], choice["chosen"], choice["in_partitions"]
+    seed = "" if choice["random_state"] is None else f"; seed {choice['random_state']}"
+    width = max(len(machine["name"]) for machine in machines)
+    lines = [
+        f"chosen (>): {len(chosen)} of {len(machines)} machines tried, on {choice['note']}{seed}",
+        f"    {'':<{width}}  held out{'  chosen in the estimate' if elsewhere else ''}",
+    ]
+    for machine in machines:
+        shares = machine["accuracies"]
+        reached = f"{100 * sum(shares) / len(shares):.1f} %" if shares else "-"
+        line = f"  {'>' if machine['chosen'] else ' '} {machine['name']:<{width}}  {reached:>8}"
+        if elsewhere:
+            times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+            line += f"  {f'{times} of {len(elsewhere)}':>22}"
+        lines.append(line)
+    together = choice["accuracy_on_the_folds_that_chose"]
+    if together is not None:
+        lines.append(
+            f"  {100 * together:.1f} % together, on the recordings that chose: not what to expect of new ones"
+        )
+    return lines
+
+
+def _accuracy(estimate: Mapping[str, Any]) -> str:
+    interval = estimate["interval_95"]
+    within = "" if interval is None else f" (95 %: {100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
+    answers = f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions"
+    return f"{100 * estimate['accuracy']:.1f} %{within}, {answers}"
+
+
+def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
+    table = model.core.early
+    if table is None:
+        why = "" if known is None else known.get("why_not", "")
+        return f"none{': ' + why if why else _why_none(model.trained)}"
+    n_seen, margin = table[0].tolist()
+    first = f"from {fixed(n_seen / model.rate_hz, 2)} s on, with a margin of {margin:.3g} or more"
+    if not known:
+        return first
+    figures = (known[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))
+    return f"{first}; {outcome_text(*figures)}"
