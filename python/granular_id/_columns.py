@@ -11,26 +11,12 @@ import numpy.typing as npt
 
 from granular_id._core import AXES
 
-__all__ = ["by_name", "column_names", "samples_of", "wrench_of"]
-
 _TIME = re.compile(r"[%#\s]*(t|time|time_?stamp|stamp|sec|secs|seconds)([\s_.(\[].*)?", re.IGNORECASE)
 """Names of stamps, with or without a unit: time_ms, time [s]."""
 
 
 def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | None:
-    """Return the names of the columns of a table; None for arrays, and for tables whose columns are only numbered.
-
-    Raises
-    ------
-    TypeError
-        Some names are neither text nor numbers.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> column_names(np.zeros((5, 6))) is None
-    True
-    """
+    """Return the names of the columns of a table; None for arrays, and for tables whose columns are only numbered."""
     if isinstance(value, (np.ndarray, list, tuple)):
         return None
     found = getattr(
@@ -50,26 +36,7 @@ def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | N
 def by_name(
     table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None = None
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
-    """Take columns of a table by their names.
-
-    Parameters
-    ----------
-    table : object
-        Of the columns `names`.
-    wanted : sequence of str, optional
-        Columns to take, in this order. Default: fx fy fz tx ty tz in this order where they are these six, in small or
-        large letters, else all as they stand. Stamps are no axis, and nothing beside the six is taken for one.
-
-    Returns
-    -------
-    samples : ndarray, shape (T, C)
-    axes : tuple of str
-
-    Raises
-    ------
-    TypeError, ValueError
-        A column is missing, occurs twice, is not wanted or holds no real numbers.
-    """
+    """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
     have = " ".join(names)
     own = {_axis(name): name for name in names}  # fx for Fx
     if len(own) < len(names):
@@ -107,20 +74,7 @@ def by_name(
 def samples_of(
     value: Any, argument: str, wanted: Sequence[str] | None = None
 ) -> tuple[Any, tuple[str, ...] | None]:
-    """Take a table, or a list of tables, by the names of its columns.
-
-    Parameters
-    ----------
-    wanted : sequence of str, optional
-        Names that the columns must have, in any order; see `by_name`. A list has those of its first table.
-
-    Returns
-    -------
-    samples : ndarray, shape (T, C) or (n, T, C), or object
-        What has no names comes back as it is.
-    axes : tuple of str or None
-        None where there are no names.
-    """
+    """Take a table, or a list of tables, by the names of its columns; what has no names comes back as it is."""
     names = column_names(value, argument)
     if names is not None:
         if wanted is not None and len(names) > len(wanted):

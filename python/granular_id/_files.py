@@ -9,19 +9,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = [
-    "cannot_write",
-    "check_source",
-    "check_target",
-    "made_folder",
-    "new_file",
-    "refuse_other_kind",
-    "whole_file",
-    "whole_lines",
-    "write_json",
-]
-
-
 JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
 
@@ -40,31 +27,7 @@ _KNOWN = (
 
 
 def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> None:
-    """Refuse a name that ends like another kind of file than what would be written.
-
-    A file of the own kind may be replaced: that is what a caller of a library expects of a path. The command line asks.
-
-    Parameters
-    ----------
-    path : path-like
-        File to be written.
-    endings : sequence of str
-        Of the own kind, lower case, with the point. Endings that no kind has are taken too.
-
-    Raises
-    ------
-    ValueError
-        Naming the path and what is wanted.
-
-    Examples
-    --------
-    >>> from granular_id._files import JSON, refuse_other_kind
-    >>> refuse_other_kind("result.json", JSON)
-    >>> refuse_other_kind("recordings.npz", JSON)
-    Traceback (most recent call last):
-    ...
-    ValueError: path must end in .json, not like another kind of file, got 'recordings.npz'
-    """
+    """Refuse a name that ends like another kind of file; one of the own kind may be replaced, as callers expect."""
     name = Path(path).name.lower()
     if name.endswith(_KNOWN) and not name.endswith(tuple(endings)):
         wanted = " or ".join(endings)
@@ -80,31 +43,8 @@ def check_source(path: str | os.PathLike[str]) -> Path:
 
 
 def check_target(path: str | os.PathLike[str]) -> Path:
-    """Refuse a path that cannot become a file, before hours of work depend on it.
-
-    A temporary file is made beside the target and removed: some folders say that they can be written, and
-    cannot.
-
-    Parameters
-    ----------
-    path : path-like
-        File to be written later.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    IsADirectoryError
-        The path is a folder.
-    FileExistsError
-        The path is something else that is no file, such as a device.
-    FileNotFoundError
-        Its folder does not exist.
-    OSError
-        It cannot be written: not permitted, disk full, name too long ...
-    """
+    """Refuse a path that cannot become a file, before hours of work depend on it."""
+    # Some folders say that they can be written, and cannot: a temporary file is made and removed.
     target = Path(path)
     _draft_of(target).unlink()
     return target
@@ -112,24 +52,7 @@ def check_target(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write beside the target and rename at the end, so that no reader ever meets half a file.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write; an existing one is replaced only when the block ends well.
-
-    Yields
-    ------
-    Path
-        Temporary file in the same folder, with the same ending. It is removed when the block raises, also on
-        an interrupt.
-
-    Raises
-    ------
-    OSError
-        As `check_target`; one from within the block names the target instead of the temporary file.
-    """
+    """Write beside the target and rename at the end, so that no reader ever meets half a file."""
     target = Path(path)
     draft = _draft_of(target)
     try:
@@ -145,15 +68,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Write a file as `whole_file` does, where there is nothing yet.
-
-    Raises
-    ------
-    FileExistsError
-        There is something at `path` already, be it a link that leads nowhere.
-    OSError
-        As `whole_file`.
-    """
+    """Write a file as `whole_file` does, where there is nothing yet."""
     if os.path.lexists(path):
         raise FileExistsError(f"{os.fspath(path)}: there is something already; nothing is overwritten")
     with whole_file(path) as draft:
@@ -162,23 +77,7 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
-    """Write lines as they come, each whole or not at all: what a full disk or an interrupt leaves of one is taken away.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write; the first line replaces what is in it. A new one is removed again where no line was written.
-
-    Yields
-    ------
-    callable
-        Takes a line without its end.
-
-    Raises
-    ------
-    OSError
-        The file cannot be written, also from the callable; names it.
-    """
+    """Write lines as they come, each whole or not at all, whatever a full disk or an interrupt leaves of one."""
     target = Path(path)
     is_new = not target.exists()
     try:
@@ -213,32 +112,7 @@ def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]
 
 
 def write_json(path: str | os.PathLike[str], content: object) -> None:
-    r"""Write plain values as a JSON file for people and programs: UTF-8, indented by one blank, whole or not at all.
-
-    Parameters
-    ----------
-    path : path-like
-        See `whole_file`.
-    content : object
-        Dicts, lists, texts and finite numbers.
-
-    Raises
-    ------
-    ValueError
-        A number is not finite: JSON has no word for it, and half of all readers would refuse the file. `path` ends
-        like another kind of file.
-    OSError
-        As `whole_file`.
-
-    Examples
-    --------
-    >>> import pathlib, tempfile
-    >>> from granular_id._files import write_json
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_json(file := pathlib.Path(folder, "a.json"), {"label": "Weiß"})
-    ...     file.read_text(encoding="utf-8")
-    '{\n "label": "Weiß"\n}\n'
-    """
+    """Write plain values as a JSON file for people and programs: UTF-8, indented by one blank, whole or not at all."""
     refuse_other_kind(path, JSON)
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1)
     with whole_file(path) as draft:
@@ -247,24 +121,7 @@ def write_json(path: str | os.PathLike[str], content: object) -> None:
 
 @contextmanager
 def made_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Make a folder for the files of a block; when the block raises, remove what was made and is still empty.
-
-    Parameters
-    ----------
-    path : path-like
-        The folder, made with its parents where they are missing.
-
-    Yields
-    ------
-    Path
-
-    Raises
-    ------
-    NotADirectoryError
-        A file is in the way.
-    OSError
-        The folder cannot be made.
-    """
+    """Make a folder for the files of a block; when the block raises, remove what was made and is still empty."""
     folder = Path(path)
     missing = [place for place in (folder, *folder.parents) if not os.path.lexists(place)]
     try:

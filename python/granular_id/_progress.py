@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from threading import Lock
 from time import monotonic
 
-__all__ = ["ProgressCallback", "Ticker", "showing"]
-
 ProgressCallback = Callable[[int, int, str], None]
 """Called as ``progress(done, total, what)``: steps finished, steps in all, what the last one was."""
 
@@ -21,15 +19,7 @@ _SPEED_OVER_S = 3600.0
 
 
 class Ticker:
-    """Counts finished steps and passes them on, one call at a time however many threads tick.
-
-    Parameters
-    ----------
-    total : int
-        Steps in all.
-    callback : callable or None
-        See `ProgressCallback`; None counts in silence.
-    """
+    """Counts finished steps and passes them on, one call at a time however many threads tick."""
 
     def __init__(self, total: int, callback: ProgressCallback | None) -> None:
         self._total = total
@@ -47,19 +37,7 @@ class Ticker:
 
 @contextmanager
 def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
-    """Show progress for the length of a block.
-
-    Parameters
-    ----------
-    progress : bool or callable
-        True draws a bar on standard error when that is a terminal and rich is installed, and otherwise writes a line
-        there now and then, at most every 30 s; False is silent; a callable is called, see `ProgressCallback`.
-
-    Yields
-    ------
-    callable or None
-        To be called after each step; None when nobody wants to know.
-    """
+    """Show progress for the length of a block: a bar (rich, on a terminal), lines, nothing, or what a callable does."""
     if callable(progress):
         yield progress
     elif not isinstance(progress, bool):

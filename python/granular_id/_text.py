@@ -1,4 +1,4 @@
-"""Numbers as texts write them, words that agree with what they count, and lists."""
+"""Text: numbers, plurals, lists, shares as per cent, and tables."""
 
 from __future__ import annotations
 
@@ -6,37 +6,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import TYPE_CHECKING
 
 
 def counted(number: int, noun: str = "recording") -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> from granular_id._text import counted
-    >>> counted(1), counted(3, "label")
-    ('1 recording', '3 labels')
-    """
+    """Return a number with its noun."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def fixed(value: float, decimals: int = 0, sign: str = "") -> str:
-    """Return a number with so many decimals, or in powers of ten where that were a row of digits.
-
-    Parameters
-    ----------
-    value : float
-    decimals : int, default 0
-    sign : str
-        "+": with its sign.
-
-    Examples
-    --------
-    >>> from granular_id._text import fixed
-    >>> fixed(12.345, 1), fixed(1e300, 1), fixed(2, 0, "+")
-    ('12.3', '1e+300', '+2')
-    """
+    """Return a number with so many decimals, or in powers of ten where that were a row of digits."""
     if abs(value) < 1e12 and decimals <= 15:
         return f"{value:{sign}.{decimals}f}"
     # A whole number may be beyond float64.
@@ -44,60 +22,22 @@ def fixed(value: float, decimals: int = 0, sign: str = "") -> str:
 
 
 def listed(words: Sequence[str]) -> str:
-    """Return words with commas, and an "and" before the last.
-
-    Examples
-    --------
-    >>> from granular_id._text import listed
-    >>> listed([]), listed(["a"]), listed(["a", "b", "c"])
-    ('', 'a', 'a, b and c')
-    """
+    """Return words with commas, and an "and" before the last."""
     return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def verb(number: int, singular: str, plural: str) -> str:
-    """Choose the form of a verb.
-
-    Examples
-    --------
-    >>> from granular_id._text import verb
-    >>> verb(1, "has", "have")
-    'has'
-    """
+    """Choose the form of a verb."""
     return singular if number == 1 else plural
 
 
-# Per cent without digits, for cells of a matrix.
-
-
 def whole_percent(value: float) -> str:
-    """Round so that neither the last error of a class nor its only hit is hidden.
-
-    Parameters
-    ----------
-    value : float
-        Per cent, in (0, 100].
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> whole_percent(0.2), whole_percent(87.5), whole_percent(99.7), whole_percent(100.0)
-    ('<1', '88', '>99', '100')
-    """
+    """Round so that neither the last error of a class nor its only hit is hidden."""
     if value < 1.0:
         return "<1"
     if 99.0 < value < 100.0:
         return ">99"
     return f"{value:.0f}"
-
-
-# Tables of text, and shares as per cent.
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)
@@ -129,12 +69,6 @@ def percent(share: float | None, digits: int = 1) -> str:
 
 
 def short(text: str, most: int = 24) -> str:
-    """Shorten a long name in the middle: names of a series differ at their ends.
-
-    Examples
-    --------
-    >>> short("sunflower seeds"), short("sunflower seeds, roasted and salted", 20)
-    ('sunflower seeds', 'sunflower …nd salted')
-    """
+    """Shorten a long name in the middle: names of a series differ at their ends."""
     tail = (most - 1) // 2
     return text if len(text) <= most else f"{text[: most - 1 - tail]}…{text[-tail:]}"
