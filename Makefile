@@ -19,7 +19,7 @@ THREADED := tests/python/test_features.py tests/python/test_features_arrays.py t
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests"
-	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, stubtest"
+	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
 	@echo "make bench-accuracy   our methods beside aeon's and others on FOLDERS=\"one two\", sessions held out (minutes; 3 GB to install)"
@@ -74,6 +74,7 @@ lint: $(TOOLS)
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 	$(BIN)/python -m mypy.stubtest granular_id._core
 
 rust-test: | toolchain

@@ -12,6 +12,7 @@ import threading
 import time
 from array import array
 from collections.abc import Iterator, Mapping
+from importlib import import_module
 from itertools import count
 from types import TracebackType
 
@@ -297,6 +298,4 @@ def _full_scale(force_unit: str, torque_unit: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    from granular_id.live.fake_netft_command import main
-
-    main()
+    import_module("granular_id.live.fake_netft_command").main()  # by name: the command stands above the box
