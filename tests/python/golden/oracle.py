@@ -50,12 +50,15 @@ PACKAGES = (
     ".confidence",
     ".ecoc",
     ".evaluation",
+    ".explanation",
     ".identifier",
     ".io",
     ".live",
+    ".plotting",
     ".recording",
     ".signal",
     ".spaces",
+    ".synthetic",
 )
 MATERIALS = ("rice", "fine sugar", "oat flakes", "cat litter")
 
@@ -117,9 +120,14 @@ def api() -> Figures:
                 figures |= {
                     f"{place}.{member}": signature(getattr(value, member))
                     for member in dir(value)
-                    if not member.startswith("_")
+                    if not member.startswith("_") and own(value, member)
                 }
     return figures
+
+
+def own(kind: type, member: str) -> bool:
+    """Tell whether a class of this library defines a member: those of Python and scikit-learn change with their versions."""
+    return next(base for base in kind.__mro__ if member in vars(base)).__module__.startswith("granular_id")
 
 
 def signature(value: Any) -> str:
