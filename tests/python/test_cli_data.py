@@ -168,7 +168,9 @@ def test_endings_that_make_no_picture_are_refused_before_anything_is_read(tmp_pa
 
 def test_plots_that_cannot_be_are_told(folder, tmp_path):
     assert "mixes units" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "fx,tx")
-    assert "wanted some of fx" in refused("data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "force")
+    assert "must name some of fx" in refused(
+        "data", "plot", folder, "-o", tmp_path / "x.png", "--axes", "force"
+    )
     assert list(tmp_path.iterdir()) == []
 
 

@@ -116,8 +116,9 @@ class BandExplanation(Explanation):
     def findings(self, n: int = 5, *, coupled: bool | None = None) -> tuple[Finding, ...]:
         """Return the `n` things that say most for `first`, strongest first.
 
-        Features that say one thing are added up, see `granular_id.explanation.bands.findings_of`. What speaks
-        against has no part in them: together they may hold more than the difference.
+        Features that say one thing are added up: size and distribution of an axis in a band, whichever blocks say it;
+        each pair of axes, at the same instant or with one of them earlier. What speaks against has no part in them:
+        together they may hold more than the difference.
 
         Parameters
         ----------
@@ -195,32 +196,12 @@ def _largest(sums: dict[str, float], n: int | None = None) -> list[tuple[str, fl
     return sorted(sums.items(), key=lambda item: -item[1])[:n]
 
 
-# One multi-band feature in physical words: what is more, where, and in which of two materials.
-
 _OPPOSITE = 0.05
 """A correlation nearer to zero is none that could be called opposite."""
 
 
 def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], number: int) -> str:
-    """Say how the mean of a feature differs between two materials.
-
-    Parameters
-    ----------
-    columns : BandColumns
-    means : ndarray, shape (2, D)
-        Of every feature, for each material.
-    labels : (str, str)
-        The two materials.
-    number : int
-        Which feature.
-
-    Returns
-    -------
-    str
-        For instance ``in 61-122 Hz, fx and tz move together more in rice than in salt (correlation +0.62, +0.10)``.
-        Factors of energy are ratios of geometric means over recordings, and correlations those of the log-Euclidean
-        mean of the second moments: what the features themselves say, not another statistic.
-    """
+    """Say how the mean of a feature differs between two materials."""
     column = columns.columns[number]
     first, second = (float(value) for value in means[:, number])
     axis = columns.axes[column.first]
@@ -247,21 +228,7 @@ def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], numbe
 
 
 def moments(columns: BandColumns, means: FloatArray, band: int) -> FloatArray:
-    """Second moments of one material in one band: the exponential of the mean of the matrix logarithms.
-
-    Parameters
-    ----------
-    columns : BandColumns
-        With the coupling block.
-    means : ndarray, shape (D,)
-        Of every feature, for one material.
-    band : int
-
-    Returns
-    -------
-    ndarray, shape (2 C, 2 C)
-        Of the scaled axes now, then of the same axes earlier.
-    """
+    """Second moments of one material in one band: the exponential of the mean of the matrix logarithms."""
     n = 2 * len(columns.axes)
     rows, across = np.triu_indices(n)
     logarithm = np.zeros((n, n))
@@ -348,9 +315,6 @@ def _milliseconds(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
 
 
-# Multi-band features that say one thing, taken together: an axis, or a pair of axes, in a band.
-
-
 @dataclass(frozen=True)
 class Finding:
     """What one axis, or the coupling of two, contributes in one band.
@@ -392,27 +356,7 @@ def findings_of(
     *,
     coupled: bool | None = None,
 ) -> tuple[Finding, ...]:
-    """Group features that say one thing and return the `n` groups that speak most for the first material.
-
-    Size and distribution of an axis in a band are one thing, whichever blocks say it; so is each pair of axes, at
-    the same instant or with one of them earlier.
-
-    Parameters
-    ----------
-    columns : BandColumns
-    contributions : ndarray, shape (D,)
-    means : ndarray, shape (2, D)
-        Of every feature, for each material.
-    labels : (str, str)
-    n : int
-    coupled : bool, optional
-        True: couplings alone; False: all but them.
-
-    Returns
-    -------
-    tuple of Finding
-        Strongest first; fewer where fewer speak for the first.
-    """
+    """Group features that say one thing and return the `n` groups that speak most for the first material."""
     groups: dict[tuple[int | str | None, int, int, int], list[int]] = {}
     for number, column in enumerate(columns.columns):
         if coupled is not None and coupled != (column.first != column.second or column.lag > 0):

@@ -83,7 +83,8 @@ def explain(
     Notes
     -----
     The score is that of the learner trained on the two materials, positive for `first`. A coding other than
-    one-vs-one may have none: `granular_id.explanation.difference.pair_factors` says which sum takes its place.
+    one-vs-one may have none. Then the score is the difference between the decision values of the two materials under
+    the linear loss (1 - m s) / 2, the only loss that keeps it a sum over learners.
 
     The bins of a histogram hold a fixed number of samples in all: what one gains another loses. Contributions of
     single bins are to be read with their neighbours.
@@ -185,26 +186,9 @@ def _rows_of(label: Any, labels: npt.NDArray[Any], *, given: bool) -> npt.NDArra
     return rows
 
 
-# Which steps of a model lead from recordings to columns, and which on to the classifier, and the way back.
-
-
 @dataclass(frozen=True)
 class Chain:
-    """A fitted model in three parts.
-
-    Attributes
-    ----------
-    space : Pipeline
-        From recordings to columns with a meaning: filters and one feature space.
-    after : tuple of transformers
-        From columns to what the classifier sees; each an affine map.
-    classifier : ECOCClassifier or BestClassifier
-        With linear learners.
-    blocks : tuple of FeatureBlock
-        What the columns stand for.
-    bands : BandColumns or None
-        What the columns stand for in the multi-band space; `blocks` then hold only those read along one coordinate.
-    """
+    """A fitted model in three parts."""
 
     space: Pipeline
     after: tuple[Any, ...]
@@ -230,16 +214,7 @@ class Chain:
 
 
 def chain_of(model: Any) -> Chain:
-    """Take a fitted model apart.
-
-    Raises
-    ------
-    TypeError
-        Not a pipeline that ends in an `ECOCClassifier` with linear learners or a `BestClassifier`, or a step
-        that mixes columns in a way that cannot be followed back.
-    NotFittedError
-        Not fitted.
-    """
+    """Take a fitted model apart."""
     if not isinstance(model, Pipeline):
         raise TypeError(
             "model must be a Pipeline of a feature space and an ECOCClassifier, "
@@ -281,43 +256,13 @@ def chain_of(model: Any) -> Chain:
     return Chain(before, tuple(after), classifier, blocks)
 
 
-# One score for two classes, as a weighted sum of the scores of binary learners.
-
-
 def pair_factors(
     coding_matrix: npt.NDArray[np.int8], first: int, second: int, *, decoding: str
 ) -> npt.NDArray[np.float64]:
-    """Factors of the learners' scores whose sum speaks for one class against another.
-
-    Learners trained on these two classes alone speak for them: with one-vs-one there is exactly one, whose
-    score is taken as it is (with several, their mean). Where the coding has none, the sum is the difference
-    between the decision values of the two classes when decoded with the linear loss (1 - m s) / 2, the only loss
-    that keeps the sum linear: each learner counts with half the difference of the two codes, each divided by
-    what the decoding divides by.
-
-    Parameters
-    ----------
-    coding_matrix : ndarray of int8, shape (K, L)
-        Codes -1, 0, +1.
-    first, second : int
-        Rows of the two classes.
-    decoding : {"loss_weighted", "loss_based"}
-        The former divides by the number of learners that know the class, the latter by L.
-
-    Returns
-    -------
-    ndarray, shape (L,)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> onevsone = np.array([[1, 1, 0], [-1, 0, 1], [0, -1, -1]], dtype=np.int8)
-    >>> pair_factors(onevsone, 2, 0, decoding="loss_weighted").tolist()
-    [0.0, -1.0, 0.0]
-    >>> onevsall = 2 * np.eye(3, dtype=np.int8) - 1
-    >>> pair_factors(onevsall, 0, 1, decoding="loss_weighted").round(3).tolist()
-    [0.333, -0.333, 0.0]
-    """
+    """Factors of the learners' scores whose sum speaks for one class against another."""
+    # Learners trained on these two classes alone speak for them: with one-vs-one there is exactly one. Without any, the
+    # difference of the decision values under the linear loss: half the difference of the codes, each divided as
+    # decoding divides.
     codes = coding_matrix.astype(np.float64)
     known = np.abs(codes)
     alone = (known.sum(axis=0) == 2) & (codes[first] * codes[second] == -1)
@@ -331,27 +276,8 @@ def pair_factors(
     return factors
 
 
-# The names that recordings give their axes, in the place of those that feature spaces give by position.
-
-
 def named(chain: Chain, axes: Any, n_axes: int) -> Chain:
-    """Return a chain whose columns are told by the names of the axes.
-
-    A space calls the first of six axes fx and the first of three axis0, whatever it measures.
-
-    Parameters
-    ----------
-    chain : Chain
-    axes : sequence of str
-        Name of each axis of the recordings.
-    n_axes : int
-        Of the recordings.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Something else than one name for each axis, or one name twice.
-    """
+    """Return a chain whose columns are told by the names of the axes."""
     if isinstance(axes, str) or not isinstance(axes, Sequence) or not all(isinstance(a, str) for a in axes):
         raise TypeError(f"axes must be a sequence of names of axes, got {axes!r}")
     if len(axes) != n_axes or len(set(axes)) < n_axes:

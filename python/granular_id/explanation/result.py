@@ -185,8 +185,6 @@ class Explanation:
         return f"{fixed(100 * contribution / self.difference, 0)} %"
 
 
-# Where contributions gather: short stretches of time, bins or frequencies that hold most of them.
-
 # A region holds at least this much of the best stretch of its axis: the rest are long, thin ends.
 _MOST = 0.8
 
@@ -235,30 +233,7 @@ class Region:
 
 
 def regions_of(block: FeatureBlock, contributions: FloatArray) -> Iterator[Region]:
-    """Yield stretches of a block that speak for the first material, strongest first, without overlap.
-
-    Parameters
-    ----------
-    block : FeatureBlock
-        With m coordinates.
-    contributions : ndarray, shape (n_axes, m)
-
-    Yields
-    ------
-    Region
-        The shortest stretch that holds four fifths of the best one of what is left.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.spaces import FeatureBlock
-    >>> block = FeatureBlock("raw", "time", ("fx",), np.arange(6) / 10, "s", slice(0, 6))
-    >>> for region in regions_of(block, np.array([[0.1, 0.0, 2.0, 3.0, -1.0, 0.5]])):
-    ...     print(region, "holds", region.contribution)
-    fx of raw, 0.2 .. 0.3 s holds 5.0
-    fx of raw, 0.5 s holds 0.5
-    fx of raw, 0.0 s holds 0.1
-    """
+    """Yield stretches of a block that speak for the first material, strongest first, without overlap."""
     coordinates = block.coordinates
     either_sign = block.kind == "magnitude" and bool(
         np.allclose(coordinates, -coordinates[::-1], rtol=0, atol=1e-9 * np.ptp(coordinates))

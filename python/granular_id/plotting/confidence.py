@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from granular_id.confidence import Confidence
 
-__all__ = ["plot_confidence"]
-
 _FIRST, _SECOND = AXIS_COLOURS[0], AXIS_COLOURS[2]  # blue and vermilion, of different lightness too
 _N_BINS = 48
 _LEGEND = 0.34  # share of the height of the panel of sets that its legend takes, above 100 %

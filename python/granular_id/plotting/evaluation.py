@@ -1,4 +1,4 @@
-"""Accuracy of each feature space under each protocol, with intervals."""
+"""Figures of an evaluation: accuracy, gap, recall, confusion, accuracy over time."""
 
 from __future__ import annotations
 
@@ -126,8 +126,6 @@ def draw_accuracy(
         )
 
 
-# The gap between random partitions and the strictest protocol, for one feature space.
-
 _GAP_COLOUR = "#E69F00"
 
 
@@ -225,9 +223,6 @@ def _draw_row(panel: Any, result: EvaluationResult, space: str, protocol: str, r
     )
 
 
-# Which classes are recognised, under each protocol.
-
-
 def plot_recall(
     result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
 ) -> Figure:
@@ -291,8 +286,6 @@ def plot_recall(
     return figure
 
 
-# How a protocol looks in a figure.
-
 _MARKS = {
     "paper": ("#0072B2", "o"),
     "session": ("#D55E00", "s"),
@@ -316,8 +309,6 @@ def looks(result: EvaluationResult) -> dict[str, Look]:
         for protocol, partitions in result.partitions.items()
     }
 
-
-# A confusion matrix as a heat map.
 
 _CELL = "#0072B2"
 
@@ -435,8 +426,6 @@ def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.floa
         raise ValueError("matrix must hold finite counts that are not negative")
     return counts
 
-
-# Accuracy and early answers against seconds of signal seen.
 
 _ACCURACY, _ANSWERED, _WRONG = AXIS_COLOURS[0], AXIS_COLOURS[1], AXIS_COLOURS[2]
 

@@ -1,10 +1,10 @@
-"""What decides between two materials: contributions over time, bins and frequencies, and share of each axis."""
+"""Figures of what decides: explanations of two materials, and the weights of a linear model."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +25,6 @@ from granular_id.plotting.style import (
     quiet,
     row_names,
     save,
-    share_bars,
 )
 from granular_id.recording import AXIS_COLOURS
 
@@ -35,6 +34,11 @@ if TYPE_CHECKING:
     from granular_id.evaluation import Portrait, WeightBlock
     from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
     from granular_id.spaces import Band
+# Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
+_COLOURS = "PuOr_r"
+_MATRICES = 3
+"""Bands whose couplings are drawn."""
+
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80
 
@@ -86,9 +90,7 @@ def plot_explanation(
     from granular_id.explanation import BandExplanation  # it knows no figures, and loads much
 
     figure = (
-        draw_band_explanation(explanation)
-        if isinstance(explanation, BandExplanation)
-        else _drawn(explanation)
+        _draw_bands(explanation) if isinstance(explanation, BandExplanation) else _draw_blocks(explanation)
     )
     first, second = (short(str(label)) for label in (explanation.first, explanation.second))
     heading = "" if title is None else f"{title}\n"
@@ -103,24 +105,20 @@ def plot_explanation(
     return figure
 
 
-def _drawn(explanation: Explanation) -> Figure:
+def _draw_blocks(explanation: Explanation) -> Figure:
     """Draw one row a block: curves and bars."""
     groups: dict[str, list[ExplainedBlock]] = {}
     for part in explanation.blocks:
         groups.setdefault(part.group, []).append(part)
     by_axis = explanation.by_block_and_axis()
-    scale, unit, digits = (
-        (100.0 / explanation.difference, "% of the difference", 1)
-        if explanation.difference > 0
-        else (1.0, "units of the score", 3)
-    )
+    scale, unit, digits = _units(explanation)
     figure = new_figure(8.4, 1.1 + 2.3 * len(groups))
     panels = figure.subplots(len(groups), 2, width_ratios=(3.0, 1.0), squeeze=False)
     handles: dict[str, Any] = {}
     for (name, parts), (wide, narrow) in zip(groups.items(), panels, strict=True):
         handles |= _draw_curves(wide, parts)
         wide.set_title(name, fontsize=10, color=INK, parse_math=False)
-        _draw_bars(narrow, {axis: scale * value for axis, value in by_axis[name].items()}, digits)
+        _draw_axis_shares(narrow, {axis: scale * value for axis, value in by_axis[name].items()}, digits)
         narrow.set_xlabel(unit, fontsize=8, color=INK)
     low = min(0.0, *(panel.get_xlim()[0] for panel in panels[:, 1]))
     high = max(0.0, *(panel.get_xlim()[1] for panel in panels[:, 1]))
@@ -135,6 +133,13 @@ def _drawn(explanation: Explanation) -> Figure:
         fontsize=9,
     )
     return figure
+
+
+def _units(explanation: Explanation) -> tuple[float, str, int]:
+    """Return what contributions are multiplied with, their unit and their digits; no share of nothing."""
+    if explanation.difference > 0:
+        return 100.0 / explanation.difference, "% of the difference", 1
+    return 1.0, "units of the score", 3
 
 
 def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
@@ -167,8 +172,28 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
     return lines
 
 
-def _draw_bars(panel: Any, shares: dict[str, float], digits: int) -> None:
-    share_bars(panel, shares, [axis_line(axis, place)["color"] for place, axis in enumerate(shares)], digits)
+def _draw_shares(panel: Any, shares: Mapping[str, float], colours: Sequence[str], digits: int) -> None:
+    """Draw a horizontal bar for each share, with its name and its number in `digits` digits."""
+    for row, (share, colour) in enumerate(zip(shares.values(), colours, strict=True)):
+        panel.barh(row, share, 0.7, color=colour, linewidth=0)
+        panel.annotate(
+            number_text(share, digits),
+            (max(share, 0.0), row),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=7.5,
+            color=INK,
+        )
+    panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    row_names(panel, list(shares))
+    quiet(panel)
+
+
+def _draw_axis_shares(panel: Any, shares: dict[str, float], digits: int) -> None:
+    _draw_shares(
+        panel, shares, [axis_line(axis, place)["color"] for place, axis in enumerate(shares)], digits
+    )
     panel.margins(x=0.2)
     panel.spines["left"].set_visible(False)
 
@@ -187,23 +212,9 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
     return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
 
 
-# What decides between two materials in the multi-band space: bands and axes, couplings, spectrum and level.
-
-Floats = NDArray[np.float64]
-
-# Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
-_COLOURS = "PuOr_r"
-_MATRICES = 3
-
-
-def draw_band_explanation(explanation: BandExplanation) -> Figure:
-    """Draw the parts of a figure that has no heading yet: see `granular_id.plotting.plot_explanation`."""
-    per_cent = explanation.difference > 0
-    scale, unit, digits = (
-        (100.0 / explanation.difference, "% of the difference", 1)
-        if per_cent
-        else (1.0, "units of the score", 3)
-    )
+def _draw_bands(explanation: BandExplanation) -> Figure:
+    """Draw a table of bands and axes, the couplings of the strongest bands, and spectrum and level."""
+    scale, unit, digits = _units(explanation)
     table = explanation.by_band_and_axis()
     n_axes = len(explanation.columns.axes)
     strongest = _strongest(explanation)
@@ -219,7 +230,7 @@ def draw_band_explanation(explanation: BandExplanation) -> Figure:
     left, right = next(parts).subplots(1, 2, width_ratios=(3.2, 1.0))
     _draw_table(left, table, explanation, scale, digits)
     left.set_title(f"Bands and axes, {unit}", fontsize=9, color=INK)
-    _draw_bars_band_explanation(
+    _draw_block_shares(
         right, {block: scale * total for block, total in explanation.by_block().items()}, digits
     )
     right.set_title("Blocks", fontsize=9, color=INK)
@@ -282,8 +293,8 @@ def _turned(axes: Sequence[str]) -> int:
     return 90 if len(axes) > 3 and not set(axes) <= set(AXES) else 0
 
 
-def _draw_bars_band_explanation(panel: Any, shares: dict[str, float], digits: int) -> None:
-    share_bars(panel, shares, ["#0072B2"] * len(shares), digits)
+def _draw_block_shares(panel: Any, shares: dict[str, float], digits: int) -> None:
+    _draw_shares(panel, shares, ["#0072B2"] * len(shares), digits)
     panel.margins(x=0.35)
     panel.set_xticks([])
     for side in ("left", "bottom"):
@@ -362,8 +373,6 @@ def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: st
         )
         column[-1].set_xlabel(f"{block.kind}, {block.unit}", fontsize=8, color=INK)
 
-
-# Where a linear model looks: influence over time, axis, bin and band.
 
 _ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
 

@@ -26,8 +26,6 @@ from granular_id.recording import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["plot_onsets"]
-
 # Right column: seconds shown before and after the onset.
 _BEFORE_S, _AFTER_S = 0.15, 0.2
 _WIDTH = 0.9

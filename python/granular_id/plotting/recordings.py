@@ -1,4 +1,4 @@
-"""Single recordings over time, one panel a material: what the sensor saw, as it was stored."""
+"""Figures of recordings: as they are stored, mean forces, histograms and what lies above the cut-off."""
 
 from __future__ import annotations
 
@@ -79,7 +79,11 @@ def plot_recordings(
     """
     if checked_index(n, "n") < 1:
         raise ValueError(f"n must be at least 1, got {n}")
-    wanted, unit = _chosen(dataset, axes)
+    have = dataset.axes
+    if axes is None:
+        axes = AXES[:3] if have == AXES else have
+    units = [unit_of(axis, dataset[0].meta) for axis in have]
+    wanted, unit = _chosen(axes, have, units)
     groups: dict[str, list[Recording]] = {}
     for recording in dataset:
         groups.setdefault(recording.label or _NO_LABEL, []).append(recording)
@@ -87,7 +91,7 @@ def plot_recordings(
     handles: list[Any] = []
     for (label, group), panel in zip(groups.items(), panels, strict=True):
         shown = [group[i] for i in evenly(len(group), n)]
-        handles = _draw(panel, shown, wanted)
+        handles = _draw(panel, shown, list(wanted))
         title = f"{short(label)} ({len(shown)} of {len(group)})"
         panel.set_title(title, fontsize=10, color=INK, parse_math=False)
     synthetic = dataset.is_synthetic
@@ -100,19 +104,20 @@ def plot_recordings(
     return figure
 
 
-def _chosen(dataset: Dataset, axes: Sequence[str] | None) -> tuple[tuple[str, ...], str]:
-    """Return the axes to draw and their unit."""
-    have = dataset.axes
-    if axes is None:
-        axes = AXES[:3] if have == AXES else have
+def _chosen(
+    axes: str | Sequence[str], have: Sequence[str], units: Sequence[str]
+) -> tuple[dict[str, int], str]:
+    """Return the columns of the axes to draw, and the unit that they share."""
     wanted = (axes,) if isinstance(axes, str) else tuple(axes)
-    unknown = [axis for axis in wanted if axis not in have]
-    if unknown or not wanted or len(set(wanted)) < len(wanted):
-        raise ValueError(f"axes={list(wanted)!r}; wanted some of {', '.join(have)}, each once")
-    units = {unit_of(axis, dataset[0].meta) for axis in wanted}
-    if len(units) > 1:
-        raise ValueError(f"axes mixes units ({', '.join(sorted(units))}), got {', '.join(wanted)}")
-    return wanted, units.pop()
+    if not wanted or not set(wanted) <= set(have) or len(set(wanted)) < len(wanted):
+        raise ValueError(
+            f"axes must name some of {', '.join(have)}, each once, got {', '.join(wanted) or 'nothing'}"
+        )
+    columns = {axis: have.index(axis) for axis in wanted}
+    mixed = sorted({units[column] for column in columns.values()})
+    if len(mixed) > 1:
+        raise ValueError(f"axes mixes units ({', '.join(mixed)}), got {', '.join(wanted)}")
+    return columns, mixed[0]
 
 
 def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> list[Any]:
@@ -137,9 +142,6 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
     panel.margins(x=0)
     quiet(panel)
     return first_lines
-
-
-# Mean and spread of the forces over time, one panel a material: the paper's figure.
 
 
 def plot_mean_forces(
@@ -181,7 +183,7 @@ def plot_mean_forces(
     >>> [panel.get_title() for panel in figure.axes]
     ['rice', 'fine sugar']
     """
-    columns, unit = _chosen_axes(axes)
+    columns, unit = _chosen(axes, AXES, UNITS)
     curves = curves_of(dataset, columns) if isinstance(dataset, Dataset) else curves_in(dataset, columns)
     figure, panels = material_panels(len(curves))
     for curve, panel in zip(curves, panels, strict=True):
@@ -253,21 +255,6 @@ def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     return lines
 
 
-def _chosen_axes(axes: Sequence[str]) -> tuple[dict[str, int], str]:
-    wanted = [axes] if isinstance(axes, str) else list(axes)
-    unknown = [axis for axis in wanted if axis not in AXES]
-    if unknown or not wanted:
-        what = f"{unknown[0]!r}" if unknown else "nothing"
-        raise ValueError(f"axes must name some of {', '.join(AXES)}, got {what}")
-    if len(set(wanted)) < len(wanted):
-        raise ValueError(f"axes names an axis twice: {', '.join(wanted)}")
-    columns = {axis: AXES.index(axis) for axis in wanted}
-    units = {UNITS[column] for column in columns.values()}
-    if len(units) > 1:
-        raise ValueError(f"axes mixes forces (N) and torques (N m), got {', '.join(wanted)}")
-    return columns, units.pop()
-
-
 def _title(dataset: Dataset | Portrait, quantity: str) -> str:
     if isinstance(dataset, Dataset):
         synthetic = sum(recording.is_synthetic for recording in dataset)
@@ -282,9 +269,6 @@ def _title(dataset: Dataset | Portrait, quantity: str) -> str:
         kind = f"{synthetic} of {total} recordings synthetic: "
     text = f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
     return text[0].upper() + text[1:]
-
-
-# Mean high-frequency magnitude histograms, per material and axis.
 
 
 def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -351,8 +335,6 @@ def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
     panel.locator_params(axis="x", nbins=5)
     panel.set_xlabel(f"bin, {unit}", fontsize=8, color=INK)
 
-
-# What is left above the cut-off over time, per material and axis.
 
 # The first of forty windows may hold the filter's response to an offset: it must not take all the colours.
 _SHARE = 0.97
@@ -425,8 +407,6 @@ def high_pass_of(portrait: Portrait) -> HighPass:
     return portrait.high_pass
 
 
-# What the two heat maps share: one row a material, one panel an axis, size as colour on a log scale.
-
 # Dark to light in an order that survives any colour vision and a grey print.
 _COLOURS = "cividis"
 
@@ -445,21 +425,7 @@ def draw_heat(
     limits: tuple[float, float],
     key: str,
 ) -> None:
-    """Draw one heat map with its colour key; what is zero stays empty.
-
-    Parameters
-    ----------
-    panel : matplotlib axes
-    values : (K, m) float array
-        One row a material, not negative.
-    across : (float, float)
-        Left and right edge of the columns.
-    labels : sequence of K str
-    limits : (float, float)
-        Values with the first and the last colour, positive and ascending.
-    key : str
-        What the colours mean.
-    """
+    """Draw one heat map with its colour key; what is zero stays empty."""
     from matplotlib.colors import LogNorm  # an extra
 
     image = panel.imshow(
@@ -498,11 +464,7 @@ def _ticks(limits: tuple[float, float]) -> list[float]:
 def shared_limits(
     values: NDArray[np.float64], decades: float = 4.0, share: float = 1.0
 ) -> tuple[float, float]:
-    """Limits of the colours: the value that this share does not exceed, and at most so many decades below it.
-
-    Where the largest values are a few, such as a filter's first response to an offset, a share below 1 leaves
-    the colours to the rest.
-    """
+    """Limits of the colours: the value that this share does not exceed, and at most so many decades below it."""
     top = float(np.quantile(values, share))
     if top <= 0:
         return 0.1, 1.0

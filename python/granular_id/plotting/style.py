@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,27 +23,6 @@ from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-__all__ = [
-    "AXIS_DASHES",
-    "FAINT",
-    "INK",
-    "TICKS",
-    "axis_line",
-    "evenly",
-    "file_format",
-    "material_panels",
-    "middles_to_edges",
-    "new_figure",
-    "number_text",
-    "pretty",
-    "quiet",
-    "row_names",
-    "save",
-    "share_axis",
-    "share_bars",
-]
-
 
 AXIS_DASHES = ("-", ":", "--", ":", "-", "--")
 """Dashes as well as colours: the lines must stay apart in black and white."""
@@ -87,24 +66,6 @@ def quiet(panel: Any) -> None:
         panel.spines[side].set_color(FAINT)
 
 
-def share_bars(panel: Any, shares: Mapping[str, float], colours: Sequence[str], digits: int) -> None:
-    """Draw a horizontal bar for each share, with its name and its number in `digits` digits."""
-    for row, (share, colour) in enumerate(zip(shares.values(), colours, strict=True)):
-        panel.barh(row, share, 0.7, color=colour, linewidth=0)
-        panel.annotate(
-            number_text(share, digits),
-            (max(share, 0.0), row),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-            color=INK,
-        )
-    panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    row_names(panel, list(shares))
-    quiet(panel)
-
-
 def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
     """Save whole or not at all; the ending chooses the format. Nothing happens when `path` is None."""
     if path is None:
@@ -132,13 +93,7 @@ def pretty(axis: str) -> str:
 
 
 def middles_to_edges(middles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return edges half way between neighbours, and as far beyond the first and the last.
-
-    Examples
-    --------
-    >>> middles_to_edges(np.array([1.0, 2.0, 4.0])).tolist()
-    [0.5, 1.5, 3.0, 5.0]
-    """
+    """Return edges half way between neighbours, and as far beyond the first and the last."""
     if len(middles) < 2:
         return np.array([middles[0] - 0.5, middles[0] + 0.5])
     half = np.diff(middles) / 2
@@ -146,37 +101,18 @@ def middles_to_edges(middles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def number_text(value: float, digits: int) -> str:
-    """Round for a figure, with a true minus and no minus before zero.
-
-    Examples
-    --------
-    >>> number_text(-0.04, 1), number_text(12.345, 1)
-    ('0.0', '12.3')
-    """
+    """Round for a figure, with a true minus and no minus before zero."""
     return fixed(round(value, digits) + 0.0, digits).replace("-", "\N{MINUS SIGN}")
 
 
 def axis_line(axis: str, place: int = 0) -> dict[str, Any]:
-    """Return colour and dashes of an axis, for ``plot``: those of a wrench have their own in every figure.
-
-    Parameters
-    ----------
-    axis : str
-    place : int
-        Which of the drawn axes it is, which decides for any other axis.
-    """
+    """Return colour and dashes of an axis, for ``plot``: those of a wrench have their own in every figure."""
     number = AXES.index(axis) if axis in AXES else place % len(AXIS_COLOURS)
     return {"color": AXIS_COLOURS[number], "linestyle": AXIS_DASHES[number]}
 
 
 def evenly(total: int, n: int) -> NDArray[np.intp]:
-    """Choose `n` of `total` places, or all where there are fewer, evenly from the first to the last.
-
-    Examples
-    --------
-    >>> evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()
-    ([0, 4, 8], [0, 1], [])
-    """
+    """Choose `n` of `total` places, or all where there are fewer, evenly from the first to the last."""
     chosen: NDArray[np.intp] = np.unique(
         np.linspace(0, max(total - 1, 0), min(n, total)).round().astype(np.intp)
     )
