@@ -1,4 +1,4 @@
-"""How sure a model may be: calibration, coverage of sets, strangeness of the unknown."""
+"""How sure a model may be: calibration, coverage of sets, novelty scores."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
     matplotlib.figure.Figure
         Above: what the model is called. Left: accuracy against probability of the answer; the area of a circle is its
         share of the rows. Middle: coverage against the level asked for, on random partitions with the interval in
-        which 95 % of them lie, and on the strictest ones. Right, with three materials or more: strangeness of known
+        which 95 % of them lie, and on the strictest ones. Right, with three materials or more: novelty scores of known
         and of left-out materials, 1 at the limit of each model; a bar of its own at the right end, named after where
         it begins, counts what lies beyond.
 
@@ -166,7 +166,7 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
     panel.set_ylim(0.0, 1.3 * panel.get_ylim()[1])
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     panel.set_xlabel(
-        f"strangeness, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, accepted {100 * found.mean('accepted'):.0f} %, "
+        f"novelty score, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, accepted {100 * found.mean('accepted'):.0f} %, "
         f"refused {100 * found.mean('refused'):.0f} %",
         color=INK,
     )
