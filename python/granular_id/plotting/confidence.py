@@ -166,8 +166,8 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
     panel.set_ylim(0.0, 1.3 * panel.get_ylim()[1])
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
     panel.set_xlabel(
-        f"novelty score, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, accepted {100 * found.mean('accepted'):.0f} %, "
-        f"refused {100 * found.mean('refused'):.0f} %",
+        f"novelty score, 1 at the limit\nAUROC {found.mean('auroc'):.3f}, "
+        f"accepted {100 * found.mean('accepted'):.0f} %, refused {100 * found.mean('refused'):.0f} %",
         color=INK,
     )
     panel.set_ylabel("share of rows", color=INK)
