@@ -1,12 +1,7 @@
-"""Tests of whether one method is better than another, measured on overlapping partitions.
+"""Whether one method is better than another, from accuracies on overlapping partitions (shares of 1, one a partition).
 
-Random partitions of one data set share most of their recordings, so their accuracies are not independent and a
-test that takes them for independent calls chance a difference. Two answers allow for the overlap: the resampled
-t-test with a corrected variance (Nadeau & Bengio), and the same reasoning as a posterior (Corani & Benavoli).
-All functions take accuracies or their differences as shares of 1, one value per partition.
-
-Differences without spread estimate no variance: where all are zero the methods agree, where all are the same
-other number nothing can be said, and the answer is NaN.
+Partitions of one data set share most of their recordings: a test that takes their accuracies for independent calls
+chance a difference. The tests here allow for the overlap.
 """
 
 from __future__ import annotations
@@ -17,11 +12,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
+from sklearn.metrics import confusion_matrix
 
 FloatArray = NDArray[np.float64]
 
 ROPE = 0.01
 """Accuracies closer than this count as equivalent: one recording in a hundred (Corani & Benavoli's choice)."""
+
+MIN_PARTITIONS = 3
+"""Below this nothing but differences is given. Two partitions leave one degree of freedom: a 95 % interval
+is then +- 12.7 standard errors."""
 
 # Accuracies are ratios of counts below 1e6 in float64: a spread below this is rounding.
 _NO_SPREAD = 1e-12
@@ -236,35 +236,6 @@ def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:
     return float(stats.mannwhitneyu(a, b, alternative="two-sided").pvalue)
 
 
-def _standard_error(values: FloatArray, overlap: float) -> float:
-    """Corrected standard error of the mean; NaN where the values have no spread to estimate it from."""
-    if values.size < 2 or np.ptp(values) <= _NO_SPREAD:
-        return math.nan
-    return math.sqrt((1 / values.size + overlap) * float(values.var(ddof=1)))
-
-
-def _values(name: str, values: ArrayLike) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1 or array.size == 0:
-        raise ValueError(f"{name} must have shape (J,) with J >= 1, got shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
-    return array
-
-
-def _positive(name: str, value: float) -> float:
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive, got {value!r}")
-    return float(value)
-
-
-MIN_PARTITIONS = 3
-"""Below this nothing but differences is given. Two partitions leave one degree of freedom: a 95 % interval
-is then +- 12.7 standard errors."""
-
-# Many tests at once: p-values adjusted for their number.
-
-
 def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     """Adjust p-values for their number, by Holm's step-down method.
 
@@ -309,98 +280,55 @@ def holm(p_values: ArrayLike) -> NDArray[np.float64]:
     return adjusted
 
 
-# Figures computed from true and predicted class numbers.
+def _standard_error(values: FloatArray, overlap: float) -> float:
+    """Corrected standard error of the mean; NaN where the values have no spread to estimate it from."""
+    if values.size < 2 or np.ptp(values) <= _NO_SPREAD:
+        return math.nan
+    return math.sqrt((1 / values.size + overlap) * float(values.var(ddof=1)))
+
+
+def _values(name: str, values: ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or array.size == 0:
+        raise ValueError(f"{name} must have shape (J,) with J >= 1, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got {array[~np.isfinite(array)][0]}")
+    return array
+
+
+def _positive(name: str, value: float) -> float:
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be positive, got {value!r}")
+    return float(value)
+
+
+# Figures from true and predicted class numbers, for results and model cards.
 
 
 def confusion_counts(
     truth: NDArray[np.intp], predicted: NDArray[np.intp], n_classes: int
 ) -> NDArray[np.int64]:
-    """Count pairs of true and predicted class.
+    """Count pairs of class numbers: true classes in rows, predicted ones in columns, (K, K)."""
+    counts: NDArray[np.int64] = confusion_matrix(truth, predicted, labels=range(n_classes))
+    return counts
 
-    Parameters
-    ----------
-    truth, predicted : (n,) int arrays
-        Class numbers in ``range(n_classes)``.
-    n_classes : int
-        Number of classes K.
 
-    Returns
-    -------
-    (K, K) int array
-        Row: true class, column: predicted class.
-
-    Examples
-    --------
-    >>> confusion_counts(np.array([0, 0, 1]), np.array([0, 1, 1]), 2).tolist()
-    [[1, 1], [0, 1]]
-    """
-    cells = np.bincount(truth * n_classes + predicted, minlength=n_classes * n_classes)
-    return cells.reshape(n_classes, n_classes).astype(np.int64)
+# scikit-learn's recall and F1 have the same bits, but count the pairs anew for each figure.
 
 
 def recall_per_class(confusion: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Share of each class that was recognised; NaN for a class that was never tested.
-
-    Parameters
-    ----------
-    confusion : (K, K) int array
-        From `confusion_counts`.
-
-    Returns
-    -------
-    (K,) float array
-
-    Examples
-    --------
-    >>> recall_per_class(np.array([[3, 1], [0, 2]])).tolist()
-    [0.75, 1.0]
-    """
-    tested = confusion.sum(axis=1).astype(np.float64)
-    share = np.full(tested.shape, np.nan)
-    np.divide(np.diag(confusion), tested, out=share, where=tested > 0)
-    return share
+    """Share of each class that was recognised, (K,); NaN for a class that was never tested."""
+    with np.errstate(invalid="ignore"):
+        shares: NDArray[np.float64] = np.diag(confusion) / confusion.sum(axis=1)
+    return shares
 
 
 def macro_f1(confusion: NDArray[np.int64]) -> float:
-    """Mean over classes of F1, the harmonic mean of precision and recall.
-
-    A class that is neither present nor predicted counts as 0, as in scikit-learn with ``zero_division=0``.
-
-    Parameters
-    ----------
-    confusion : (K, K) int array
-        From `confusion_counts`.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> round(macro_f1(np.array([[1, 1], [0, 2]])), 4)
-    0.7333
-    """
-    hits = np.diag(confusion).astype(np.float64)
-    both = (confusion.sum(axis=0) + confusion.sum(axis=1)).astype(np.float64)
-    f1 = np.zeros(hits.shape)
-    np.divide(2 * hits, both, out=f1, where=both > 0)
-    return float(f1.mean())
+    """Mean over classes of F1; a class that is neither present nor predicted counts as 0."""
+    present_and_predicted = confusion.sum(axis=0) + confusion.sum(axis=1)
+    return float((2 * np.diag(confusion) / np.maximum(present_and_predicted, 1)).mean())
 
 
 def sample_sd(values: NDArray[np.float64]) -> float:
-    """Sample standard deviation (divisor n - 1); NaN for a single value, which has none.
-
-    Parameters
-    ----------
-    values : (n,) float array
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> sample_sd(np.array([1.0, 3.0]))
-    1.4142135623730951
-    """
-    return float(values.std(ddof=1)) if values.size > 1 else float("nan")
+    """Sample standard deviation (divisor n - 1); NaN for a single value, which has none."""
+    return float(values.std(ddof=1)) if values.size > 1 else math.nan  # numpy would warn

@@ -1,4 +1,4 @@
-"""What can be chosen: feature spaces, with every way to weight their blocks."""
+"""What `select` tries: feature spaces with every way to weight their blocks, and their accuracies on folds."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from granular_id._estimators import heard_complaints, named_errors, real_steps, 
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.gram import GramBank, features_of, plan_for
-from granular_id.evaluation.scoring import Space, plan_spaces
-from granular_id.gram import linear_gram
+from granular_id.evaluation.gram import GramBank
+from granular_id.evaluation.scoring import SpaceFeatures, plan_spaces
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 from granular_id.splits import Partition
+
+Floats = NDArray[np.float64]
 
 DEFAULT_SPACES = (
     "raw+hfmh",
@@ -77,35 +78,15 @@ def plan_candidates(
     rate_hz: float,
     seed: int,
 ) -> list[Candidate]:
-    """Turn the arguments of `select` into candidates, in order.
+    """Turn the arguments of `select` into candidates, in order, with every open ``random_state`` set.
 
-    Parameters
-    ----------
-    spaces : None, str, sequence of str or mapping
-        None: `DEFAULT_SPACES`. Otherwise as in `evaluate`.
-    block_weights : iterable
-        Each None, "unit" or one number per block. A space with several blocks becomes one candidate for each,
-        in place of its own weights; a space without blocks ignores them.
-    rate_hz : float
-        Sampling rate of the recordings.
-    seed : int
-        For transformers with an open ``random_state``.
-
-    Returns
-    -------
-    list of Candidate
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `plan_spaces`; a space with a classifier of its own; no weights, weights that are none, or the same twice.
+    A space with several blocks becomes one candidate for each of the weights, in place of its own; a space without
+    blocks ignores them.
     """
     weightings = _checked_weightings(block_weights)
-    if spaces is None:
-        spaces = DEFAULT_SPACES
-    candidates = []
-    planned = plan_spaces(spaces, rate_hz)
+    planned = plan_spaces(DEFAULT_SPACES if spaces is None else spaces, rate_hz)
     refuse_own_classifiers(planned)
+    candidates = []
     for k, space in enumerate(planned):
         transformer = seeded_clone(space.transformer, np.random.SeedSequence(seed, spawn_key=(5, k)))
         key = _weights_key(transformer)
@@ -123,22 +104,8 @@ def plan_candidates(
     return candidates
 
 
-def refuse_own_classifiers(spaces: Sequence[Space | FeatureSpace]) -> None:
-    """Refuse spaces that bring a classifier, whose cost cannot be chosen here.
-
-    Raises
-    ------
-    ValueError
-        Naming all of them, and what compares them with others.
-
-    Examples
-    --------
-    >>> from granular_id.spaces import feature_spaces
-    >>> refuse_own_classifiers([feature_spaces()["best"]])
-    Traceback (most recent call last):
-        ...
-    ValueError: spaces must leave out 'best', with a classifier of its own: granular-id evaluate --spaces best, ...
-    """
+def refuse_own_classifiers(spaces: Sequence[FeatureSpace]) -> None:
+    """Refuse spaces that bring a classifier, whose cost cannot be chosen here, and say what compares them."""
     names = [space.name for space in spaces]
     own = [repr(space.name) for space in spaces if space.classifier is not None]
     if own:
@@ -206,28 +173,6 @@ def _n_blocks(step: Any) -> int:
     return 2 if isinstance(step, RawHFMH) else 1
 
 
-# Accuracies of every candidate with every C on every fold, on shared scalar products.
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-
-
-@dataclass(frozen=True, eq=False)
-class Scores:
-    """What one candidate reached on one fold.
-
-    Attributes
-    ----------
-    accuracies : (n_costs,) float array
-        Share of tested rows named rightly, for each C of the grid in ascending order.
-    n_features : int
-        Length of the feature vector that the classifier saw.
-    """
-
-    accuracies: Floats
-    n_features: int
-
-
 def score_all(
     candidates: Sequence[Candidate],
     costs: Sequence[float],
@@ -237,64 +182,41 @@ def score_all(
     *,
     n_jobs: int | None,
     ticker: Ticker,
-) -> tuple[list[list[Scores]], tuple[str, ...]]:
-    """Train and test every candidate on every partition.
+) -> tuple[Floats, list[int], list[str]]:
+    """Train and test every candidate with every relative cost (ascending) on every partition.
 
-    Parameters
-    ----------
-    candidates : sequence of Candidate
-    costs : sequence of float
-        Relative C, ascending; see `select`.
-    partitions : sequence of Partition
-    y : (n,) str array
-        Labels.
-    bank : GramBank
-        Of all recordings.
-    n_jobs : int or None
-        Threads, as in joblib; the numbers do not depend on it.
-    ticker : Ticker
-        Told once for each candidate and partition.
-
-    Returns
-    -------
-    scores : list of lists of Scores
-        By partition, then candidate.
-    complaints : tuple of str
-        What did not converge.
+    Returns the accuracies (n_partitions, n_candidates, n_costs), the length of each candidate's feature vectors, and
+    the convergence warnings.
     """
 
-    def run(pair: tuple[Partition, Candidate]) -> Scores:
+    def score(pair: tuple[Partition, Candidate]) -> tuple[Floats, int]:
         partition, candidate = pair
         with named_errors(candidate.space):
-            scores = _score(candidate, costs, partition, y, bank)
+            scored = _score(candidate, costs, partition, y, bank)
         ticker.tick(f"{candidate.name}: {partition.description}")
-        return scores
+        return scored
 
-    # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. More than
-    # one thread for the algebra of each would only take turns with the others.
-    with single_threaded_blas(), heard_complaints("candidates") as complaints:
-        flat = iter(in_threads(run, product(partitions, candidates), n_jobs))
-    return [[next(flat) for _ in candidates] for _ in partitions], tuple(complaints)
+    # Threads share the scalar products; more than one for the algebra of each would only take turns with the others.
+    with single_threaded_blas(), heard_complaints("candidates") as not_converged:
+        scored = in_threads(score, product(partitions, candidates), n_jobs)
+    accuracies = np.array([shares for shares, _ in scored])
+    n_features = [length for _, length in scored[: len(candidates)]]
+    return accuracies.reshape(len(partitions), len(candidates), len(costs)), n_features, not_converged
 
 
-def spread_of(candidate: Candidate, bank: GramBank, rows: Rows) -> float:
-    """Mean squared distance of rows from their mean, in the features of a candidate fitted on them.
-
-    Raises
-    ------
-    ValueError
-        All rows are equal there: nothing can be told apart.
-    """
+def spread_of(candidate: Candidate, bank: GramBank, y: NDArray[np.str_]) -> float:
+    """Mean squared distance of all recordings from their mean, in the features of a candidate fitted on them."""
+    rows = np.arange(len(y))
     # What does not converge here has been told of the folds.
     with single_threaded_blas(), heard_complaints(candidate.name):
-        gram, _, _ = _products(candidate, bank, rows, rows[:1])
+        gram, _, _ = _products(candidate, Partition("all", 0, "all", rows, rows[:1]), y, bank)
     return _spread(candidate, gram)
 
 
 def _score(
     candidate: Candidate, costs: Sequence[float], partition: Partition, y: NDArray[np.str_], bank: GramBank
-) -> Scores:
-    train_gram, cross_gram, n_features = _products(candidate, bank, partition.train, partition.test)
+) -> tuple[Floats, int]:
+    train_gram, cross_gram, n_features = _products(candidate, partition, y, bank)
     unit = 1.0 / _spread(candidate, train_gram)
     accuracies = np.empty(len(costs))
     hard = False
@@ -305,24 +227,15 @@ def _score(
         fitted = ECOCClassifier(C=cost * unit).fit_gram(train_gram, y[partition.train])
         accuracies[k] = np.mean(fitted.predict_gram(cross_gram) == y[partition.test])
         hard = fitted.alpha_at_bound_ == 0
-    return Scores(accuracies, n_features)
+    return accuracies, n_features
 
 
-def _products(candidate: Candidate, bank: GramBank, train: Rows, test: Rows) -> tuple[Floats, Floats, int]:
-    """Scalar products of training rows, and of test rows with them; what learns is fitted on training rows."""
-    plan = plan_for(candidate.transformer, candidate.space)
-    if plan is not None and not plan.after:
-        return *bank.sliced(plan, train, test), bank.n_features(plan)
-    if plan is None:
-        fitted = clone(candidate.transformer).fit(bank.X[train])
-        known, new = (features_of(candidate.space, fitted, bank.X[rows]) for rows in (train, test))
-    else:
-        known, new = bank.components(plan, train, test)
-        for step in plan.after[1:]:
-            behind = clone(step).fit(known)
-            known, new = behind.transform(known), behind.transform(new)
-    center = known.mean(axis=0)
-    return linear_gram(known, center=center), linear_gram(new, known, center=center), known.shape[1]
+def _products(
+    candidate: Candidate, partition: Partition, y: NDArray[np.str_], bank: GramBank
+) -> tuple[Floats, Floats, int]:
+    # The seed sets nothing: candidates have theirs.
+    features = SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
+    return features.products(partition, y[partition.train], {})
 
 
 def _spread(candidate: Candidate, gram: Floats) -> float:

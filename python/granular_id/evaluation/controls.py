@@ -1,8 +1,8 @@
 """What could have been answered without the method: controls beside the accuracies.
 
-A material that was recorded on its own day is told apart by anything that differs between days. Whether that is
-so cannot be seen in an accuracy, however high; it can be seen in what the clock, the rest before the motion or
-six means reach alone. Labels that mean nothing must give chance, else the evaluation itself leaks.
+A material that was recorded on its own day is told apart by anything that differs between days. No accuracy shows that,
+however high; what the clock, the rest before the motion or six means reach alone does. Labels that mean nothing must
+give chance, else the evaluation itself leaks.
 """
 
 from __future__ import annotations
@@ -14,22 +14,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.base import BaseEstimator
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
 from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram import GramBank
-from granular_id.evaluation.scoring import Space, Task
+from granular_id.evaluation.scoring import Task
 from granular_id.recording import Dataset
-from granular_id.spaces import RawSignal, TimePermutation
+from granular_id.spaces import FeatureSpace, RawSignal, TimePermutation
 from granular_id.splits import Partition, protocol_name
+from granular_id.statistics import confusion_counts
 
-__all__ = ["Control", "PlannedControl", "judge", "plan_controls"]
-
-Floats = NDArray[np.float64]
 Codes = NDArray[np.intp]
 
 REST_S = 0.3
@@ -65,19 +63,14 @@ class Control:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and text."""
-        return asdict(self) | {"accuracies": dict(self.accuracies)}
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Control:
         """Make one from what `to_dict` gave."""
         accuracies = {str(name): float(share) for name, share in values["accuracies"].items()}
-        return cls(
-            str(values["name"]),
-            str(values["what"]),
-            accuracies,
-            float(values["chance"]),
-            str(values["verdict"]),
-        )
+        name, what, verdict = (str(values[key]) for key in ("name", "what", "verdict"))
+        return cls(name, what, accuracies, float(values["chance"]), verdict)
 
 
 @dataclass(frozen=True)
@@ -92,62 +85,75 @@ class PlannedControl:
 
 
 def plan_controls(
-    data: Dataset, spaces: Sequence[Space], classifier: BaseEstimator, bank: GramBank
+    data: Dataset, spaces: Sequence[FeatureSpace], classifier: BaseEstimator, bank: GramBank
 ) -> list[PlannedControl]:
-    """Plan all controls for a data set.
-
-    Parameters
-    ----------
-    data : Dataset
-        Recordings of equal length and rate.
-    spaces : sequence of Space
-        Those of the evaluation: labels are shuffled in "raw+hfmh", or in the first.
-    classifier : estimator
-        That of the evaluation, for spaces without their own.
-    bank : GramBank
-        Of all recordings.
-
-    Returns
-    -------
-    list of PlannedControl
-        rest, means, clock, shuffled, permuted.
-    """
-    n_axes = data.X.shape[2]
-    scaled = make_pipeline(StandardScaler(), ECOCClassifier())
-    means = GramBank(data.X.mean(axis=1))
+    """Plan all controls: labels are shuffled in "raw+hfmh", or in the first of the spaces that are evaluated."""
+    means = make_pipeline(StandardScaler(), ECOCClassifier())
     shuffled = next((space for space in spaces if space.name == "raw+hfmh"), spaces[0])
     permuted = make_pipeline(TimePermutation(random_state=0), RawSignal())
-
-    def task(name: str, transformer: Any, model: BaseEstimator, of: GramBank) -> Task:
-        return Task(Space(name, transformer, None, learns=False), model, of, kind="control")
-
     return [
         _rest(data, classifier),
         PlannedControl(
             "means",
-            f"{n_axes} per-axis means, standardised",
-            task("means", _AsGiven(), scaled, means),
+            f"{data.X.shape[2]} per-axis means, standardised",
+            _task("means", FunctionTransformer(), means, GramBank(data.X.mean(axis=1))),
             above="can be answered above chance without the course in time",
         ),
         _clock(data),
         PlannedControl(
             "shuffled",
             f"{shuffled.name}, trained on shuffled labels",
-            Task(
-                Space("shuffled", shuffled.transformer, None, shuffled.learns),
-                shuffled.classifier or classifier,
-                bank,
-                shuffled=True,
-                kind="control",
-            ),
+            _task("shuffled", shuffled.transformer, shuffled.classifier or classifier, bank, shuffled=True),
         ),
         PlannedControl(
             "permuted",
             "the raw samples of each recording in random order",
-            task("permuted", permuted, classifier, bank),
+            _task("permuted", permuted, classifier, bank),
             above="can be answered above chance without the order in time",
         ),
     ]
+
+
+def _task(
+    name: str, transformer: Any, classifier: BaseEstimator, bank: GramBank, *, shuffled: bool = False
+) -> Task:
+    space = FeatureSpace(name, transformer, None)
+    return Task(space, classifier, bank, shuffled=shuffled, kind="control")
+
+
+def _rest(data: Dataset, classifier: BaseEstimator) -> PlannedControl:
+    triggers = [recording.trigger_index for recording in data]
+    n_samples = data.X.shape[1]
+    known = [trigger for trigger in triggers if trigger is not None]
+    if len(known) == len(triggers):
+        n_rest = min(known)
+        what = f"the {fixed(n_rest / data.rate_hz, 2)} s before the motion only"
+        above = "can be answered above chance before anything moves"
+        why_not = "a motion begins at the first sample" if n_rest == 0 else ""
+    else:
+        n_rest = round(REST_S * data.rate_hz)
+        what = f"the first {REST_S:g} s only, as the start of the motion is not known"
+        above = f"can be answered above chance from the first {REST_S:g} s"
+        why_not = "" if 1 <= n_rest <= n_samples / 2 else f"{REST_S:g} s are {n_rest} of {n_samples} samples"
+    if why_not:
+        return PlannedControl("rest", what, None, why_not=why_not)
+    bank = GramBank(np.ascontiguousarray(data.X[:, :n_rest]))
+    return PlannedControl("rest", what, _task("rest", RawSignal(), classifier, bank), above)
+
+
+def _clock(data: Dataset) -> PlannedControl:
+    what = "the time of acquisition only (nearest neighbour)"
+    times = data.start_times
+    unknown = int(np.isnan(times).sum())
+    if unknown:
+        which = "no recording carries a" if unknown == times.size else f"{unknown} of {times.size} carry no"
+        return PlannedControl("clock", what, None, why_not=f"{which} start time")
+    if (times == times[0]).all():
+        return PlannedControl("clock", what, None, why_not="all recordings start at the same time")
+    # Seconds since 1970 squared leave no digits for seconds: distances need times about their middle.
+    bank = GramBank((times - times.mean())[:, np.newaxis])
+    task = _task("clock", FunctionTransformer(), KNeighborsClassifier(1), bank)
+    return PlannedControl("clock", what, task, "can be answered above chance without touching the material")
 
 
 def judge(
@@ -156,18 +162,7 @@ def judge(
     partitions: Mapping[str, Sequence[Partition]],
     truth: Codes,
 ) -> Control:
-    """Say what the predictions of a control show.
-
-    Parameters
-    ----------
-    planned : PlannedControl
-    predicted : mapping of str to sequence of int arrays
-        Protocol to class numbers, one array per partition; not looked at when the control was left out.
-    partitions : mapping of str to sequence of Partition
-        Protocol to its partitions.
-    truth : (n,) int array
-        Class number of each recording.
-    """
+    """Say what the predictions of a control show: class numbers by protocol, one array per partition."""
     chances = {
         protocol: float(np.mean([_guessing(p, truth) for p in drawn]))
         for protocol, drawn in partitions.items()
@@ -191,55 +186,6 @@ def judge(
     return Control(planned.name, planned.what, means, chance, _verdict(planned, above, untold))
 
 
-class _AsGiven(TransformerMixin, BaseEstimator):  # type: ignore[misc]
-    """Rows that are features already."""
-
-    learns = False
-
-    def fit(self, X: Floats, y: object = None) -> _AsGiven:  # noqa: ARG002
-        return self
-
-    def transform(self, X: Floats) -> Floats:
-        return X
-
-
-def _rest(data: Dataset, classifier: BaseEstimator) -> PlannedControl:
-    triggers = [recording.trigger_index for recording in data]
-    n_samples = data.X.shape[1]
-    known = [trigger for trigger in triggers if trigger is not None]
-    if len(known) == len(triggers):
-        n_rest = min(known)
-        what = f"the {fixed(n_rest / data.rate_hz, 2)} s before the motion only"
-        above = "can be answered above chance before anything moves"
-        why_not = "a motion begins at the first sample" if n_rest == 0 else ""
-    else:
-        n_rest = round(REST_S * data.rate_hz)
-        what = f"the first {REST_S:g} s only, as the start of the motion is not known"
-        above = f"can be answered above chance from the first {REST_S:g} s"
-        why_not = "" if 1 <= n_rest <= n_samples / 2 else f"{REST_S:g} s are {n_rest} of {n_samples} samples"
-    if why_not:
-        return PlannedControl("rest", what, None, why_not=why_not)
-    bank = GramBank(np.ascontiguousarray(data.X[:, :n_rest]))
-    space = Space("rest", RawSignal(), None, learns=False)
-    return PlannedControl("rest", what, Task(space, classifier, bank, kind="control"), above)
-
-
-def _clock(data: Dataset) -> PlannedControl:
-    what = "the time of acquisition only (nearest neighbour)"
-    times = data.start_times
-    unknown = int(np.isnan(times).sum())
-    if unknown:
-        which = "no recording carries a" if unknown == times.size else f"{unknown} of {times.size} carry no"
-        return PlannedControl("clock", what, None, why_not=f"{which} start time")
-    if (times == times[0]).all():
-        return PlannedControl("clock", what, None, why_not="all recordings start at the same time")
-    # Seconds since 1970 squared leave no digits for seconds: distances need times about their middle.
-    bank = GramBank((times - times.mean())[:, np.newaxis])
-    space = Space("clock", _AsGiven(), None, learns=False)
-    task = Task(space, KNeighborsClassifier(1), bank, kind="control")
-    return PlannedControl("clock", what, task, "can be answered above chance without touching the material")
-
-
 def _guessing(partition: Partition, truth: Codes) -> float:
     """Accuracy of always naming the class that is most frequent in training."""
     counts = np.bincount(truth[partition.train])
@@ -257,8 +203,7 @@ def _error_of_clumps(drawn: Sequence[Partition], predicted: Sequence[Codes], tru
     n_classes = int(truth.max()) + 1
     variance, n_answers = 0.0, 0
     for partition, said in zip(drawn, predicted, strict=True):
-        counts = np.zeros((n_classes, n_classes))
-        np.add.at(counts, (truth[partition.test], said), 1)
+        counts = confusion_counts(truth[partition.test], said, n_classes)
         variance += float(((counts**2).mean(axis=1) - counts.mean(axis=1) ** 2).sum())
         n_answers += said.size
     return math.sqrt(variance) / n_answers

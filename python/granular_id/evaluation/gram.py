@@ -1,18 +1,12 @@
-"""Scalar products of feature spaces: each elementary block once, each space and partition by slices and sums.
+"""Scalar products of feature spaces: each block once for all recordings, each space and partition by slices and sums.
 
-A linear classifier needs of its features their scalar products alone. Those of a union of blocks are the
-weighted sum of those of the blocks, those of a partition are a slice: with 682 recordings of 10,200 features a
-partition costs a copy of 2 MB instead of 6 thousand million multiplications. Principal components come from the
-same slices. What does not decompose so (`plan_for` gives None) takes the general way, on features.
-
-An evaluation and a selection over the same recordings share one `GramBank`: ask `plan_for` for a plan of each
-transformer, then the bank for `GramBank.sliced` products of training and test rows, or for
-`GramBank.components` where principal components follow.
+A linear classifier needs the scalar products of features alone. Those of a union are the weighted sum of those of its
+blocks, those of a partition are a slice: with 682 recordings of 10,200 features a partition costs a copy of 2 MB
+instead of 6 thousand million multiplications.
 """
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
@@ -31,29 +25,9 @@ Rows = NDArray[np.intp]
 
 
 def plan_for(transformer: Any, name: str | None = None) -> GramPlan | None:
-    """Say how the scalar products of a feature space follow from blocks, or None where they do not.
+    """Say which blocks a space consists of; None where it must be fitted on the training rows of each partition.
 
-    Parameters
-    ----------
-    transformer : estimator
-        Turns recordings (n, T, C) into features (n, D).
-    name : str, optional
-        What messages call a space that is one block as a whole; default: its class.
-
-    Returns
-    -------
-    GramPlan or None
-        As `granular_id.spaces.gram_plan`, and one block for anything else that learns nothing. None: something
-        is learned from features themselves, and the space must be fitted on the training rows of each partition.
-
-    Examples
-    --------
-    >>> from granular_id.spaces import BlockUnion, HFMH, RawSignal
-    >>> union = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())], block_weights="unit")
-    >>> [name for name, _ in plan_for(union).blocks]
-    ['raw', 'hfmh']
-    >>> plan_for(HFMH(bin_range="auto")) is None
-    True
+    What learns nothing and does not come apart is one block. Messages call a single block by the name of the space.
     """
     plan = gram_plan(transformer)
     if plan is None:
@@ -79,7 +53,7 @@ def features_of(name: str, transformer: Any, X: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """What is kept of one block: products about the mean of all rows, norms about zero, and what they took."""
+    """Products about the mean of all rows, norms about zero, and the seconds they took by stage."""
 
     transformer: Any  # keeps the object alive whose identity may be the key
     gram: Floats
@@ -89,28 +63,11 @@ class _Block:
 
 
 class GramBank:
-    """Scalar products of the recordings of one data set, in any feature space that has a plan.
+    """Scalar products of the recordings (n, T, C) of one data set, in any feature space that has a plan.
 
-    Parameters
-    ----------
-    X : (n, T, C) float array
-        All recordings, N and N m. Not copied, not changed.
-
-    Notes
-    -----
-    Keeps 8 n^2 bytes for each different block, 3.7 MB for 682 recordings; features are not kept. May be used
-    by several threads. Products are about the mean of all rows, which changes rounding only: a classifier with
-    an intercept, and principal components, give the same for any origin.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.spaces import RawSignal
-    >>> X = np.random.default_rng(0).normal(size=(6, 20, 6))
-    >>> bank = GramBank(X)
-    >>> train, cross = bank.sliced(plan_for(RawSignal()), np.arange(4), np.arange(4, 6))
-    >>> train.shape, cross.shape
-    ((4, 4), (2, 4))
+    It keeps 8 n^2 bytes for each different block, 3.7 MB for 682 recordings, and no features. Several threads may use
+    it. Products are about the mean of all rows, which changes rounding only: a classifier with an intercept, and
+    principal components, give the same for any origin.
     """
 
     def __init__(self, X: Floats) -> None:
@@ -120,31 +77,18 @@ class GramBank:
         self._lock = Lock()
 
     def prepare(self, plan: GramPlan) -> dict[str, float]:
-        """Compute what is not there yet; return the seconds that the blocks of a plan took, by stage.
-
-        A block that several plans share is counted for each of them: that is what each would take alone.
-        """
+        """Compute the blocks of a plan; return the seconds they took by stage, as if no other plan shared them."""
         blocks = self._blocks_of(plan)
         return {stage: sum(block.seconds[stage] for block in blocks) for stage in ("features", "gram")}
 
     def n_features(self, plan: GramPlan) -> int:
-        """Length of a feature vector before the steps that come ``after``."""
+        """Length of a feature vector before the steps that come ``after`` the blocks."""
         return sum(block.n_features for block in self._blocks_of(plan))
 
     def sliced(self, plan: GramPlan, train: Rows, test: Rows) -> tuple[Floats, Floats]:
-        """Scalar products of training rows with each other, and of test rows with training rows.
+        """Products (n_train, n_train) of training rows, and (n_test, n_train) of tested rows with them.
 
-        Parameters
-        ----------
-        plan : GramPlan
-            From `plan_for`. Its steps ``after`` the blocks are not taken here.
-        train, test : (n_train,) and (n_test,) int arrays
-            Rows of `X`. Weights "unit" are learned from the training rows.
-
-        Returns
-        -------
-        train_gram : (n_train, n_train) float array
-        cross_gram : (n_test, n_train) float array
+        Weights "unit" are learned from the training rows. Steps ``after`` the blocks are not taken.
         """
         blocks = self._blocks_of(plan)
         weights = [1.0] * len(blocks)
@@ -160,26 +104,14 @@ class GramBank:
         return train_gram, cross_gram
 
     def components(self, plan: GramPlan, train: Rows, test: Rows) -> tuple[Floats, Floats]:
-        """Scores of training and test rows on the principal components of the training rows.
+        """Scores of training and of tested rows on the principal components of the training rows, read-only.
 
-        Kept, so that spaces which go on from the same components share them.
-
-        Parameters
-        ----------
-        plan : GramPlan
-            From `plan_for`, with `PrincipalComponents` as the first step ``after`` the blocks.
-        train, test : int arrays
-            Rows of `X`.
-
-        Returns
-        -------
-        (n_train, p) and (n_test, p) float arrays
-            Read-only.
+        The first step ``after`` the blocks is `PrincipalComponents`. Spaces that go on from the same components share
+        them.
         """
         first = plan.after[0]
-        rows = hashlib.blake2b(train.tobytes() + b"|" + test.tobytes()).digest()
         blocks = tuple(_key(transformer) for _, transformer in plan.blocks)
-        key = (blocks, plan.block_weights, _key(first), rows)
+        key = (blocks, plan.block_weights, _key(first), train.tobytes(), test.tobytes())
         known = self._components.get(key)
         if known is None:
             train_gram, cross_gram = self.sliced(plan, train, test)
@@ -197,23 +129,17 @@ class GramBank:
         key = _key(transformer)
         with self._lock:
             if key not in self._blocks:
-                self._blocks[key] = self._computed(name, transformer)
+                start = time.perf_counter()
+                features = features_of(name, clone(transformer).fit(self.X), self.X)
+                ready = time.perf_counter()
+                gram, norms = linear_gram(features, center=features.mean(axis=0)), row_norms(features)
+                seconds = {"features": ready - start, "gram": time.perf_counter() - ready}
+                self._blocks[key] = _Block(transformer, gram, norms, features.shape[1], seconds)
             return self._blocks[key]
-
-    def _computed(self, name: str, transformer: Any) -> _Block:
-        start = time.perf_counter()
-        features = features_of(name, clone(transformer).fit(self.X), self.X)
-        ready = time.perf_counter()
-        gram = linear_gram(features, center=features.mean(axis=0))
-        norms = row_norms(features)
-        end = time.perf_counter()
-        return _Block(
-            transformer, gram, norms, features.shape[1], {"features": ready - start, "gram": end - ready}
-        )
 
 
 def _key(transformer: Any) -> Hashable:
-    """Equal for transformers that give equal features; a stranger is equal to itself only."""
+    """Equal for transformers that give equal features; what cannot be compared is equal to itself only."""
     try:
         key = block_key(transformer)
         hash(key)

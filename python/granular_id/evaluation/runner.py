@@ -7,13 +7,15 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from granular_id._estimators import describe_estimator, seeded_clone, versions
+from granular_id._checks import checked_flag
+from granular_id._estimators import describe_estimator, heard_complaints, named_errors, versions
+from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
@@ -21,13 +23,22 @@ from granular_id.evaluation.controls import Control, PlannedControl, judge, plan
 from granular_id.evaluation.gram import GramBank, plan_for
 from granular_id.evaluation.report_data import Portrait, not_drawn, portrait
 from granular_id.evaluation.result import EvaluationResult, SpaceSummary
-from granular_id.evaluation.scoring import Space, SpaceRun, Task, plan_seed, plan_spaces, run_space
+from granular_id.evaluation.scoring import (
+    STAGES,
+    Answer,
+    SpaceFeatures,
+    Task,
+    check_call,
+    plan_seed,
+    plan_spaces,
+    seeded,
+    timed,
+)
 from granular_id.recording import Dataset, describe_data, warnings_in
-from granular_id.spaces import FeatureSpace
+from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
 from granular_id.splits import Partition, origins_of, plan_partitions, plan_protocols
 
 Codes = NDArray[np.intp]
-T = TypeVar("T")
 
 
 def evaluate(
@@ -129,12 +140,8 @@ def evaluate(
     ['rest', 'means', 'clock', 'shuffled', 'permuted']
     """
     start = time.perf_counter()
-    if not isinstance(data, Dataset):
-        raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
-    if not (isinstance(progress, bool) or callable(progress)):
-        raise TypeError(f"progress must be True, False or callable, got {type(progress).__name__}")
-    if not isinstance(controls, bool):
-        raise TypeError(f"controls must be True or False, got {controls!r}")
+    check_call(data, progress)
+    controls = checked_flag("controls", controls)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
     protocols, notes = plan_protocols(protocol, data)
@@ -150,17 +157,17 @@ def evaluate(
         drawn, note = plan_partitions(data, name, **counts, seed=seed)
         partitions[name] = tuple(drawn)
         notes.append(note)
-    chosen = ECOCClassifier() if classifier is None else classifier
+    every = [partition for drawn in partitions.values() for partition in drawn]
+    model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],
         "protocol": protocols,
         **counts,
-        "classifier": describe_estimator(chosen),
+        "classifier": describe_estimator(model),
         "controls": controls,
         "seed": seed,
     }
     transformers = {space.name: _described(space) for space in planned}
-    every = [partition for drawn in partitions.values() for partition in drawn]
     kept = None
     if checkpoint is not None:
         described = {"settings": settings, "transformers": transformers, "versions": versions()}
@@ -168,29 +175,36 @@ def evaluate(
 
     labels, truth = np.unique(data.y, return_inverse=True)
     bank = GramBank(X)
-    checks = plan_controls(data, planned, chosen, bank) if controls else []
     origins = origins_of(data)
-    tasks = [Task(space, space.classifier or chosen, bank, origins) for space in planned]
+    tasks = [Task(space, space.classifier or model, bank, origins) for space in planned]
+    checks = plan_controls(data, planned, model, bank) if controls else []
+    n_tasks = len(tasks) + sum(check.task is not None for check in checks)
     with showing(progress) as callback:
-        ticker = Ticker((len(tasks) + sum(c.task is not None for c in checks)) * (len(every) + 1), callback)
         ask = partial(
-            run_space, y=data.y, partitions=every, seed=seed, n_jobs=n_jobs, ticker=ticker, answers=kept
+            _answers,
+            partitions=every,
+            labels=labels,
+            truth=truth,
+            seed=seed,
+            n_jobs=n_jobs,
+            ticker=Ticker(n_tasks * (len(every) + 1), callback),
+            checkpoint=kept,
         )
-        runs = {task.space.name: ask(task) for task in tasks}
+        answered = {task.space.name: ask(task) for task in tasks}
         verdicts = tuple(_judged(check, ask, partitions, truth) for check in checks)
+    answers = {
+        (protocol, name): of_protocol
+        for name, (given, _) in answered.items()
+        for protocol, of_protocol in _by_protocol(given, partitions).items()
+    }
     result = EvaluationResult(
-        spaces=tuple(_summary(space, runs[space.name], transformers[space.name]) for space in planned),
+        spaces=tuple(_summary(space, answered[space.name][0], transformers[space.name]) for space in planned),
         partitions=partitions,
-        predicted={
-            (protocol, name): said
-            for name, run in runs.items()
-            for protocol, said in _by_protocol(run.predicted, partitions).items()
-        },
+        predicted={key: tuple(answer.predicted for answer in given) for key, given in answers.items()},
         chosen={
-            (protocol, name): tuple(one for one in said if one is not None)
-            for name, run in runs.items()
-            for protocol, said in _by_protocol(run.chosen, partitions).items()
-            if None not in said
+            key: tuple(answer.chosen for answer in given if answer.chosen is not None)
+            for key, given in answers.items()
+            if all(answer.chosen is not None for answer in given)
         },
         labels=tuple(labels.tolist()),
         truth=truth.astype(np.intp),
@@ -203,83 +217,178 @@ def evaluate(
             *notes,
             *warnings_in(data),
             *not_drawn(data),
-            *(line for run in runs.values() for line in run.complaints),
+            *(line for _, not_converged in answered.values() for line in not_converged),
             *(kept.notes() if kept is not None else ()),
         ),
         synthetic=data.is_synthetic,
-        command=_call(settings, None if classifier is None else chosen),
+        command=_call(settings, classifier),
         controls=verdicts,
     )
-    seen = _portrait(data, result, planned, chosen, runs)
+    has_weights = {name: given[-1].has_weights for name, (given, _) in answered.items()}
+    seen = _portrait(data, result, planned, model, has_weights)
     return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
+
+
+def _answers(
+    task: Task,
+    *,
+    partitions: Sequence[Partition],
+    labels: NDArray[np.str_],
+    truth: Codes,
+    seed: int,
+    n_jobs: int | None,
+    ticker: Ticker,
+    checkpoint: Checkpoint | None,
+) -> tuple[list[Answer], list[str]]:
+    """Ask about every partition that the checkpoint does not have; return the answers and convergence warnings."""
+    space = task.space
+    name, kind = (space.name, "feature space") if task.kind == "space" else (task.key, task.kind)
+    known = [None if checkpoint is None else checkpoint.load(task.key, each) for each in partitions]
+    missing = [each for each, answer in zip(partitions, known, strict=True) if answer is None]
+    if missing:
+        with named_errors(space.name, kind):
+            features = SpaceFeatures(space.name, space.transformer, task.bank, seed, by_gram=task.by_gram)
+    ticker.tick(f"{name}: ready")
+    for _ in range(len(partitions) - len(missing)):
+        ticker.tick(f"{name}: from the checkpoint")
+
+    def compute(partition: Partition) -> Answer:
+        with named_errors(space.name, kind):
+            answer = _answer(task, features, partition, labels, truth, seed)
+        if checkpoint is not None:
+            checkpoint.save(task.key, partition, answer)
+        ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
+        return answer
+
+    # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
+    # matrices of a pair of classes are small: more threads for each took twice the time of one.
+    with single_threaded_blas(), heard_complaints(name) as not_converged:
+        computed = iter(in_threads(compute, missing, n_jobs))
+    return [next(computed) if answer is None else answer for answer in known], not_converged
+
+
+def _answer(
+    task: Task,
+    features: SpaceFeatures,
+    partition: Partition,
+    labels: NDArray[np.str_],
+    truth: Codes,
+    seed: int,
+) -> Answer:
+    """Train on one part of a partition and name the recordings of the other."""
+    # Our own classifier names classes in its messages; of others not all take text.
+    takes_text = isinstance(task.classifier, ECOCClassifier)
+    targets = labels[truth[partition.train]] if takes_text else truth[partition.train]
+    if task.shuffled:
+        words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))
+        targets = np.random.default_rng(words).permutation(targets)
+    classifier: Any = seeded(task.classifier, seed, partition)
+    seconds = dict.fromkeys(STAGES, 0.0)
+    if task.by_gram:
+        train, cross, n_features = features.products(partition, targets, seconds)
+        with timed(seconds, "training"):
+            classifier.fit_gram(train, targets)
+        with timed(seconds, "prediction"):
+            predicted = classifier.predict_gram(cross)
+    else:
+        with timed(seconds, "features"):
+            train, test, sizes = features.features(partition, targets)
+        n_features = train.shape[1]
+        with timed(seconds, "training"):
+            tell_blocks(classifier, sizes)
+            known = {} if task.origins is None else task.origins.fit_arguments(classifier, partition.train)
+            classifier.fit(train, targets, **known)
+        with timed(seconds, "prediction"):
+            predicted = classifier.predict(test)
+    codes = np.searchsorted(labels, predicted) if takes_text else predicted
+    return Answer(
+        predicted=np.asarray(codes, dtype=np.intp),
+        n_features=n_features,
+        seconds=seconds,
+        shared_seconds=features.shared_seconds,
+        chosen=Chosen.of(classifier),
+        has_weights=task.by_gram or hasattr(classifier, "coef_"),
+    )
 
 
 def _judged(
     check: PlannedControl,
-    ask: Callable[[Task], SpaceRun],
+    ask: Callable[[Task], tuple[list[Answer], list[str]]],
     partitions: Mapping[str, Sequence[Partition]],
     truth: Codes,
 ) -> Control:
-    if check.task is None:
-        return judge(check, {}, partitions, truth)
-    try:
-        predicted = _by_protocol(ask(check.task).predicted, partitions)
-    except ValueError as error:
-        # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
-        return judge(replace(check, task=None, why_not=str(error)), {}, partitions, truth)
+    predicted: dict[str, list[Codes]] = {}
+    if check.task is not None:
+        try:
+            answers, _ = ask(check.task)
+        except ValueError as error:
+            # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
+            check = replace(check, task=None, why_not=str(error))
+        else:
+            dealt = _by_protocol(answers, partitions)
+            predicted = {protocol: [one.predicted for one in given] for protocol, given in dealt.items()}
     return judge(check, predicted, partitions, truth)
 
 
 def _by_protocol(
-    of_all: Sequence[T], partitions: Mapping[str, Sequence[Partition]]
-) -> dict[str, tuple[T, ...]]:
-    """Deal what was said in all partitions out to their protocols."""
-    said = iter(of_all)
-    return {name: tuple(next(said) for _ in drawn) for name, drawn in partitions.items()}
+    answers: Sequence[Answer], partitions: Mapping[str, Sequence[Partition]]
+) -> dict[str, list[Answer]]:
+    """Deal the answers of all partitions out to their protocols."""
+    rest = iter(answers)
+    return {protocol: [next(rest) for _ in drawn] for protocol, drawn in partitions.items()}
 
 
-def _described(space: Space) -> dict[str, Any]:
+def _described(space: FeatureSpace) -> dict[str, Any]:
     settings = describe_estimator(space.transformer)
     if space.classifier is not None:
         settings["own_classifier"] = describe_estimator(space.classifier)
     return settings
 
 
-def _summary(space: Space, run: SpaceRun, settings: Mapping[str, Any]) -> SpaceSummary:
-    return SpaceSummary(space.name, space.paper_accuracy, space.learns, run.n_features, run.seconds, settings)
+def _summary(space: FeatureSpace, answers: Sequence[Answer], settings: Mapping[str, Any]) -> SpaceSummary:
+    last = answers[-1]
+    seconds = {
+        stage: last.shared_seconds[stage] + sum(one.seconds[stage] for one in answers) for stage in STAGES
+    }
+    return SpaceSummary(space.name, space.paper_accuracy, space.learns, last.n_features, seconds, settings)
 
 
 def _portrait(
     data: Dataset,
     result: EvaluationResult,
-    planned: Sequence[Space],
+    planned: Sequence[FeatureSpace],
     classifier: BaseEstimator,
-    runs: Mapping[str, SpaceRun],
+    has_weights: Mapping[str, bool],
 ) -> Portrait | None:
     """Look at the recordings, and at one model in the most accurate space whose features are not mixed."""
     if not_drawn(data):
         return None
-    order = sorted(planned, key=lambda space: -result.mean_accuracy(space.name))
-    plans = {space.name: plan_for(space.transformer) for space in order}
-    unmixed = {s.name: s.transformer for s in order if (plan := plans[s.name]) is None or not plan.after}
+    best_first = sorted(planned, key=lambda space: -result.mean_accuracy(space.name))
+    unmixed = {
+        space.name: space.transformer
+        for space in best_first
+        if (plan := plan_for(space.transformer)) is None or not plan.after
+    }
     model = clone(classifier)
     if isinstance(model, ECOCClassifier):
         # All recordings together may overlap where the training rows of no partition did.
         model.set_params(hard_margin=False)
-    seed = np.random.SeedSequence(result.settings["seed"], spawn_key=(3,))
     own = {
-        s.name: seeded_clone(s.classifier, seed) if runs[s.name].has_weights else None
-        for s in planned
-        if s.classifier is not None
+        space.name: seeded(space.classifier, result.settings["seed"]) if has_weights[space.name] else None
+        for space in planned
+        if space.classifier is not None
     }
     return portrait(data, unmixed, classifier=model, own=own)
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
-    said = [
+    """Return the call as text, for the reader of a result."""
+    arguments = [
         f"{name}={settings[name]!r}"
         for name in ("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds")
     ]
-    said += [] if classifier is None else [f"classifier={' '.join(repr(classifier).split())}"]
-    said += [] if settings["controls"] else ["controls=False"]
-    return f"granular_id.evaluate(data, {', '.join(said)}, random_state={settings['seed']})"
+    if classifier is not None:
+        arguments.append(f"classifier={' '.join(repr(classifier).split())}")
+    if not settings["controls"]:
+        arguments.append("controls=False")
+    return f"granular_id.evaluate(data, {', '.join(arguments)}, random_state={settings['seed']})"
