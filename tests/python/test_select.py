@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.feature_selection import SelectKBest
 from sklearn.pipeline import make_pipeline
 
 from evaluation_cases import LABELS, changed, make_data
@@ -36,7 +37,7 @@ def selection(data):
 
 def accuracies_by_pipelines(transformer, data, partition):
     """Accuracy for each C, the transformer fitted on the features of the training rows themselves."""
-    fitted = clone(transformer).fit(data.X[partition.train])
+    fitted = clone(transformer).fit(data.X[partition.train], data.y[partition.train])
     F, new = fitted.transform(data.X[partition.train]), fitted.transform(data.X[partition.test])
     spread = ((F - F.mean(axis=0)) ** 2).sum(axis=1).mean()
     return [
@@ -132,6 +133,13 @@ def test_open_random_states_are_seeded_and_kept_in_the_model(data):
     assert first.to_dict()["settings"] != other.to_dict()["settings"]
     seeds = {k: v for k, v in first.model().get_params().items() if k.endswith("random_state")}
     assert any(isinstance(seed, int) for seed in seeds.values())
+
+
+def test_a_space_that_learns_from_labels_is_given_those_of_the_training_rows(data):
+    few = make_pipeline(RawSignal(), SelectKBest(k=5))
+    (scored,) = select(data, spaces={"few": few}, **SMALL).candidates
+    for fold, found in zip(nested_folds(data, 3, 2, 0).nested, scored.accuracies.tolist(), strict=True):
+        assert found == accuracies_by_pipelines(few, data, fold.outer)
 
 
 def test_a_weighting_replaces_that_of_a_space_and_leaves_single_blocks_alone(data):

@@ -189,16 +189,17 @@ def score_all(
     the convergence warnings.
     """
 
-    def score(pair: tuple[Partition, Candidate]) -> tuple[Floats, int]:
-        partition, candidate = pair
+    def score(job: tuple[Partition, tuple[Candidate, SpaceFeatures]]) -> tuple[Floats, int]:
+        partition, (candidate, features) = job
         with named_errors(candidate.space):
-            scored = _score(candidate, costs, partition, y, bank)
+            scored = _score(candidate, features, costs, partition, y)
         ticker.tick(f"{candidate.name}: {partition.description}")
         return scored
 
     # Threads share the scalar products; more than one for the algebra of each would only take turns with the others.
     with single_threaded_blas(), heard_complaints("candidates") as not_converged:
-        scored = in_threads(score, product(partitions, candidates), n_jobs)
+        prepared = [(candidate, _features(candidate, bank)) for candidate in candidates]
+        scored = in_threads(score, product(partitions, prepared), n_jobs)
     accuracies = np.array([shares for shares, _ in scored])
     n_features = [length for _, length in scored[: len(candidates)]]
     return accuracies.reshape(len(partitions), len(candidates), len(costs)), n_features, not_converged
@@ -209,14 +210,23 @@ def spread_of(candidate: Candidate, bank: GramBank, y: NDArray[np.str_]) -> floa
     rows = np.arange(len(y))
     # What does not converge here has been told of the folds.
     with single_threaded_blas(), heard_complaints(candidate.name):
-        gram, _, _ = _products(candidate, Partition("all", 0, "all", rows, rows[:1]), y, bank)
+        gram, _, _ = _features(candidate, bank).products(Partition("all", 0, "all", rows, rows[:1]), y, {})
     return _spread(candidate, gram)
 
 
+def _features(candidate: Candidate, bank: GramBank) -> SpaceFeatures:
+    with named_errors(candidate.space):  # the seed sets nothing: candidates have theirs
+        return SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
+
+
 def _score(
-    candidate: Candidate, costs: Sequence[float], partition: Partition, y: NDArray[np.str_], bank: GramBank
+    candidate: Candidate,
+    features: SpaceFeatures,
+    costs: Sequence[float],
+    partition: Partition,
+    y: NDArray[np.str_],
 ) -> tuple[Floats, int]:
-    train_gram, cross_gram, n_features = _products(candidate, partition, y, bank)
+    train_gram, cross_gram, n_features = features.products(partition, y[partition.train], {})
     unit = 1.0 / _spread(candidate, train_gram)
     accuracies = np.empty(len(costs))
     hard = False
@@ -228,14 +238,6 @@ def _score(
         accuracies[k] = np.mean(fitted.predict_gram(cross_gram) == y[partition.test])
         hard = fitted.alpha_at_bound_ == 0
     return accuracies, n_features
-
-
-def _products(
-    candidate: Candidate, partition: Partition, y: NDArray[np.str_], bank: GramBank
-) -> tuple[Floats, Floats, int]:
-    # The seed sets nothing: candidates have theirs.
-    features = SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
-    return features.products(partition, y[partition.train], {})
 
 
 def _spread(candidate: Candidate, gram: Floats) -> float:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ from granular_id.evaluation.scoring import (
     Answer,
     SpaceFeatures,
     Task,
-    check_call,
+    check_arguments,
     plan_seed,
     plan_spaces,
     seeded,
@@ -140,7 +141,7 @@ def evaluate(
     ['rest', 'means', 'clock', 'shuffled', 'permuted']
     """
     start = time.perf_counter()
-    check_call(data, progress)
+    check_arguments(data, progress)
     controls = checked_flag("controls", controls)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
@@ -157,7 +158,7 @@ def evaluate(
         drawn, note = plan_partitions(data, name, **counts, seed=seed)
         partitions[name] = tuple(drawn)
         notes.append(note)
-    every = [partition for drawn in partitions.values() for partition in drawn]
+    every = list(chain.from_iterable(partitions.values()))
     model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],
@@ -182,7 +183,7 @@ def evaluate(
     with showing(progress) as callback:
         ask = partial(
             _answers,
-            partitions=every,
+            partitions=partitions,
             labels=labels,
             truth=truth,
             seed=seed,
@@ -190,15 +191,18 @@ def evaluate(
             ticker=Ticker(n_tasks * (len(every) + 1), callback),
             checkpoint=kept,
         )
-        answered = {task.space.name: ask(task) for task in tasks}
+        runs = {task.space.name: ask(task) for task in tasks}
         verdicts = tuple(_judged(check, ask, partitions, truth) for check in checks)
     answers = {
         (protocol, name): of_protocol
-        for name, (given, _) in answered.items()
-        for protocol, of_protocol in _by_protocol(given, partitions).items()
+        for name, (by_protocol, _) in runs.items()
+        for protocol, of_protocol in by_protocol.items()
+    }
+    of_space = {
+        name: list(chain.from_iterable(by_protocol.values())) for name, (by_protocol, _) in runs.items()
     }
     result = EvaluationResult(
-        spaces=tuple(_summary(space, answered[space.name][0], transformers[space.name]) for space in planned),
+        spaces=tuple(_summary(space, of_space[space.name], transformers[space.name]) for space in planned),
         partitions=partitions,
         predicted={key: tuple(answer.predicted for answer in given) for key, given in answers.items()},
         chosen={
@@ -217,14 +221,14 @@ def evaluate(
             *notes,
             *warnings_in(data),
             *not_drawn(data),
-            *(line for _, not_converged in answered.values() for line in not_converged),
+            *(line for _, not_converged in runs.values() for line in not_converged),
             *(kept.notes() if kept is not None else ()),
         ),
         synthetic=data.is_synthetic,
         command=_call(settings, classifier),
         controls=verdicts,
     )
-    has_weights = {name: given[-1].has_weights for name, (given, _) in answered.items()}
+    has_weights = {name: given[-1].has_weights for name, given in of_space.items()}
     seen = _portrait(data, result, planned, model, has_weights)
     return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
 
@@ -232,24 +236,28 @@ def evaluate(
 def _answers(
     task: Task,
     *,
-    partitions: Sequence[Partition],
+    partitions: Mapping[str, Sequence[Partition]],
     labels: NDArray[np.str_],
     truth: Codes,
     seed: int,
     n_jobs: int | None,
     ticker: Ticker,
     checkpoint: Checkpoint | None,
-) -> tuple[list[Answer], list[str]]:
-    """Ask about every partition that the checkpoint does not have; return the answers and convergence warnings."""
+) -> tuple[dict[str, list[Answer]], list[str]]:
+    """Answer one task for every partition, by protocol; return also lines on what did not converge.
+
+    What the checkpoint has is not computed again.
+    """
     space = task.space
+    every = list(chain.from_iterable(partitions.values()))
     name, kind = (space.name, "feature space") if task.kind == "space" else (task.key, task.kind)
-    known = [None if checkpoint is None else checkpoint.load(task.key, each) for each in partitions]
-    missing = [each for each, answer in zip(partitions, known, strict=True) if answer is None]
+    known = [None if checkpoint is None else checkpoint.load(task.key, each) for each in every]
+    missing = [each for each, answer in zip(every, known, strict=True) if answer is None]
     if missing:
         with named_errors(space.name, kind):
             features = SpaceFeatures(space.name, space.transformer, task.bank, seed, by_gram=task.by_gram)
     ticker.tick(f"{name}: ready")
-    for _ in range(len(partitions) - len(missing)):
+    for _ in range(len(every) - len(missing)):
         ticker.tick(f"{name}: from the checkpoint")
 
     def compute(partition: Partition) -> Answer:
@@ -264,7 +272,8 @@ def _answers(
     # matrices of a pair of classes are small: more threads for each took twice the time of one.
     with single_threaded_blas(), heard_complaints(name) as not_converged:
         computed = iter(in_threads(compute, missing, n_jobs))
-    return [next(computed) if answer is None else answer for answer in known], not_converged
+    answers = iter([next(computed) if answer is None else answer for answer in known])
+    return {protocol: [next(answers) for _ in drawn] for protocol, drawn in partitions.items()}, not_converged
 
 
 def _answer(
@@ -292,7 +301,7 @@ def _answer(
             predicted = classifier.predict_gram(cross)
     else:
         with timed(seconds, "features"):
-            train, test, sizes = features.features(partition, targets)
+            train, test, sizes = features.rows(partition, targets)
         n_features = train.shape[1]
         with timed(seconds, "training"):
             tell_blocks(classifier, sizes)
@@ -313,7 +322,7 @@ def _answer(
 
 def _judged(
     check: PlannedControl,
-    ask: Callable[[Task], tuple[list[Answer], list[str]]],
+    ask: Callable[[Task], tuple[dict[str, list[Answer]], list[str]]],
     partitions: Mapping[str, Sequence[Partition]],
     truth: Codes,
 ) -> Control:
@@ -325,17 +334,8 @@ def _judged(
             # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
             check = replace(check, task=None, why_not=str(error))
         else:
-            dealt = _by_protocol(answers, partitions)
-            predicted = {protocol: [one.predicted for one in given] for protocol, given in dealt.items()}
+            predicted = {protocol: [one.predicted for one in given] for protocol, given in answers.items()}
     return judge(check, predicted, partitions, truth)
-
-
-def _by_protocol(
-    answers: Sequence[Answer], partitions: Mapping[str, Sequence[Partition]]
-) -> dict[str, list[Answer]]:
-    """Deal the answers of all partitions out to their protocols."""
-    rest = iter(answers)
-    return {protocol: [next(rest) for _ in drawn] for protocol, drawn in partitions.items()}
 
 
 def _described(space: FeatureSpace) -> dict[str, Any]:

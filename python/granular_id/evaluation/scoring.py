@@ -25,7 +25,7 @@ from granular_id.splits import Origins, Partition
 # From the arguments of `evaluate` and `select` to feature spaces and a seed.
 
 
-def check_call(data: Dataset, progress: bool | ProgressCallback) -> None:
+def check_arguments(data: Dataset, progress: bool | ProgressCallback) -> None:
     """Refuse what is no data set, and what cannot show progress, before any work."""
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
@@ -203,26 +203,26 @@ class SpaceFeatures:
         self, partition: Partition, y: NDArray[Any], seconds: dict[str, float]
     ) -> tuple[Floats, Floats, int]:
         """Products of training rows, those of tested rows with them, and the length of a feature vector."""
-        if self._plan is not None and not self._plan.after:
+        if self._plan is not None and not self._plan.after:  # a slice of the bank
             with timed(seconds, "gram"):
                 train, cross = self._bank.sliced(self._plan, partition.train, partition.test)
             return train, cross, self._bank.n_features(self._plan)
         with timed(seconds, "features"):
-            train, test, _ = self.features(partition, y)
+            train, test, _ = self.rows(partition, y)
         with timed(seconds, "gram"):
             center = train.mean(axis=0)
             return linear_gram(train, center=center), linear_gram(test, train, center=center), train.shape[1]
 
-    def features(self, partition: Partition, y: NDArray[Any]) -> tuple[Floats, Floats, dict[str, int] | None]:
+    def rows(self, partition: Partition, y: NDArray[Any]) -> tuple[Floats, Floats, dict[str, int] | None]:
         """Features of training and of tested rows, and the number of columns of each block where it is known.
 
         What learns is fitted on the training rows and their labels `y`.
         """
-        if self._features is not None:
+        if self._features is not None:  # computed once for all recordings
             sizes = block_sizes(self._shared)
             return self._features[partition.train], self._features[partition.test], sizes
         transformer = seeded(self._transformer, self._seed, partition)
-        if self._plan is None:
+        if self._plan is None:  # learned from these rows
             X = self._bank.X
             transformer.fit(X[partition.train], y)
             train, test = (

@@ -29,7 +29,7 @@ from granular_id.evaluation.candidates import (
 )
 from granular_id.evaluation.compare import Comparison, Pair, compare
 from granular_id.evaluation.gram import GramBank
-from granular_id.evaluation.scoring import check_call, plan_seed
+from granular_id.evaluation.scoring import check_arguments, plan_seed
 from granular_id.evaluation.tables import probability
 from granular_id.recording import Dataset, describe_data, of_check, warnings_in
 from granular_id.spaces import FeatureSpace
@@ -42,7 +42,7 @@ RELATIVE_COSTS = (0.1, 1.0, 10.0, 100.0, 1000.0)
 """Costs of a violated margin, times the mean squared distance of the training rows from their mean.
 
 The multipliers of a support vector machine scale with one over that distance. In its units half of the rows or more
-sit at their bound at 0.1 (the machine then is little more than the difference of class means), and on nearly all
+sit at their bound at 0.1 (the classifier then is little more than the difference of class means), and on nearly all
 recordings tried none does at 1000 (the margin is hard, more changes nothing). The paper's C = 1, in plain newtons
 and counts, stands above 1000 on this scale: a hard margin.
 """
@@ -149,7 +149,7 @@ def select(
     ('raw', 1.0)
     >>> model = selection.model().fit(data.X, data.y)
     """
-    check_call(data, progress)
+    check_arguments(data, progress)
     seed = plan_seed(random_state)
     costs = checked_costs(relative_costs)
     X, y = data.X, data.y
