@@ -292,6 +292,11 @@ class Scored(Candidate):
         """Place of the C with the highest mean accuracy."""
         return best_cost(self.accuracies)
 
+    @property
+    def at_best_cost(self) -> Floats:
+        """Accuracies with that C: (n_outer,)."""
+        return self.accuracies[:, self.best_cost]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Selection:
@@ -375,7 +380,7 @@ class Selection:
         """
         if len(self.candidates) < 2:
             return None
-        shares = {c.name: c.accuracies[:, c.best_cost] for c in self.candidates}
+        shares = {candidate.name: candidate.at_best_cost for candidate in self.candidates}
         return compare(list(shares), shares, *self._mean_sizes())
 
     @property
@@ -426,20 +431,18 @@ class Selection:
 
     def table(self) -> Table:
         """Return the candidates at their best C on the outer folds, best first, with how often each was chosen."""
-        rows = []
-        for candidate in self.candidates:
-            shares = candidate.accuracies[:, candidate.best_cost]
-            mean = float(shares.mean())
-            cells = (
+        best_first = sorted(self.candidates, key=lambda candidate: -candidate.at_best_cost.mean())
+        rows = [
+            (
                 f"{'> ' if candidate is self.best else '  '}{candidate.name}",
                 f"{self.relative_costs[candidate.best_cost]:g}",
-                percent(mean),
-                f"{100 * sample_sd(shares):.1f}",
+                percent(float(candidate.at_best_cost.mean())),
+                f"{100 * sample_sd(candidate.at_best_cost):.1f}",
                 str(self.votes[candidate.name]),
                 str(candidate.n_features),
             )
-            rows.append((mean, cells))
-        rows.sort(key=lambda row: -row[0])
+            for candidate in best_first
+        ]
         notes = (
             "accuracy: mean over the outer folds at the candidate's best C; these figures made the choice, so the "
             "highest of them is too good",
@@ -450,7 +453,7 @@ class Selection:
         return Table(
             f"Candidates{' (SYNTHETIC recordings)' if self.synthetic else ''}",
             ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension"),
-            tuple(cells for _, cells in rows),
+            tuple(rows),
             (*notes, *map(of_check, self.notes)),
         )
 
