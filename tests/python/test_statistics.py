@@ -8,13 +8,18 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import integrate, optimize, special, stats
+from sklearn.metrics import f1_score, recall_score
 
 from granular_id.statistics import (
     bayesian_correlated_t,
+    confusion_counts,
     corrected_interval,
     corrected_resampled_t,
     holm,
+    macro_f1,
     mann_whitney,
+    recall_per_class,
+    sample_sd,
 )
 
 DIFFERENCES = [0.031, -0.008, 0.015, 0.023, 0.008, 0.0, 0.038, -0.015, 0.023, 0.015]
@@ -175,6 +180,24 @@ def test_mann_whitney_with_ties_is_the_normal_approximation():
 
 def test_mann_whitney_of_equal_values_is_one():
     assert mann_whitney([0.5] * 20, [0.5] * 20) == 1.0
+
+
+def test_figures_of_a_confusion_are_scikit_learns_to_the_bit_where_classes_are_missing_too():
+    rng = np.random.default_rng(4)
+    for n_classes in (2, 5, 12):
+        truth, predicted = rng.integers(0, n_classes - 1, 40), rng.integers(0, n_classes, 40)
+        confusion = confusion_counts(truth, predicted, n_classes)
+        assert (confusion.shape, confusion.sum()) == ((n_classes, n_classes), 40)
+        classes = {"labels": range(n_classes)}
+        recall = recall_score(truth, predicted, average=None, zero_division=np.nan, **classes)
+        np.testing.assert_array_equal(recall_per_class(confusion), recall)
+        f1 = f1_score(truth, predicted, average="macro", zero_division=0, **classes)
+        assert macro_f1(confusion) == f1
+
+
+def test_a_single_value_has_no_spread():
+    assert math.isnan(sample_sd(np.array([0.9])))
+    assert sample_sd(np.array([1.0, 3.0])) == math.sqrt(2)
 
 
 @pytest.mark.parametrize(
