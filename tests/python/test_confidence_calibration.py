@@ -218,10 +218,10 @@ def test_the_strictest_folds_that_there_are():
     assert rows_of(recordings(["mon", "tue"])).folds()[1] == "2 folds of whole sessions"
     assert rows_of(recordings(["mon", "tue"])).folds(strict=False)[1] == "6 random folds"
     assert rows_of(recordings()).folds()[1] == "5 blocks of each class in time order"
-    assert rows_of(recordings()).honest()[1] == "halves in time order"
+    assert rows_of(recordings()).partitions()[1] == "halves in time order"
     assert rows_of(recordings(["mon"])).folds()[1] == "5 blocks of each class in time order"
     by_file = rows_of(recordings(times=False))
-    assert by_file.order is not None  # the order of the files
+    assert by_file.groups.order is not None  # the order of the files
     random = rows_of(X, Y).folds()[1]
     assert random == "10 random folds (sessions are not known; no order in time is known)"
     assert len(rows_of(X[::25], Y[::25]).folds()[0]) == 2
@@ -231,7 +231,7 @@ def test_some_rows_keep_their_order_and_classes():
     rows = rows_of(X, Y, in_time_order=True, sessions=["s"] * 150)
     taken = rows.take(np.array([149, 3, 120]))
     assert taken.classes == ("0", "2")
-    assert taken.order.tolist() == [1, 2, 0]
+    assert taken.groups.order.tolist() == [1, 2, 0]
     assert (X[[149, 3, 120]] == taken.X).all()
     assert taken.labels.tolist() == ["2", "0", "2"]
 
@@ -242,7 +242,7 @@ def test_some_rows_keep_their_order_and_classes():
         ({"data": X}, "y must hold a label"),
         ({"data": X, "y": Y[:-1]}, "a row and a label each"),
         ({"data": Y, "y": Y}, "a row and a label each"),
-        ({"data": X, "y": Y, "sessions": ["a"]}, "sessions must hold one for each of the 150 rows"),
+        ({"data": X, "y": Y, "sessions": ["a"]}, "sessions must name one session per row of X, 150, got 1"),
         ({"data": X[:50], "y": Y[:50]}, "at least 2 classes"),
         ({"data": recordings(), "y": Y}, "come from the data set"),
     ],

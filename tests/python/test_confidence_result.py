@@ -12,14 +12,15 @@ from sklearn.pipeline import make_pipeline
 
 from cli_cases import ended_well, make, refused, saved
 from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study, leave_one_material_out
-from granular_id.confidence.assess import count_trainings
+from granular_id.confidence.assessment import count_trainings
 from granular_id.confidence.calibration import reliability
-from granular_id.confidence.coverage import CoverageResult, Covered, random_partition
+from granular_id.confidence.coverage import CoverageResult, Covered
 from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.plotting.confidence import plot_confidence
 from granular_id.recording import Dataset
 from granular_id.spaces import RawHFMH
+from granular_id.splits import random_partition
 from granular_id.synthetic import synthesize
 
 X, Y = load_iris(return_X_y=True)

@@ -14,17 +14,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import softmax
 
 from granular_id._checks import whole_number
 from granular_id._files import write_json
 from granular_id._text import Table, percent
-from granular_id.confidence.conformal import fit_temperature, softmax
-from granular_id.confidence.held_out import HeldOutScores
-
-__all__ = ["Bin", "Reliability", "probabilities_of", "reliability"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
+from granular_id.confidence.conformal import fit_temperature
+from granular_id.confidence.held_out import FloatArray, HeldOutScores, IntArray
 
 N_BINS = 15
 _MOST_BY_CHANCE = 0.2  # where calibrated models reach further, probabilities that are 20 points off go unseen
@@ -130,17 +126,11 @@ class Reliability:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
-        plain = {
-            name: getattr(self, name) for name in ("n", "accuracy", "confidence", "ece", "brier", "log_loss")
-        }
         return {
-            **plain,
+            **vars(self),
             "ece_interval": list(self.ece_interval),
             "ece_if_calibrated": list(self.ece_if_calibrated),
             "bins": [vars(part).copy() for part in self.bins],
-            "source": self.source,
-            "held_out": self.held_out,
-            "synthetic": self.synthetic,
         }
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -162,7 +152,7 @@ def probabilities_of(scored: HeldOutScores) -> tuple[FloatArray, str]:
     for fold in folds:
         held = scored.folds == fold
         others = ~held if folds.size > 1 else held
-        found[held] = softmax(values[held] / fit_temperature(values[others], truth[others]))
+        found[held] = softmax(values[held] / fit_temperature(values[others], truth[others]), axis=-1)
     return found, "softmax of the class values, its temperature fitted on the other folds"
 
 
@@ -232,6 +222,11 @@ def reliability(
     calibrated = [error(rows, rng.random(len(rows)) < sure) for _ in range(n_bootstrap)]
     wanted = np.zeros_like(given)
     wanted[rows, codes] = 1.0
+    bins = tuple(
+        Bin(k / n_bins, (k + 1) / n_bins, int(own.sum()), float(sure[own].mean()), float(right[own].mean()))
+        for k in range(n_bins)
+        if (own := places == k).any()
+    )
     return Reliability(
         n=len(codes),
         accuracy=float(right.mean()),
@@ -241,17 +236,7 @@ def reliability(
         ece_if_calibrated=_middle(calibrated),
         brier=float(((given - wanted) ** 2).sum(axis=1).mean()),
         log_loss=float(np.log(1.0 / np.clip(given[rows, codes], _LEAST, 1.0)).mean()),  # never -0
-        bins=tuple(
-            Bin(
-                k / n_bins,
-                (k + 1) / n_bins,
-                int(own.sum()),
-                float(sure[own].mean()),
-                float(right[own].mean()),
-            )
-            for k in range(n_bins)
-            if (own := places == k).any()
-        ),
+        bins=bins,
         source=source,
         held_out=held_out,
         synthetic=bool(synthetic),

@@ -1,6 +1,8 @@
 """Sets of materials that hold the right one as often as was asked for.
 
-Source: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005).
+Sources: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005); Romano, Sesia, Candes,
+"Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative score; Sadinle, Lei, Wasserman,
+"Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the probability score.
 """
 
 from __future__ import annotations
@@ -14,16 +16,33 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
+from scipy.special import softmax
 
+from granular_id._checks import named
 from granular_id.confidence._stored import Reader
 from granular_id.confidence.held_out import HeldOutScores
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 
 FORMAT = "granular-id conformal rule 1"
 
+LEVELS = (0.8, 0.9, 0.95)
+"""Default coverages: the usual ones; 0.95 needs 19 calibration rows."""
+
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        "margin": "the best other value minus the own",
+        "probability": "minus the own probability",
+        "cumulative": "the probability of all classes down to the own, the likeliest first",
+    }
+)
+"""How badly a class fits a row, by name."""
+
 _NAMED = 3
 _ROUNDING = 1e-9  # (n + 1) * 0.9 may come out a hair above a whole number
+_LOG_RANGE = 12.0  # temperatures from e^-12 to e^12 of the spread of the values
+_LEAST = 1e-300
 
 
 @dataclass(frozen=True)
@@ -73,10 +92,8 @@ class ConformalRule:
 
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
-        if n_classes < 2 or len(set(self.classes)) < n_classes:
-            raise ValueError(f"classes must be at least 2 different names, got {self.classes!r:.200}")
-        if self.kind not in KINDS:
-            raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {self.kind!r}")
+        check_classes(self.classes)
+        named(KINDS, "kind", self.kind)
         checked_levels(self.levels)
         if list(self.levels) != sorted(self.levels):
             raise ValueError(f"levels must ascend, got {self.levels}")
@@ -92,8 +109,8 @@ class ConformalRule:
             raise ValueError(f"n_calibration must hold {widths.pop()} counts, got {self.n_calibration}")
         if not 0 < self.temperature < math.inf:
             raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
-        alone = len(self.classes) if widths == {1} else 1
-        limits = {level: row * alone for level, row in zip(self.levels, self.thresholds, strict=True)}
+        repeat = n_classes if widths == {1} else 1
+        limits = {level: row * repeat for level, row in zip(self.levels, self.thresholds, strict=True)}
         object.__setattr__(self, "_limits", limits)
 
     @property
@@ -140,13 +157,7 @@ class ConformalRule:
             A level that is not stored, values of another shape, NaN.
         """
         limits = self.limits_of(level)
-        given = np.asarray(values, dtype=np.float64)
-        if given.ndim not in (1, 2) or given.shape[-1] != len(self.classes):
-            raise ValueError(
-                f"values must have shape (K,) or (n, K) with K = {len(self.classes)}, got {given.shape}"
-            )
-        if not np.isfinite(given).all():
-            raise ValueError("values must be finite, got NaN or infinity")
+        given = checked_scores("values", values, len(self.classes))
         inside: npt.NDArray[np.bool_] = nonconformity(given, self.kind, self.temperature) <= limits
         return inside
 
@@ -219,6 +230,22 @@ class ConformalRule:
         return rule
 
 
+def check_classes(classes: tuple[str, ...]) -> None:
+    """Refuse classes of a rule that are not at least two different names."""
+    if len(classes) < 2 or len(set(classes)) < len(classes):
+        raise ValueError(f"classes must be at least 2 different names, got {classes!r:.200}")
+
+
+def checked_scores(argument: str, scores: npt.ArrayLike, width: int) -> FloatArray:
+    """Return finite scores (width,) or (n, width), or say what is wrong with them."""
+    given = np.asarray(scores, dtype=np.float64)
+    if given.ndim not in (1, 2) or given.shape[-1] != width:
+        raise ValueError(f"{argument} must have shape ({width},) or (n, {width}), got {given.shape}")
+    if not np.isfinite(given).all():
+        raise ValueError(f"{argument} must be finite, got NaN or infinity")
+    return given
+
+
 def checked_levels(levels: Sequence[float]) -> tuple[float, ...]:
     """Return levels ascending, or say what is wrong with them."""
     found = tuple(float(level) for level in levels)
@@ -233,28 +260,11 @@ def rank_of(n: int, level: float) -> int:
 
 
 def rows_needed(level: float) -> int:
-    """Fewest calibration rows with which a level can be kept without sets that hold everything.
-
-    Examples
-    --------
-    >>> rows_needed(0.8), rows_needed(0.9), rows_needed(0.95)
-    (4, 9, 19)
-    """
+    """Fewest calibration rows with which a level can be kept without sets that hold everything."""
     n = max(1, math.floor(level / (1 - level)) - 1)
     while rank_of(n, level) > n:
         n += 1
     return n
-
-
-# Thresholds of prediction sets, from scores of rows that did not train.
-
-IntArray = npt.NDArray[np.intp]
-
-LEVELS = (0.8, 0.9, 0.95)
-"""Default coverages: the usual ones; 0.95 needs 19 calibration rows."""
-
-_LOG_RANGE = 12.0  # temperatures from e^-12 to e^12 of the spread of the values
-_LEAST = 1e-300
 
 
 def conformal_rule(
@@ -296,8 +306,7 @@ def conformal_rule(
     >>> float(covered.mean()) >= 0.9
     True
     """
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(map(repr, KINDS))}, got {kind!r}")
+    named(KINDS, "kind", kind)
     wanted = checked_levels(levels)
     values, truth = scored.scores.values, scored.truth
     temperature = 1.0 if kind == "margin" else fit_temperature(values, truth)
@@ -315,13 +324,7 @@ def conformal_rule(
 
 
 def conformal_quantile(scores: FloatArray, level: float) -> float:
-    """Return the ceil((n + 1) level)-th smallest of n scores; infinite where that is more than n.
-
-    Examples
-    --------
-    >>> conformal_quantile(np.arange(9.0), 0.9), conformal_quantile(np.arange(8.0), 0.9)
-    (8.0, inf)
-    """
+    """Return the ceil((n + 1) level)-th smallest of n scores; infinite where that is more than n."""
     rank = rank_of(len(scores), level)
     return math.inf if rank > len(scores) else float(np.partition(scores, rank - 1)[rank - 1])
 
@@ -335,44 +338,22 @@ def fit_temperature(values: FloatArray, truth: IntArray) -> float:
     rows = np.arange(len(truth))
 
     def loss(log_temperature: float) -> float:
-        shares = softmax(values / (spread * math.exp(log_temperature)))[rows, truth]
+        shares = softmax(values / (spread * math.exp(log_temperature)), axis=-1)[rows, truth]
         return -float(np.log(np.maximum(shares, _LEAST)).mean())
 
     found = minimize_scalar(loss, bounds=(-_LOG_RANGE, _LOG_RANGE), method="bounded")
     return spread * math.exp(float(found.x))
 
 
-# How badly each class fits a row, by its class values: what sets of classes are made of.
-#
-# Source: Romano, Sesia, Candes, "Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative
-# score; Sadinle, Lei, Wasserman, "Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the
-# probability score.
-
-KINDS: Mapping[str, str] = MappingProxyType(
-    {
-        "margin": "the best other value minus the own",
-        "probability": "minus the own probability",
-        "cumulative": "the probability of all classes down to the own, the likeliest first",
-    }
-)
-"""How badly a class fits a row, by name."""
-
-
 def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArray:
-    """How badly each class fits, by a kind of `KINDS`, for class values (..., K).
-
-    Examples
-    --------
-    >>> nonconformity(np.array([3.0, 1.0, 2.0]), "margin", 1.0).tolist()
-    [-1.0, 2.0, 1.0]
-    """
+    """How badly each class fits, by a kind of `KINDS`, for class values (..., K)."""
     if kind == "margin":
         order = np.argpartition(values, -2, axis=-1)[..., -2:]
         two = np.take_along_axis(values, order, axis=-1)
         margins: FloatArray = two[..., 1:] - values
         np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
         return margins
-    shares = softmax(values / temperature)
+    shares: FloatArray = softmax(values / temperature, axis=-1)
     if kind == "probability":
         return -shares
     order = np.argsort(-shares, axis=-1, kind="stable")
@@ -380,10 +361,3 @@ def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArr
     sums = np.take_along_axis(shares, order, axis=-1).cumsum(axis=-1)
     np.put_along_axis(cumulative, order, sums, axis=-1)
     return cumulative
-
-
-def softmax(values: FloatArray) -> FloatArray:
-    """Shares (..., K) proportional to the exponentials of values (..., K)."""
-    powers = np.exp(values - values.max(axis=-1, keepdims=True))
-    shares: FloatArray = powers / powers.sum(axis=-1, keepdims=True)
-    return shares

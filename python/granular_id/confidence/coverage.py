@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed
 
 from granular_id._checks import whole_number
 from granular_id._files import write_json
+from granular_id._parallel import in_threads
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table, percent
-from granular_id.confidence.conformal import LEVELS, checked_levels, conformal_rule, rank_of
-from granular_id.confidence.held_out import Rows, held_out_scores, rows_of, scores_of, without_fixed_steps
+from granular_id.confidence.conformal import LEVELS, ConformalRule, checked_levels, conformal_rule, rank_of
+from granular_id.confidence.held_out import (
+    FloatArray,
+    IntArray,
+    Rows,
+    held_out_scores,
+    rows_of,
+    scores_of,
+    without_fixed_steps,
+)
 from granular_id.recording import Dataset
-from granular_id.splits import Partition, splittable_rows
-
-__all__ = ["CoverageResult", "Covered", "coverage_study", "random_partition"]
-
-TEST_SHARE = 0.3
-"""Rows that a random partition tests: enough to see a point, and the model keeps most of its training."""
+from granular_id.splits import RANDOM_TEST_SHARE, Partition, random_partition
 
 
 @dataclass(frozen=True)
@@ -182,77 +185,48 @@ def coverage_study(
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     rows.refuse_few(n_folds)
     wanted = checked_levels(levels)
-    n_seeds = whole_number("n_seeds", n_seeds)
-    drawn = [random_partition(rows.codes, seed + k) for k in range(n_seeds)]
-    kinds = [(f"random {100 * TEST_SHARE:.0f} %", True, drawn)]
-    honest, held_out = rows.honest(n_folds, seed=seed)
-    if honest[0].protocol != "kfold":
-        kinds.append((held_out, False, honest))
+    drawn = [random_partition(rows.codes, seed + k) for k in range(whole_number("n_seeds", n_seeds))]
+    kinds = [(f"random {100 * RANDOM_TEST_SHARE:.0f} %", True, drawn)]
+    strictest, held_out = rows.partitions(n_folds, seed=seed)
+    if strictest[0].protocol != "kfold":
+        kinds.append((held_out, False, strictest))
     model, rows = without_fixed_steps(model, rows)
+
+    def covered(k: int, partition: Partition, strict: bool) -> list[tuple[float, float, float, float]]:
+        train, truth = rows.take(partition.train), rows.codes[partition.test]
+        if len(train.classes) < len(rows.classes):
+            raise ValueError(f"the training part of {partition.description!r} must hold every class")
+        folds, held_out = train.folds(n_folds, seed=seed + k, strict=strict)
+        crossed = held_out_scores(model, train, folds, held_out=held_out)
+        rule = conformal_rule(crossed, wanted, kind=kind, per_class=per_class)
+        values = scores_of(train.trained(model), rows.X[partition.test], train.classes).values
+        ticker.tick(partition.description)
+        return [_figures(rule, values, truth, level) for level in wanted]
+
     found = []
     with showing(progress) as callback:
         ticker = Ticker(sum(len(partitions) for _, _, partitions in kinds), callback)
-        run = _Run(rows, model, wanted, kind, per_class, n_folds, ticker.tick)
         for name, random, partitions in kinds:
-            each = Parallel(n_jobs=n_jobs, prefer="threads")(
-                delayed(run)(partition, seed + k, strict=not random) for k, partition in enumerate(partitions)
-            )
-            found += [
-                Covered(
-                    name,
-                    random,
-                    level,
-                    attainable=float(np.mean([one[0][j] for one in each])),
-                    coverage=tuple(one[1][j] for one in each),
-                    size=float(np.mean([one[2][j] for one in each])),
-                    empty=float(np.mean([one[3][j] for one in each])),
-                )
-                for j, level in enumerate(wanted)
-            ]
+            tasks = [(k, partition, not random) for k, partition in enumerate(partitions)]
+            each = in_threads(lambda task: covered(*task), tasks, n_jobs)
+            for level, of_level in zip(wanted, zip(*each, strict=True), strict=True):
+                attainable, coverage, size, empty = zip(*of_level, strict=True)
+                means = (float(np.mean(figure)) for figure in (size, empty))
+                found.append(Covered(name, random, level, float(np.mean(attainable)), coverage, *means))
     return CoverageResult(tuple(found), kind, per_class, len(rows.classes), rows.synthetic)
 
 
-def random_partition(codes: npt.NDArray[np.intp], seed: int) -> Partition:
-    """Draw `TEST_SHARE` of each class for testing, at least one row, leaving at least two where there are three."""
-    rng = np.random.default_rng(seed)
-    test = []
-    for own in splittable_rows(codes, "random").values():
-        n_test = max(1, min(round(TEST_SHARE * own.size), own.size - 2))
-        test.append(rng.permutation(own)[:n_test])
-    tested = np.sort(np.concatenate(test))
-    train = np.setdiff1d(np.arange(len(codes)), tested)
-    return Partition("paper", seed, f"random partition {seed}", train, tested)
-
-
-@dataclass(frozen=True)
-class _Run:
-    rows: Rows
-    model: Any
-    levels: tuple[float, ...]
-    kind: str
-    per_class: bool
-    n_folds: int | None
-    tick: Callable[[str], None]
-
-    def __call__(self, partition: Partition, seed: int, *, strict: bool) -> tuple[list[float], ...]:
-        """Attainable and reached coverage, size and share of empty sets, for each level."""
-        train = self.rows.take(partition.train)
-        if len(train.classes) < len(self.rows.classes):
-            raise ValueError(f"the training part of {partition.description!r} must hold every class")
-        folds, held_out = train.folds(self.n_folds, seed=seed, strict=strict)
-        crossed = held_out_scores(self.model, train, folds, held_out=held_out)
-        rule = conformal_rule(crossed, self.levels, kind=self.kind, per_class=self.per_class)
-        values = scores_of(train.trained(self.model), self.rows.X[partition.test], train.classes).values
-        truth = self.rows.codes[partition.test]
-        every: tuple[list[float], ...] = ([], [], [], [])
-        for level in self.levels:
-            inside = rule.sets(values, level)
-            counts = inside.sum(axis=1)
-            attainable = [min(rank_of(n, level) / (n + 1), 1.0) for n in rule.n_calibration]
-            weights = np.bincount(truth, minlength=len(attainable)) if self.per_class else None
-            every[0].append(float(np.average(attainable, weights=weights)))
-            every[1].append(float(inside[np.arange(len(truth)), truth].mean()))
-            every[2].append(float(counts.mean()))
-            every[3].append(float((counts == 0).mean()))
-        self.tick(partition.description)
-        return every
+def _figures(
+    rule: ConformalRule, values: FloatArray, truth: IntArray, level: float
+) -> tuple[float, float, float, float]:
+    """Attainable and reached coverage, mean size and share of empty sets, of one level on tested rows."""
+    attainable = [min(rank_of(n, level) / (n + 1), 1.0) for n in rule.n_calibration]
+    weights = np.bincount(truth, minlength=len(attainable)) if rule.per_class else None
+    inside = rule.sets(values, level)
+    sizes = inside.sum(axis=1)
+    return (
+        float(np.average(attainable, weights=weights)),
+        float(inside[np.arange(len(truth)), truth].mean()),
+        float(sizes.mean()),
+        float((sizes == 0).mean()),
+    )

@@ -8,30 +8,195 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
-from granular_id._estimators import asked_for, learns
+from granular_id._checks import whole_number
+from granular_id._estimators import learns
+from granular_id._parallel import in_threads
 from granular_id.recording import Dataset
 from granular_id.splits import (
+    Groups,
     Partition,
     block_partitions,
-    chronological_partitions,
-    describe_order,
+    checked_groups,
+    groups_of,
     kfold_partitions,
     protocol_name,
-    session_partitions,
     splittable_rows,
+    strict_partitions,
     why_no_sessions,
 )
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+N_FOLDS = 5
+"""Sessions or blocks in time are held out in so many folds: larger blocks have fewer neighbours that train."""
+
+N_RANDOM_FOLDS = 10
+"""Random folds: nine tenths of the rows train. With five, sets come out up to 2 points too large where rows are few."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Recordings or features to learn from, with what is known of how they were recorded.
+
+    Attributes
+    ----------
+    X : ndarray, shape (n, ...)
+        Whatever the model takes: recordings (n, T, C) or features (n, D).
+    codes : ndarray of int, shape (n,)
+        Class of each row, an index into `classes`.
+    classes : tuple of str
+        Sorted labels.
+    groups : Groups
+        Sessions, all or none, and the order in time.
+    synthetic : bool
+    """
+
+    X: npt.NDArray[Any]
+    codes: IntArray
+    classes: tuple[str, ...]
+    groups: Groups
+    synthetic: bool = False
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @property
+    def labels(self) -> npt.NDArray[np.str_]:
+        """Label of each row (n,)."""
+        named: npt.NDArray[np.str_] = np.array(self.classes)[self.codes]
+        return named
+
+    def take(self, rows: IntArray) -> Rows:
+        """Return some of the rows, in the order given, with the classes that they hold."""
+        kept, codes = np.unique(self.codes[rows], return_inverse=True)
+        classes = tuple(self.classes[k] for k in kept)
+        return Rows(self.X[rows], codes.astype(np.intp), classes, self.groups.take(rows), self.synthetic)
+
+    def trained(self, model: Any) -> Any:
+        """Return a clone of a model, fitted on the rows; one that asks is told their sessions and their order."""
+        known = self.groups.fit_arguments(model, np.arange(len(self)))
+        return clone(model).fit(self.X, self.labels, **known)
+
+    def folds(
+        self, n_folds: int | None = None, *, seed: int = 0, strict: bool = True
+    ) -> tuple[list[Partition], str]:
+        """Folds in which every row is tested once, and a line on what they hold out.
+
+        Whole sessions where every class has two or more; else contiguous blocks in time of each class; else, or
+        when not `strict`, stratified random folds. Default: `N_FOLDS`, or `N_RANDOM_FOLDS` random ones.
+        """
+        largest = max(own.size for own in splittable_rows(self.labels, "cross-fitting").values())
+        n_random = min(N_RANDOM_FOLDS if n_folds is None else n_folds, largest)
+        n_folds = min(N_FOLDS if n_folds is None else n_folds, largest)
+        why = ""
+        if strict:
+            blocks = partial(block_partitions, n_folds=n_folds)
+            folds, left_out = strict_partitions(self.codes, self.groups, max_folds=n_folds, in_time=blocks)
+            if not left_out:
+                return folds, f"{len(folds)} folds of whole sessions"
+            if folds:
+                return folds, f"{n_folds} blocks of each class in time order"
+            why = f" ({why_no_sessions(self.codes, self.groups.sessions)}; {self.groups.basis})"
+        return kfold_partitions(self.codes, n_folds=n_random, seed=seed), f"{n_random} random folds{why}"
+
+    def partitions(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
+        """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
+        if self.in_halves:
+            splittable_rows(self.labels, "chronological")
+            partitions, _ = strict_partitions(self.codes, self.groups)
+        else:
+            partitions, _ = self.folds(n_folds, seed=seed)
+        return partitions, protocol_name(partitions[0].protocol, partitions)
+
+    @property
+    def in_halves(self) -> bool:
+        """Whether halves in time order are the strictest to judge by."""
+        return self.groups.rank is not None and bool(why_no_sessions(self.codes, self.groups.sessions))
+
+    def refuse_few(self, n_folds: int | None = None) -> None:
+        """Refuse materials of which `partitions` or random ones would train on a single row.
+
+        Nothing could be held out within such a part, and a fit long after others would say so.
+        """
+        if n_folds is not None:
+            whole_number("n_folds", n_folds, least=2)
+        counts = np.bincount(self.codes)
+        needed = 4 if self.in_halves or n_folds == 2 else 3
+        few = counts < needed
+        reason = (
+            "either half in time order holds 2" if self.in_halves else "2 train while others are held out"
+        )
+        why = f"at least {needed} of each are needed, so that {reason}"
+        if not few.any() and not why_no_sessions(self.codes, self.groups.sessions):
+            parts = [
+                np.bincount(self.codes[part.train], minlength=len(counts))
+                for part in self.partitions(n_folds)[0]
+            ]
+            few = np.min(parts, axis=0) < 2
+            why = "at least 2 of each must train while whole sessions are held out"
+        if few.any():
+            names = [repr(self.classes[k]) for k in np.flatnonzero(few)]
+            said = ", ".join(f"{name} ({n})" for name, n in zip(names, counts[few].tolist(), strict=True))
+            raise ValueError(
+                f"too few recordings of {said}: {why}; leave out {', '.join(names)}, or record more"
+            )
+
+
+def rows_of(
+    data: Dataset | Rows | npt.ArrayLike,
+    y: npt.ArrayLike | None = None,
+    *,
+    sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
+    in_time_order: bool = False,
+) -> Rows:
+    """Take a data set, or arrays, as rows; rows stay as they are.
+
+    Parameters
+    ----------
+    data : Dataset, Rows or array-like, shape (n, ...)
+        Recordings with labels, sessions and times; or what the model takes, with labels in `y`.
+    y : array-like, shape (n,), optional
+        Labels, of arrays only.
+    sessions : sequence of n str, optional
+        Session of each row, of arrays only. Where that of some row is not known, none counts.
+    in_time_order : bool, default False
+        Rows of arrays stand in the order in which they were recorded. A data set knows its order itself.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Labels that are missing, given twice or do not fit the rows; fewer than two classes.
+    """
+    if isinstance(data, Dataset | Rows):
+        if y is not None or sessions is not None:
+            raise ValueError("y and sessions come from the data set: leave them out, or pass data.X as data")
+        if isinstance(data, Rows):
+            return data
+        X, labels, groups, synthetic = data.X, data.y, groups_of(data), data.is_synthetic
+    else:
+        if y is None:
+            raise ValueError("y must hold a label for each row where data is an array, got None")
+        X, labels, synthetic = np.asarray(data), np.asarray(y), False
+        if labels.ndim != 1 or X.ndim < 2 or len(labels) != len(X):
+            raise ValueError(
+                f"data (n, ...) and y (n,) must hold a row and a label each, got shapes {X.shape} and {labels.shape}"
+            )
+        groups = checked_groups(len(X), sessions, np.arange(len(X)) if in_time_order else None)
+    if any(session is None for session in groups.sessions):
+        groups = replace(groups, sessions=np.full(len(X), None, dtype=object))
+    classes, codes = np.unique(labels.astype(np.str_), return_inverse=True)
+    if len(classes) < 2:
+        raise ValueError(f"confidence needs rows of at least 2 classes, got {len(classes)}")
+    return Rows(X, codes.astype(np.intp), tuple(classes.tolist()), groups, synthetic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,16 +315,19 @@ def held_out_scores(
         raise ValueError("partitions must test each row at most once")
     model, rows = without_fixed_steps(model, rows)
 
-    def one(partition: Partition) -> Scores:
+    def scored(partition: Partition) -> Scores:
         fitted = rows.take(partition.train).trained(model)
         scores = scores_of(fitted, rows.X[partition.test], rows.classes)
         done(partition.description)
         return scores
 
-    each = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(one)(partition) for partition in partitions)
+    scores = _joined(in_threads(scored, partitions, n_jobs))
     folds = np.repeat(np.arange(len(partitions)), [partition.test.size for partition in partitions])
-    groups = _groups(rows, tested)
-    return HeldOutScores(rows.classes, rows.codes[tested], _joined(each), tested, folds, groups, held_out)
+    groups = np.arange(len(tested), dtype=np.intp)
+    sessions = rows.groups.sessions[tested]
+    if None not in sessions.tolist():
+        groups = np.unique(sessions, return_inverse=True)[1].astype(np.intp)
+    return HeldOutScores(rows.classes, rows.codes[tested], scores, tested, folds, groups, held_out)
 
 
 def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Scores:
@@ -184,11 +352,10 @@ def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Score
         raise ValueError(
             f"decision_function must give a value per class, ({len(X)}, {len(classes)}), got {values.shape}"
         )
-    binary = coding = None
+    binary = coding = probabilities = None
     if hasattr(last, "binary_scores"):
         binary = np.asarray(last.binary_scores(features), dtype=np.float64)
         coding = np.asarray(last.coding_matrix_)
-    probabilities = None
     if hasattr(last, "predict_proba"):
         probabilities = np.asarray(last.predict_proba(features), dtype=np.float64)
     return Scores(values, binary, probabilities, coding)
@@ -204,259 +371,12 @@ def without_fixed_steps(model: Any, rows: Rows) -> tuple[Any, Rows]:
 
 
 def _joined(each: Sequence[Scores]) -> Scores:
-    values = np.concatenate([one.values for one in each])
-    coding = each[0].coding
-    binary = [one.binary for one in each if one.binary is not None]
+    def together(name: str) -> Any:
+        parts = [getattr(one, name) for one in each]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    coding, binary = each[0].coding, together("binary")
     # Random codings without a seed differ from fold to fold: their scores cannot be compared.
-    if coding is None or not all(
-        one.coding is not None and np.array_equal(coding, one.coding) for one in each
-    ):
-        binary, coding = [], None
-    shares = [one.probabilities for one in each if one.probabilities is not None]
-    return Scores(
-        values,
-        np.concatenate(binary) if binary else None,
-        np.concatenate(shares) if shares else None,
-        coding,
-    )
-
-
-def _groups(rows: Rows, tested: IntArray) -> IntArray:
-    if rows.sessions is None:
-        return np.arange(len(tested), dtype=np.intp)
-    return np.unique(rows.sessions[tested], return_inverse=True)[1].astype(np.intp)
-
-
-# Recordings or features with their labels, and the strictest folds that they allow.
-
-N_FOLDS = 5
-"""Sessions or blocks in time are held out in so many folds: larger blocks have fewer neighbours that train."""
-
-N_RANDOM_FOLDS = 10
-"""Random folds: nine tenths of the rows train. With five, sets come out up to 2 points too large where rows are few."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows to learn from, with what is known of how they were recorded.
-
-    Attributes
-    ----------
-    X : ndarray, shape (n, ...)
-        Whatever the model takes: recordings (n, T, C) or features (n, D).
-    codes : ndarray of int, shape (n,)
-        Class of each row, an index into `classes`.
-    classes : tuple of str
-        Sorted labels.
-    sessions : ndarray of str, shape (n,), or None
-        None where the session of some row is not known.
-    order : ndarray of int, shape (n,), or None
-        Rows from the earliest to the latest; None where that is not known.
-    no_order : str
-        Why there is no order; empty where there is one.
-    synthetic : bool
-    """
-
-    X: npt.NDArray[Any]
-    codes: IntArray
-    classes: tuple[str, ...]
-    sessions: npt.NDArray[np.str_] | None
-    order: IntArray | None
-    no_order: str = ""
-    synthetic: bool = False
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-    @property
-    def labels(self) -> npt.NDArray[np.str_]:
-        """Label of each row (n,)."""
-        named: npt.NDArray[np.str_] = np.array(self.classes)[self.codes]
-        return named
-
-    def take(self, rows: IntArray) -> Rows:
-        """Return some of the rows, in the order given, with the classes that they hold."""
-        kept, codes = np.unique(self.codes[rows], return_inverse=True)
-        order = None
-        if self.order is not None:
-            order = np.argsort(np.argsort(self.order)[rows], kind="stable")
-        return replace(
-            self,
-            X=self.X[rows],
-            codes=codes.astype(np.intp),
-            classes=tuple(self.classes[k] for k in kept),
-            sessions=None if self.sessions is None else self.sessions[rows],
-            order=order,
-        )
-
-    def trained(self, model: Any) -> Any:
-        """Return a clone of a model, fitted on the rows; one that asks is told their sessions and their order."""
-        known = asked_for(model, {"sessions": self.sessions, "order": self.order})
-        return clone(model).fit(self.X, self.labels, **known)
-
-    def folds(
-        self, n_folds: int | None = None, *, seed: int = 0, strict: bool = True
-    ) -> tuple[list[Partition], str]:
-        """Folds in which every row is tested once, and a line on what they hold out.
-
-        Whole sessions where every class has two or more; else contiguous blocks in time of each class; else, or
-        when not `strict`, stratified random folds. Default: `N_FOLDS`, or `N_RANDOM_FOLDS` random ones.
-
-        Raises
-        ------
-        ValueError
-            A class with a single row, or one class only.
-        """
-        largest = max(own.size for own in splittable_rows(self.labels, "cross-fitting").values())
-        n_random = min(N_RANDOM_FOLDS if n_folds is None else n_folds, largest)
-        n_folds = min(N_FOLDS if n_folds is None else n_folds, largest)
-        if strict and self._has_sessions:
-            folds = session_partitions(self.codes, self.sessions, max_folds=n_folds)  # type: ignore[arg-type]
-            return folds, f"{len(folds)} folds of whole sessions"
-        if strict and self.order is not None:
-            return (
-                block_partitions(self.codes, self.order, n_folds=n_folds),
-                f"{n_folds} blocks of each class in time order",
-            )
-        why = f" ({self._why_lenient})" if strict else ""
-        return kfold_partitions(self.codes, n_folds=n_random, seed=seed), f"{n_random} random folds{why}"
-
-    def honest(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
-        """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
-        if not self._has_sessions and self.order is not None:
-            splittable_rows(self.labels, "chronological")
-            halves = chronological_partitions(self.codes, self.order)
-            return halves, protocol_name(halves[0].protocol, halves)
-        folds, _ = self.folds(n_folds, seed=seed)
-        return folds, protocol_name(folds[0].protocol, folds)
-
-    def refuse_few(self, n_folds: int | None = None) -> None:
-        """Refuse materials of which `honest` or random partitions would train on a single row.
-
-        Nothing could be held out within such a part, and a fit long after others would say so.
-
-        Raises
-        ------
-        ValueError
-            Naming the materials, their counts and what is needed.
-        """
-        counts = np.bincount(self.codes)
-        in_halves = not self._has_sessions and self.order is not None
-        needed = 4 if in_halves or n_folds == 2 else 3
-        few, why = (
-            counts < needed,
-            f"at least {needed} of each are needed, so that 2 train while others are held out",
-        )
-        if in_halves:
-            why = "at least 4 of each are needed, so that either half in time order holds 2"
-        if self._has_sessions and not few.any():
-            trains = [
-                np.bincount(self.codes[part.train], minlength=len(counts)) for part in self.honest(n_folds)[0]
-            ]
-            few, why = (
-                np.min(trains, axis=0) < 2,
-                "at least 2 of each must train while whole sessions are held out",
-            )
-        if few.any():
-            names = [repr(name) for name, is_few in zip(self.classes, few.tolist(), strict=True) if is_few]
-            said = ", ".join(f"{name} ({n})" for name, n in zip(names, counts[few].tolist(), strict=True))
-            raise ValueError(
-                f"too few recordings of {said}: {why}; leave out {', '.join(names)}, or record more"
-            )
-
-    @property
-    def _has_sessions(self) -> bool:
-        return not why_no_sessions(self.codes, self.sessions)
-
-    @property
-    def _why_lenient(self) -> str:
-        why = why_no_sessions(self.codes, self.sessions)
-        return f"{why}; {self.no_order}" if self.no_order else why
-
-
-def rows_of(
-    data: Dataset | Rows | npt.ArrayLike,
-    y: npt.ArrayLike | None = None,
-    *,
-    sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
-    in_time_order: bool = False,
-) -> Rows:
-    """Take a data set, or arrays, as rows.
-
-    Parameters
-    ----------
-    data : Dataset, Rows or array-like, shape (n, ...)
-        Recordings with labels, sessions and times; or what the model takes, with labels in `y`. Rows stay as they are.
-    y : array-like, shape (n,), optional
-        Labels, of arrays only.
-    sessions : sequence of n str, optional
-        Session of each row, of arrays only.
-    in_time_order : bool, default False
-        Rows of arrays stand in the order in which they were recorded. A data set knows its order itself.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Labels that are missing, given twice or do not fit the rows; fewer than two classes.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.confidence.held_out import rows_of
-    >>> rows = rows_of(np.zeros((6, 2)), ["a", "b"] * 3, in_time_order=True)
-    >>> rows.classes, rows.folds(3)[1]
-    (('a', 'b'), '3 blocks of each class in time order')
-    """
-    if isinstance(data, Dataset | Rows):
-        if y is not None or sessions is not None:
-            raise ValueError("y and sessions come from the data set: leave them out, or pass data.X as data")
-        return data if isinstance(data, Rows) else _of_dataset(data)
-    if y is None:
-        raise ValueError("y must hold a label for each row where data is an array, got None")
-    X = np.asarray(data)
-    labels = np.asarray(y)
-    if labels.ndim != 1 or X.ndim < 2 or len(labels) != len(X):
-        raise ValueError(
-            f"data (n, ...) and y (n,) must hold a row and a label each, got shapes {X.shape} and {labels.shape}"
-        )
-    known = None
-    if sessions is not None:
-        given = list(sessions)
-        if len(given) != len(X):
-            raise ValueError(f"sessions must hold one for each of the {len(X)} rows, got {len(given)}")
-        known = _known(given)
-    order = np.arange(len(X)) if in_time_order else None
-    no_order = "" if in_time_order else "no order in time is known"
-    return _checked(X, labels, known, order, no_order)
-
-
-def _of_dataset(data: Dataset) -> Rows:
-    order, no_order = None, ""
-    try:
-        describe_order(data.start_times, data.y, data.names)
-    except ValueError as why:
-        no_order = str(why)
-    else:
-        order = np.asarray(data.chronological_order()[0], dtype=np.intp)
-    return _checked(data.X, data.y, _known(data.sessions.tolist()), order, no_order, data.is_synthetic)
-
-
-def _checked(
-    X: npt.NDArray[Any],
-    labels: npt.NDArray[Any],
-    sessions: npt.NDArray[np.str_] | None,
-    order: IntArray | None,
-    no_order: str,
-    synthetic: bool = False,
-) -> Rows:
-    classes, codes = np.unique(labels.astype(np.str_), return_inverse=True)
-    if len(classes) < 2:
-        raise ValueError(f"confidence needs rows of at least 2 classes, got {len(classes)}")
-    names = tuple(classes.tolist())
-    return Rows(X, codes.astype(np.intp), names, sessions, order, no_order, synthetic)
-
-
-def _known(sessions: Sequence[Any]) -> npt.NDArray[np.str_] | None:
-    if any(session is None or session == "" for session in sessions):
-        return None
-    return np.array([str(session) for session in sessions], dtype=np.str_)
+    if binary is None or not all(np.array_equal(coding, one.coding) for one in each):  # type: ignore[arg-type]
+        coding = binary = None
+    return Scores(together("values"), binary, together("probabilities"), coding)

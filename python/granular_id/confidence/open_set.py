@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from joblib import Parallel, delayed
 from scipy.stats import rankdata
 
 from granular_id._files import write_json
+from granular_id._parallel import in_threads
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table, percent
 from granular_id.confidence.held_out import (
@@ -173,43 +173,6 @@ def _cells(name: str, row: OpenSetRow) -> tuple[str, ...]:
     return (name, f"{row.auroc:.3f}", *(percent(getattr(row, figure)) for figure in _FIGURES[1:]))
 
 
-def area_under_roc(known: FloatArray, unknown: FloatArray) -> float:
-    """Probability that an unknown row is stranger than a known one, ties counted half.
-
-    Examples
-    --------
-    >>> area_under_roc(np.array([1.0, 2.0]), np.array([2.0, 3.0]))
-    0.875
-    """
-    ranks = rankdata(np.concatenate([known, unknown]))[len(known) :]
-    n = len(unknown)
-    return float((ranks.sum() - n * (n + 1) / 2) / (n * len(known)))
-
-
-def false_positives(known: FloatArray, unknown: FloatArray, share: float = 0.95) -> float:
-    """Share of unknown rows accepted at the least limit that accepts a share of the known ones.
-
-    Examples
-    --------
-    >>> false_positives(np.arange(20.0), np.array([5.0, 18.0, 18.5, 30.0]))
-    0.5
-    """
-    limit = np.quantile(known, share, method="inverted_cdf")
-    return float((unknown <= limit).mean())
-
-
-# Leaving out one material after the other: what a model does with something it has never met.
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """One kind, one left-out material, one partition."""
-
-    figures: tuple[float, ...]
-    known: FloatArray
-    unknown: FloatArray
-
-
 def leave_one_material_out(
     data: Dataset | Rows | npt.ArrayLike,
     model: Any,
@@ -267,77 +230,60 @@ def leave_one_material_out(
         if kind not in STRANGENESS:
             raise ValueError(f"kinds must be among {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
     rows.refuse_few(n_folds)
-    partitions, held_out = rows.honest(n_folds, seed=seed)
+    partitions, held_out = rows.partitions(n_folds, seed=seed)
     model, rows = without_fixed_steps(model, rows)
+
+    def judged(unknown: int, partition: Partition) -> dict[str, _Judged]:
+        """Judge each kind; none where the partition does not test the material, or nothing else."""
+        found: dict[str, _Judged] = {}
+        is_known = rows.codes[partition.test] != unknown
+        if is_known.any() and not is_known.all():
+            train = rows.take(partition.train[rows.codes[partition.train] != unknown])
+            crossed = held_out_scores(model, train, n_folds=n_folds, seed=seed)
+            scores = scores_of(train.trained(model), rows.X[partition.test], train.classes)
+            named = np.array(train.classes)[scores.values.argmax(axis=1)]
+            right = named == rows.labels[partition.test]
+            for kind in kinds or available_kinds(crossed):
+                rule = unknown_rule(crossed, share_known=share_known, kind=kind)
+                found[kind] = _judged(rule, scores, is_known, right)
+        ticker.tick(f"without {rows.classes[unknown]}: {partition.description}")
+        return found
+
     tasks = [(unknown, partition) for unknown in range(len(rows.classes)) for partition in partitions]
     with showing(progress) as callback:
         ticker = Ticker(len(tasks), callback)
-        run = _Run(rows, model, share_known, tuple(kinds or ()), n_folds, seed, ticker.tick)
-        outcomes = Parallel(n_jobs=n_jobs, prefer="threads")(delayed(run)(*task) for task in tasks)
+        outcomes = in_threads(lambda task: judged(*task), tasks, n_jobs)
     found = [one for one in outcomes if one]
     if not found:
         raise ValueError("no partition tests both the material that is left out and others")
-    every = tuple(found[0])
-    table = [
-        row
-        for kind in every
-        for unknown, name in enumerate(rows.classes)
-        if (
-            row := _mean(
-                name, kind, [o[kind] for (k, _), o in zip(tasks, outcomes, strict=True) if k == unknown and o]
-            )
-        )
-    ]
-    spread = [
-        np.concatenate([getattr(one[every[0]], part) for one in found]) for part in ("known", "unknown")
-    ]
-    known, unknown = (values[np.isfinite(values)] for values in spread)
-    unlimited = sum(bool(np.isnan(one[every[0]].known).any()) for one in found)
+    table = []
+    for kind in found[0]:
+        for k, material in enumerate(rows.classes):
+            own = [
+                one[kind] for (unknown, _), one in zip(tasks, outcomes, strict=True) if one and unknown == k
+            ]
+            if own:
+                table.append(_row(material, kind, own))
+    first = next(iter(found[0]))
+    drawn = [np.concatenate([getattr(one[first], part) for one in found]) for part in ("known", "unknown")]
+    known, unknown = (values[np.isfinite(values)] for values in drawn)
+    unlimited = sum(bool(np.isnan(one[first].known).any()) for one in found)
     return OpenSetResult(
-        tuple(table), every[0], float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
+        tuple(table), first, float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
     )
 
 
-@dataclass(frozen=True)
-class _Run:
-    rows: Rows
-    model: Any
-    share_known: float
-    kinds: tuple[str, ...]
-    n_folds: int
-    seed: int
-    tick: Callable[[str], None]
+class _Judged(NamedTuple):
+    """Figures of `OpenSetRow`, from its AUROC on, and strangeness, of one kind, left-out material and partition."""
 
-    def __call__(self, unknown: int, partition: Partition) -> dict[str, _Outcome]:
-        """Outcome of each kind; none where the partition does not test the material, or nothing else."""
-        codes = self.rows.codes
-        tested = codes[partition.test]
-        is_known = tested != unknown
-        found: dict[str, _Outcome] = {}
-        if is_known.any() and not is_known.all():
-            found = self._judged(
-                self.rows.take(partition.train[codes[partition.train] != unknown]), partition, is_known
-            )
-        self.tick(f"without {self.rows.classes[unknown]}: {partition.description}")
-        return found
-
-    def _judged(
-        self, train: Rows, partition: Partition, is_known: npt.NDArray[np.bool_]
-    ) -> dict[str, _Outcome]:
-        crossed = held_out_scores(self.model, train, n_folds=self.n_folds, seed=self.seed)
-        scores = scores_of(train.trained(self.model), self.rows.X[partition.test], train.classes)
-        right = np.array(train.classes)[scores.values.argmax(axis=1)] == self.rows.labels[partition.test]
-        return {
-            kind: _outcome(
-                unknown_rule(crossed, share_known=self.share_known, kind=kind), scores, is_known, right
-            )
-            for kind in self.kinds or available_kinds(crossed)
-        }
+    figures: tuple[float, ...]
+    known: FloatArray
+    unknown: FloatArray
 
 
-def _outcome(
+def _judged(
     rule: UnknownRule, scores: Scores, is_known: npt.NDArray[np.bool_], right: npt.NDArray[np.bool_]
-) -> _Outcome:
+) -> _Judged:
     strange = rule.strangeness(scores.values, scores.binary)
     accepted = strange <= rule.threshold
     known, unknown = strange[is_known], strange[~is_known]
@@ -355,13 +301,25 @@ def _outcome(
         len(known),
         len(unknown),
     )
-    return _Outcome(figures, (known - middle) / scale, (unknown - middle) / scale)
+    return _Judged(figures, (known - middle) / scale, (unknown - middle) / scale)
 
 
-def _mean(material: str, kind: str, outcomes: Sequence[_Outcome]) -> OpenSetRow | None:
-    if not outcomes:
-        return None
-    each = np.array([one.figures for one in outcomes])
-    auroc, fpr95, accepted, named, refused = each[:, :-2].mean(axis=0).tolist()
-    n_known, n_unknown = each[:, -2:].sum(axis=0).astype(int).tolist()
-    return OpenSetRow(material, kind, auroc, fpr95, accepted, named, refused, n_known, n_unknown)
+def _row(material: str, kind: str, judged: Sequence[_Judged]) -> OpenSetRow:
+    each = np.array([one.figures for one in judged])
+    return OpenSetRow(
+        material, kind, *each[:, :-2].mean(axis=0).tolist(), *each[:, -2:].sum(axis=0).astype(int).tolist()
+    )
+
+
+def area_under_roc(known: FloatArray, unknown: FloatArray) -> float:
+    """Probability that an unknown row is stranger than a known one, ties counted half."""
+    # By ranks: roc_auc_score integrates a curve, and rounds otherwise.
+    ranks = rankdata(np.concatenate([known, unknown]))[len(known) :]
+    n = len(unknown)
+    return float((ranks.sum() - n * (n + 1) / 2) / (n * len(known)))
+
+
+def false_positives(known: FloatArray, unknown: FloatArray, share: float = 0.95) -> float:
+    """Share of unknown rows accepted at the least limit that accepts a share of the known ones."""
+    limit = np.quantile(known, share, method="inverted_cdf")
+    return float((unknown <= limit).mean())

@@ -19,12 +19,15 @@ import numpy.typing as npt
 from sklearn.covariance import ledoit_wolf
 
 from granular_id import _core
+from granular_id._checks import named
 from granular_id.confidence._stored import Reader
-from granular_id.confidence.conformal import conformal_quantile
+from granular_id.confidence.conformal import check_classes, checked_scores, conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
 from granular_id.ecoc import decode, onevsone
 
 FloatArray = npt.NDArray[np.float64]
+
+IntArray = npt.NDArray[np.intp]
 
 FORMAT = "granular-id unknown rule 1"
 
@@ -43,6 +46,9 @@ STRANGENESS: Mapping[str, str] = MappingProxyType(
 _OF_LEARNERS = ("hinge_distance", "learner_distance", "learners")
 _OF_DISTANCE = ("hinge_distance", "value_distance", "learner_distance")
 _OF_CLASSES = ("hinge_distance", "value_distance")
+
+_LEAST_VARIANCE = 1e-12
+"""Share of the largest variance below which a direction is rounding."""
 
 
 @dataclass(frozen=True)
@@ -89,46 +95,38 @@ class UnknownRule:
     means: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
     whitener: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
     coding: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
-    _arrays: dict[str, FloatArray] = field(init=False, repr=False, compare=False)
     _nearest: _core.NearestMean | None = field(init=False, repr=False, compare=False)
+    _coding: FloatArray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
-        if n_classes < 2 or len(set(self.classes)) < n_classes:
-            raise ValueError(f"classes must be at least 2 different names, got {self.classes!r:.200}")
-        if self.kind not in STRANGENESS:
-            raise ValueError(f"kind must be one of {', '.join(map(repr, STRANGENESS))}, got {self.kind!r}")
+        check_classes(self.classes)
+        named(STRANGENESS, "kind", self.kind)
         if math.isnan(self.threshold) or self.threshold == -math.inf:
             raise ValueError(f"threshold must be a number or infinite, got {self.threshold}")
         if not 0 < self.share_known < 1:
             raise ValueError(f"share_known must lie between 0 and 1, got {self.share_known}")
         if self.n_calibration < 0:
             raise ValueError(f"n_calibration must not be negative, got {self.n_calibration}")
-        arrays: dict[str, FloatArray] = {}
-        for name, wanted in (
-            ("means", self.kind in _OF_DISTANCE),
-            ("whitener", self.kind in _OF_DISTANCE),
-            ("coding", self.kind == "learners"),
-        ):
-            rows = getattr(self, name)
-            if bool(rows) != wanted:
+        of_distance, of_learners = self.kind in _OF_DISTANCE, self.kind == "learners"
+        for name, wanted in (("means", of_distance), ("whitener", of_distance), ("coding", of_learners)):
+            if bool(getattr(self, name)) != wanted:
                 raise ValueError(f"{name} must {'be given' if wanted else 'be empty'} for kind {self.kind!r}")
-            if wanted:
-                arrays[name] = _matrix(name, rows, None if name == "whitener" else n_classes)
-        nearest = None
-        if self.kind in _OF_DISTANCE:
-            size = arrays["means"].shape[1]
-            if arrays["whitener"].shape != (size, size):
-                raise ValueError(f"whitener must have shape ({size}, {size}), got {arrays['whitener'].shape}")
+        nearest, coding = None, np.empty((0, 0))
+        if of_distance:
+            means, whitener = _matrix("means", self.means, n_classes), _matrix("whitener", self.whitener)
+            size = means.shape[1]
+            if whitener.shape != (size, size):
+                raise ValueError(f"whitener must have shape ({size}, {size}), got {whitener.shape}")
             if self.kind in _OF_CLASSES and size != n_classes:
                 raise ValueError(f"means must have {n_classes} values a class, got {size}")
-            nearest = _core.NearestMean(
-                arrays["means"], arrays["whitener"], of_pairs=self.kind == "hinge_distance"
-            )
-        if self.kind == "learners" and not ((arrays["coding"] != 0).any(axis=1).all()):
-            raise ValueError("coding must show each class to at least one learner")
-        object.__setattr__(self, "_arrays", arrays)
+            nearest = _core.NearestMean(means, whitener, of_pairs=self.kind == "hinge_distance")
+        if of_learners:
+            coding = _matrix("coding", self.coding, n_classes)
+            if not (coding != 0).any(axis=1).all():
+                raise ValueError("coding must show each class to at least one learner")
         object.__setattr__(self, "_nearest", nearest)
+        object.__setattr__(self, "_coding", coding)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -160,29 +158,29 @@ class UnknownRule:
         ValueError
             Another shape than the rule knows, or scores of learners that are missing.
         """
-        given = _scores("values", values, len(self.classes))
+        given = checked_scores("values", values, len(self.classes))
         if self.kind == "value":
             return np.asarray(-given.max(axis=-1))
         if self.kind == "margin":
             two = np.partition(given, -2, axis=-1)
             return np.asarray(two[..., -2] - two[..., -1])
-        if self.kind not in _OF_LEARNERS:
-            return self._distance("values", given)
-        if binary is None:
-            raise ValueError(f"binary must hold the scores of the learners for kind {self.kind!r}, got None")
-        if self.kind == "learners":
-            of_learners = _scores("binary", binary, self._arrays["coding"].shape[1])
-            _check_rows(given, of_learners)
-            sides = self._arrays["coding"][given.argmax(axis=-1)]
-            return np.asarray(-np.where(sides == 0, np.inf, sides * of_learners).min(axis=-1))
-        _check_rows(given, binary)
-        return self._distance("binary", binary)
-
-    def _distance(self, name: str, scores: npt.ArrayLike) -> FloatArray:
-        """Distance () or (n,) of scores (S,) or (n, S) to the nearest class."""
-        assert self._nearest is not None
-        distances = self._nearest.distances(scores, name)
-        return distances if np.ndim(scores) > 1 else distances.reshape(())
+        if self.kind in _OF_LEARNERS:
+            if binary is None:
+                raise ValueError(
+                    f"binary must hold the scores of the learners for kind {self.kind!r}, got None"
+                )
+            if self.kind == "learners":
+                binary = checked_scores("binary", binary, self._coding.shape[1])
+            if np.shape(binary)[:-1] != given.shape[:-1]:
+                raise ValueError(
+                    f"values and binary must hold the same rows, got shapes {given.shape} and {np.shape(binary)}"
+                )
+        if self._nearest is None:
+            sides = self._coding[given.argmax(axis=-1)]
+            return np.asarray(-np.where(sides == 0, np.inf, sides * np.asarray(binary)).min(axis=-1))
+        of_values = binary is None or self.kind not in _OF_LEARNERS
+        distances = self._nearest.distances(*((given, "values") if of_values else (binary, "binary")))
+        return distances.reshape(given.shape[:-1])
 
     def knows(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> Any:
         """Whether rows are of a known material: a bool, or an array (n,) of them; see `strangeness`."""
@@ -230,60 +228,23 @@ class UnknownRule:
         return rule
 
 
-def is_of_pairs(coding: npt.NDArray[np.int8]) -> bool:
-    """Whether a coding matrix (K, L) has one learner for each pair of classes, in their order."""
-    return np.array_equal(coding, onevsone(len(coding)))
-
-
-def uses_learners(kind: str) -> bool:
-    """Whether a kind of `STRANGENESS` needs the scores of the learners."""
-    return kind in _OF_LEARNERS
-
-
-def _check_rows(values: FloatArray, binary: npt.ArrayLike) -> None:
-    if np.shape(binary)[:-1] != values.shape[:-1]:
-        raise ValueError(
-            f"values and binary must hold the same rows, got shapes {values.shape} and {np.shape(binary)}"
-        )
-
-
-def _scores(name: str, values: npt.ArrayLike, width: int) -> FloatArray:
-    given = np.asarray(values, dtype=np.float64)
-    if given.ndim not in (1, 2) or given.shape[-1] != width:
-        raise ValueError(f"{name} must have shape ({width},) or (n, {width}), got {given.shape}")
-    if not np.isfinite(given).all():
-        raise ValueError(f"{name} must be finite, got NaN or infinity")
-    return given
-
-
-def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None) -> FloatArray:
-    if len({len(row) for row in rows}) != 1 or not rows[0] or (height is not None and len(rows) != height):
-        raise ValueError(
-            f"{name} must be rows of one length{'' if height is None else f', {height} of them'}"
-        )
+def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None = None) -> FloatArray:
+    if len({len(row) for row in rows}) != 1 or not rows[0] or height not in (None, len(rows)):
+        of_them = "" if height is None else f", {height} of them"
+        raise ValueError(f"{name} must be rows of one length{of_them}")
     found = np.array(rows, dtype=np.float64)
     if not np.isfinite(found).all():
         raise ValueError(f"{name} must be finite")
     return found
 
 
-# The limit beyond which a row is none of the known materials, from scores of rows that did not train.
-
-IntArray = npt.NDArray[np.intp]
-
-_LEAST_VARIANCE = 1e-12
-"""Share of the largest variance below which a direction is rounding."""
-
-
 def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
     """Kinds of `STRANGENESS` that the scores suffice for."""
     coding = scored.scores.coding
-    return tuple(
-        kind
-        for kind in STRANGENESS
-        if not uses_learners(kind)
-        or (coding is not None and (kind != "hinge_distance" or is_of_pairs(coding)))
-    )
+    if coding is None:
+        return tuple(kind for kind in STRANGENESS if kind not in _OF_LEARNERS)
+    of_pairs = np.array_equal(coding, onevsone(len(coding)))
+    return tuple(kind for kind in STRANGENESS if of_pairs or kind != "hinge_distance")
 
 
 def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str | None = None) -> UnknownRule:
@@ -322,18 +283,20 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     >>> float(rule.knows(scored.scores.values, scored.scores.binary).mean()) >= 0.95
     True
     """
-    kind = available_kinds(scored)[0] if kind is None else kind
-    if kind not in STRANGENESS:
-        raise ValueError(f"kind must be one of {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
-    values, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
-    if kind not in available_kinds(scored):
+    available = available_kinds(scored)
+    kind = available[0] if kind is None else kind
+    named(STRANGENESS, "kind", kind)
+    if kind not in available:
         of_pairs = " with a learner for each pair of classes" if kind == "hinge_distance" else ""
         raise ValueError(
             f"kind {kind!r} needs a model that ends in ECOCClassifier{of_pairs}, with one coding matrix for all folds; "
-            f"{', '.join(map(repr, available_kinds(scored)))} do not"
+            f"{', '.join(map(repr, available))} do not"
         )
-    own = values if kind == "value_distance" else None
-    if binary is not None and kind in ("hinge_distance", "learner_distance"):
+    values, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
+    own: FloatArray | None = None  # scores of which distances are taken
+    if kind == "value_distance":
+        own = values
+    elif binary is not None and kind in _OF_DISTANCE:
         own = binary if kind == "learner_distance" else decode(binary, onevsone(len(scored.classes)))
     parts: dict[str, Any] = {}
     if own is not None:

@@ -148,7 +148,7 @@ def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | N
     Examples
     --------
     >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence.assess import count_trainings
+    >>> from granular_id.confidence import count_trainings
     >>> from granular_id.confidence.held_out import rows_of
     >>> count_trainings(rows_of(*load_iris(return_X_y=True)), n_seeds=2)
     122
@@ -156,11 +156,11 @@ def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | N
     rows = rows_of(data)
     rows.refuse_few(n_folds)
     once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
-    honest = rows.honest(n_folds)[0]
-    strictly = 0 if honest[0].protocol == "kfold" else len(honest) * (1 + once)
+    strictest = rows.partitions(n_folds)[0]
+    strictly = 0 if strictest[0].protocol == "kfold" else len(strictest) * (1 + once)
     left_out = 0
     if len(rows.classes) > 2:
-        outer, inner = rows.honest(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
+        outer, inner = rows.partitions(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
         left_out = len(rows.classes) * len(outer) * (1 + len(inner))
     return once + n_seeds * (1 + drawn) + strictly + left_out
 
