@@ -126,7 +126,7 @@ class Groups:
         return Groups(self.sessions[rows], rank, self.basis, None if self.names is None else self.names[rows])
 
     def fit_arguments(self, estimator: Any, rows: Rows) -> dict[str, Any]:
-        """Return ``sessions`` and ``order`` of training rows where `fit`, in a pipeline of its last step, takes them."""
+        """Return ``sessions`` and ``order`` of training rows where `fit`, in a pipeline of its end, takes them."""
         own = self.take(rows)
         return asked_for(estimator, {"sessions": own.sessions, "order": own.order})
 

@@ -235,6 +235,12 @@ class Told(ECOCClassifier):
         return super().fit(X, y)
 
 
+def test_one_fold_is_refused_by_its_name():
+    for known in ({}, {"sessions": list("xxyyzz") * 5}, {"in_time_order": True}):
+        with pytest.raises(ValueError, match="n_folds must be at least 2, got 1"):
+            assess(*few(15, 15)[:1], Untrained(), few(15, 15)[1], n_folds=1, **known)
+
+
 @pytest.mark.parametrize("n_folds", [2, 7])
 def test_no_more_models_are_trained_than_were_counted(n_folds):
     Told.seen.clear()

@@ -12,9 +12,12 @@ from granular_id.evaluation import evaluate
 from granular_id.recording import Dataset, Recording
 from granular_id.splits import (
     block_partitions,
+    checked_groups,
     kfold_partitions,
     plan_partitions,
+    protocol_name,
     session_partitions,
+    strict_partitions,
     strictest,
 )
 
@@ -248,3 +251,24 @@ def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():
         ValueError, match="recording 'rice_1' has no session but 15 of 16 recordings have one"
     ):
         plan_partitions(some, "session")
+
+
+def test_blocks_that_stand_in_for_sessions_are_named_blocks_whatever_sessions_are_called():
+    y = ["oat", "rice", "oat", "rice"]
+    assert protocol_name("session", block_partitions(y, range(4), n_folds=2)) == "blocks in time order"
+    assert (
+        protocol_name("session", session_partitions(y, ["block 1"] * 2 + ["block 2"] * 2))
+        == "held-out sessions"
+    )
+
+
+def test_sessions_of_nan_are_not_known_and_numbers_are_names():
+    y = ["oat", "rice"] * 3
+    known = checked_groups(6, [1, 1, 2, 2, 3, 3], None)
+    assert [fold.description for fold in strict_partitions(y, known)[0]] == ["1", "2", "3"]
+    folds, why = strict_partitions(y, checked_groups(6, [1, 1, float("nan"), "", None, 3], None))
+    assert folds == []
+    assert "recording 2 has no session but 3 of 6" in why
+    assert why.endswith("chronological protocol left out: no order in time is known")
+    halves, _ = strict_partitions(y[2:], checked_groups(6, None, [5, 4, 3, 2, 1, 0]).take(np.arange(2, 6)))
+    assert halves[0].train.tolist() == [2, 3]

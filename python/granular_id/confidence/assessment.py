@@ -22,156 +22,6 @@ from granular_id.confidence.open_set import OpenSetResult, leave_one_material_ou
 from granular_id.confidence.unknown import UnknownRule, available_kinds, unknown_rule
 from granular_id.recording import Dataset, describe_data
 
-
-def assess(
-    data: Dataset | Rows | npt.ArrayLike,
-    model: Any,
-    y: npt.ArrayLike | None = None,
-    *,
-    sessions: Sequence[str | None] | None = None,
-    in_time_order: bool = False,
-    levels: Sequence[float] = LEVELS,
-    kind: str = "margin",
-    per_class: bool = False,
-    share_known: float = 0.95,
-    unknown_kind: str | None = None,
-    compare: bool = False,
-    n_seeds: int = 20,
-    n_folds: int | None = None,
-    seed: int = 0,
-    n_jobs: int | None = None,
-    progress: bool | ProgressCallback = False,
-    name: str | None = None,
-) -> Confidence:
-    """Measure how sure a model may be, and set the rules to be stored with it.
-
-    Parameters
-    ----------
-    data : Dataset, Rows or array-like, shape (n, ...)
-    model : estimator
-        Anything that scikit-learn can clone, with `decision_function`, not fitted. One whose `fit` has the parameters
-        ``sessions`` and ``order``, or a pipeline that ends in one, is told those of its training rows.
-    y, sessions, in_time_order
-        Of arrays only, see `granular_id.confidence.held_out.rows_of`.
-    levels, kind, per_class
-        Of the prediction sets, see `conformal_rule`.
-    share_known, unknown_kind
-        Of the refusal, see `unknown_rule`.
-    compare : bool, default False
-        Also measure the other kinds of strangeness.
-    n_seeds : int, default 20
-        Random partitions of `coverage_study`.
-    n_folds : int, optional
-        Of the cross-fits, see `Rows.folds`.
-    seed : int, default 0
-        Of random partitions and folds.
-    n_jobs : int, optional
-        Threads, as in joblib; the numbers do not depend on it.
-    progress : bool or callable
-        As in `granular_id.evaluate`; one bar after the other for calibration, coverage and the unknown.
-    name : str, optional
-        What the model is called in tables and figures. Default: the classes of its steps.
-
-    Returns
-    -------
-    Confidence
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `granular_id.confidence.held_out.rows_of`; fewer than 3 rows of a class, or 4 where halves in time order are
-        tested. Before anything is trained.
-
-    Examples
-    --------
-    >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence import assess
-    >>> from granular_id.ecoc import ECOCClassifier
-    >>> X, y = load_iris(return_X_y=True)
-    >>> found = assess(X, ECOCClassifier(), y, n_seeds=2)
-    >>> found.conformal.names([-0.1, -0.5, -0.9])[0]
-    '0'
-    """
-    rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
-    rows.refuse_few(n_folds)
-    folds, held_out = rows.folds(n_folds, seed=seed)
-    with showing(progress) as callback:
-        tick = Ticker(len(folds), callback).tick
-        scored = held_out_scores(model, rows, folds, n_jobs=n_jobs, held_out=held_out, done=tick)
-    conformal = conformal_rule(scored, levels, kind=kind, per_class=per_class)
-    unknown = unknown_rule(scored, share_known=share_known, kind=unknown_kind)
-    probabilities, source = probabilities_of(scored)
-    several = scored.groups.max() > 0
-    seen = reliability(
-        probabilities,
-        scored.truth,
-        groups=scored.groups if several else None,
-        seed=seed,
-        source=source,
-        held_out=scored.held_out,
-        synthetic=rows.synthetic,
-    )
-    shared: dict[str, Any] = {"seed": seed, "n_jobs": n_jobs, "progress": progress}
-    coverage = coverage_study(
-        rows, model, levels=levels, kind=kind, per_class=per_class, n_seeds=n_seeds, n_folds=n_folds, **shared
-    )
-    notes = [*conformal.notes, *unknown.notes]
-    open_set = None
-    if len(rows.classes) > 2:
-        kinds = [unknown.kind]
-        if compare:
-            kinds += [other for other in available_kinds(scored) if other != unknown.kind]
-        open_set = leave_one_material_out(
-            rows, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
-        )
-    else:
-        notes.append(
-            "two materials only: none can be left out, so nothing is known of how the unknown is refused"
-        )
-    return Confidence(
-        seen,
-        coverage,
-        open_set,
-        conformal,
-        unknown,
-        tuple(notes),
-        describe_data(data) if isinstance(data, Dataset) else {},
-        versions(),
-        rows.synthetic,
-        name=_name_of(model) if name is None else name,
-    )
-
-
-def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | None = None) -> int:
-    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take.
-
-    Examples
-    --------
-    >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence import count_trainings
-    >>> from granular_id.confidence.held_out import rows_of
-    >>> count_trainings(rows_of(*load_iris(return_X_y=True)), n_seeds=2)
-    122
-    """
-    rows = rows_of(data)
-    rows.refuse_few(n_folds)
-    once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
-    strictest = rows.partitions(n_folds)[0]
-    strictly = 0 if strictest[0].protocol == "kfold" else len(strictest) * (1 + once)
-    left_out = 0
-    if len(rows.classes) > 2:
-        outer, inner = rows.partitions(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
-        left_out = len(rows.classes) * len(outer) * (1 + len(inner))
-    return once + n_seeds * (1 + drawn) + strictly + left_out
-
-
-def _name_of(model: Any) -> str:
-    steps = [step for _, step in model.steps] if isinstance(model, Pipeline) else [model]
-    return ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)
-
-
-# Everything about how sure a model may be, in one result.
-
 FORMAT = "granular-id confidence 1"
 
 
@@ -242,3 +92,147 @@ class Confidence:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_dict` as one JSON file; whole or not at all."""
         write_json(path, self.to_dict())
+
+
+def assess(
+    data: Dataset | Rows | npt.ArrayLike,
+    model: Any,
+    y: npt.ArrayLike | None = None,
+    *,
+    sessions: Sequence[str | None] | None = None,
+    in_time_order: bool = False,
+    levels: Sequence[float] = LEVELS,
+    kind: str = "margin",
+    per_class: bool = False,
+    share_known: float = 0.95,
+    unknown_kind: str | None = None,
+    compare: bool = False,
+    n_seeds: int = 20,
+    n_folds: int | None = None,
+    seed: int = 0,
+    n_jobs: int | None = None,
+    progress: bool | ProgressCallback = False,
+    name: str | None = None,
+) -> Confidence:
+    """Measure how sure a model may be, and set the rules to be stored with it.
+
+    Parameters
+    ----------
+    data : Dataset, Rows or array-like, shape (n, ...)
+    model : estimator
+        Anything that scikit-learn can clone, with `decision_function`, not fitted. One whose `fit` has the parameters
+        ``sessions`` and ``order``, or a pipeline that ends in one, is told those of its training rows.
+    y, sessions, in_time_order
+        Of arrays only: the label and the session of each row, and whether rows stand in the order of recording.
+    levels, kind, per_class
+        Of the prediction sets, see `conformal_rule`.
+    share_known, unknown_kind
+        Of the refusal, see `unknown_rule`.
+    compare : bool, default False
+        Also measure the other kinds of strangeness.
+    n_seeds : int, default 20
+        Random partitions of `coverage_study`.
+    n_folds : int, optional
+        Of the cross-fits, see `Rows.folds`.
+    seed : int, default 0
+        Of random partitions and folds.
+    n_jobs : int, optional
+        Threads, as in joblib; the numbers do not depend on it.
+    progress : bool or callable
+        As in `granular_id.evaluate`; one bar after the other for calibration, coverage and the unknown.
+    name : str, optional
+        What the model is called in tables and figures. Default: the classes of its steps.
+
+    Returns
+    -------
+    Confidence
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `granular_id.confidence.held_out.rows_of`; fewer than 3 rows of a class, or 4 where halves in time order are
+        tested. Before anything is trained.
+
+    Examples
+    --------
+    >>> from sklearn.datasets import load_iris
+    >>> from granular_id.confidence import assess
+    >>> from granular_id.ecoc import ECOCClassifier
+    >>> X, y = load_iris(return_X_y=True)
+    >>> found = assess(X, ECOCClassifier(), y, n_seeds=2)
+    >>> found.conformal.names([-0.1, -0.5, -0.9])[0]
+    '0'
+    """
+    rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
+    rows.refuse_few(n_folds)
+    folds, held_out = rows.folds(n_folds, seed=seed)
+    with showing(progress) as callback:
+        tick = Ticker(len(folds), callback).tick
+        scored = held_out_scores(model, rows, folds, n_jobs=n_jobs, held_out=held_out, done=tick)
+    sets: dict[str, Any] = {"levels": levels, "kind": kind, "per_class": per_class}
+    conformal = conformal_rule(scored, **sets)
+    unknown = unknown_rule(scored, share_known=share_known, kind=unknown_kind)
+    probabilities, source = probabilities_of(scored)
+    seen = reliability(
+        probabilities,
+        scored.truth,
+        groups=scored.groups if scored.groups.max() > 0 else None,
+        seed=seed,
+        source=source,
+        held_out=scored.held_out,
+        synthetic=rows.synthetic,
+    )
+    shared: dict[str, Any] = {"seed": seed, "n_jobs": n_jobs, "progress": progress}
+    coverage = coverage_study(rows, model, n_seeds=n_seeds, n_folds=n_folds, **sets, **shared)
+    notes = [*conformal.notes, *unknown.notes]
+    open_set = None
+    if len(rows.classes) > 2:
+        others = [kind for kind in available_kinds(scored) if compare and kind != unknown.kind]
+        kinds = [unknown.kind, *others]
+        open_set = leave_one_material_out(
+            rows, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
+        )
+    else:
+        notes.append(
+            "two materials only: none can be left out, so nothing is known of how the unknown is refused"
+        )
+    return Confidence(
+        seen,
+        coverage,
+        open_set,
+        conformal,
+        unknown,
+        tuple(notes),
+        describe_data(data) if isinstance(data, Dataset) else {},
+        versions(),
+        rows.synthetic,
+        name=_name_of(model) if name is None else name,
+    )
+
+
+def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | None = None) -> int:
+    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take.
+
+    Examples
+    --------
+    >>> from sklearn.datasets import load_iris
+    >>> from granular_id.confidence import count_trainings
+    >>> from granular_id.confidence.held_out import rows_of
+    >>> count_trainings(rows_of(*load_iris(return_X_y=True)), n_seeds=2)
+    122
+    """
+    rows = rows_of(data)
+    rows.refuse_few(n_folds)
+    once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
+    strictest = rows.partitions(n_folds)[0]
+    strictly = 0 if strictest[0].protocol == "kfold" else len(strictest) * (1 + once)
+    left_out = 0
+    if len(rows.classes) > 2:
+        outer, inner = rows.partitions(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
+        left_out = len(rows.classes) * len(outer) * (1 + len(inner))
+    return once + n_seeds * (1 + drawn) + strictly + left_out
+
+
+def _name_of(model: Any) -> str:
+    steps = [step for _, step in model.steps] if isinstance(model, Pipeline) else [model]
+    return ", ".join(step if isinstance(step, str) else type(step).__name__ for step in steps)

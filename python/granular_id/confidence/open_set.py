@@ -117,8 +117,8 @@ class OpenSetResult:
     def table(self) -> Table:
         """One row per left-out material, for the kind of first interest."""
         own = sorted((row for row in self.rows if row.kind == self.kind), key=lambda row: row.auroc)
-        rows = [_cells(row.material, row) for row in own]
-        rows.append(self._means("mean", self.kind))
+        rows = [_cells(row.material, [getattr(row, figure) for figure in _FIGURES]) for row in own]
+        rows.append(_cells("mean", [self.mean(figure) for figure in _FIGURES]))
         notes: tuple[str, ...] = (
             "known tested rows: accepted, and accepted with the right name; unknown: refused. open set: mean of named "
             "and refused",
@@ -135,7 +135,7 @@ class OpenSetResult:
     def comparison(self) -> Table:
         """One row per kind of strangeness, means over the materials, the best AUROC first."""
         kinds = sorted(self.kinds, key=lambda kind: -self.mean("auroc", kind))
-        rows = tuple(self._means(kind, kind) for kind in kinds)
+        rows = tuple(_cells(kind, [self.mean(figure, kind) for figure in _FIGURES]) for kind in kinds)
         return Table(f"Ways to see the unknown{self._mark}", ("kind", *_HEADER[1:]), rows)
 
     def __str__(self) -> str:
@@ -160,17 +160,13 @@ class OpenSetResult:
     def _mark(self) -> str:
         return " (SYNTHETIC recordings)" if self.synthetic else ""
 
-    def _means(self, name: str, kind: str) -> tuple[str, ...]:
-        mean = {figure: self.mean(figure, kind) for figure in _FIGURES}
-        return (name, f"{mean['auroc']:.3f}", *(percent(mean[figure]) for figure in _FIGURES[1:]))
-
 
 _FIGURES = ("auroc", "fpr95", "accepted", "named", "refused", "open_set")
 _HEADER = ("left out", "AUROC", "FPR at 95 %", "accepted", "named", "refused", "open set")
 
 
-def _cells(name: str, row: OpenSetRow) -> tuple[str, ...]:
-    return (name, f"{row.auroc:.3f}", *(percent(getattr(row, figure)) for figure in _FIGURES[1:]))
+def _cells(name: str, figures: Sequence[float]) -> tuple[str, ...]:
+    return (name, f"{figures[0]:.3f}", *map(percent, figures[1:]))
 
 
 def leave_one_material_out(
