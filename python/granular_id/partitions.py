@@ -42,23 +42,11 @@ RANDOM_TEST_SHARE = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """One split of a data set into rows that train and rows that are tested.
+    """One split of recordings into rows that train and rows that are tested, both ascending, none in both."""
 
-    Parameters
-    ----------
-    protocol : str
-        Name of the protocol that made it, a key of `PROTOCOLS`.
-    index : int
-        Position within its protocol, from 0.
-    description : str
-        What this split is, for a table: ``"partition 3"`` or ``"1st->2nd half"``.
-    train, test : (n_train,) and (n_test,) int arrays
-        Row numbers, ascending, without a row in both.
-    """
-
-    protocol: str
-    index: int
-    description: str
+    protocol: str  # that made it, a key of `PROTOCOLS`
+    index: int  # within its protocol, from 0
+    description: str  # for a table: "partition 3" or "1st->2nd half"
     train: Rows
     test: Rows
 

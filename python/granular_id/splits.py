@@ -96,24 +96,12 @@ _MOST_REPEATS = 10
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Sessions of recordings and their order in time: what must not lie on both sides of a split.
+    """Sessions of recordings and their order in time: what must not lie on both sides of a split."""
 
-    Attributes
-    ----------
-    sessions : (n,) object array
-        None where a session is not known.
-    rank : (n,) int array or None
-        Place of each recording in time; None where no order is known.
-    basis : str
-        What the order goes by, or why there is none.
-    names : (n,) object array or None
-        Names of the recordings, for errors.
-    """
-
-    sessions: NDArray[np.object_]
-    rank: Rows | None
-    basis: str = ""
-    names: NDArray[np.object_] | None = None
+    sessions: NDArray[np.object_]  # (n,), None where a session is not known
+    rank: Rows | None  # place of each recording in time, None where no order is known
+    basis: str = ""  # what the order goes by, or why there is none
+    names: NDArray[np.object_] | None = None  # of the recordings, for errors
 
     @property
     def order(self) -> Rows | None:
@@ -126,7 +114,10 @@ class Groups:
         return Groups(self.sessions[rows], rank, self.basis, None if self.names is None else self.names[rows])
 
     def fit_arguments(self, estimator: Any, rows: Rows) -> dict[str, Any]:
-        """Return ``sessions`` and ``order`` of training rows where `fit`, in a pipeline of its end, takes them."""
+        """Return those of ``sessions`` and ``order`` that `fit` takes, in a pipeline that of its last step.
+
+        They are those of the training rows, and ``order`` holds places in `rows`.
+        """
         own = self.take(rows)
         return asked_for(estimator, {"sessions": own.sessions, "order": own.order})
 
@@ -271,22 +262,23 @@ def plan_partitions(
     if protocol == "kfold":
         return kfold_partitions(y, n_folds=n_folds, seed=seed), f"kfold: {n_folds} folds, seed {seed}"
     groups = groups_of(data)
-    if protocol == "session":
-        sessions = groups.sessions.tolist()
-        known, alone = set(sessions) - {None}, lone_session(y, sessions)
-        if known and (alone is None or None in sessions):
-            drawn = session_partitions(y, sessions, names=groups.names)
-            return drawn, f"session: {len(known)} sessions held out whole, in {len(drawn)} folds"
+    if protocol == "chronological":
+        return chronological_partitions(y, _order_in_time(groups)), f"chronological: {groups.basis}"
+    sessions = groups.sessions.tolist()
+    known, alone = set(sessions) - {None}, lone_session(y, sessions)
+    if known and (alone is None or None in sessions):  # a recording without session is refused by its name
+        drawn = session_partitions(y, sessions, names=groups.names)
+        return drawn, f"session: {len(known)} sessions held out whole, in {len(drawn)} folds"
+    why = f"class {alone!r} has one session only" if known else "no recording says which session it is from"
+    drawn = block_partitions(y, _order_in_time(groups), n_folds=n_folds)
+    instead = f"{n_folds} contiguous blocks of each class held out instead, {groups.basis}"
+    return drawn, f"session: {why}; {instead}"
+
+
+def _order_in_time(groups: Groups) -> Rows:
     if groups.order is None:
         raise ValueError(groups.basis)
-    if protocol == "chronological":
-        return chronological_partitions(y, groups.order), f"chronological: {groups.basis}"
-    why = f"class {alone!r} has one session only" if known else "no recording says which session it is from"
-    drawn = block_partitions(y, groups.order, n_folds=n_folds)
-    return (
-        drawn,
-        f"session: {why}; {n_folds} contiguous blocks of each class held out instead, {groups.basis}",
-    )
+    return groups.order
 
 
 def pair_partition(data: Dataset, first: str, second: str) -> tuple[Partition, str]:

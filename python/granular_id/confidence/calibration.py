@@ -30,23 +30,13 @@ _SUM_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class Bin:
-    """Rows whose likeliest class has a probability in (low, high].
-
-    Attributes
-    ----------
-    low, high : float
-        Edges.
-    n : int
-        Rows.
-    confidence, accuracy : float
-        Mean probability of the likeliest class, and share of rows where it is the true one.
-    """
+    """Rows whose likeliest class has a probability in (low, high]."""
 
     low: float
     high: float
     n: int
-    confidence: float
-    accuracy: float
+    confidence: float  # mean probability of the likeliest class
+    accuracy: float  # share of rows where it is the true one
 
 
 @dataclass(frozen=True)

@@ -31,33 +31,15 @@ from granular_id.splits import RANDOM_TEST_SHARE, Partition, random_partition
 
 @dataclass(frozen=True)
 class Covered:
-    """Coverage of one level over the partitions of one kind.
+    """Coverage of one level over the partitions of one kind."""
 
-    Attributes
-    ----------
-    held_out : str
-        What the tested rows are to the training rows.
-    random : bool
-        Whether partitions were drawn at random, so that rows are exchangeable.
-    level : float
-        Coverage asked for.
-    attainable : float
-        What so few calibration rows give where rows are exchangeable: ceil((n + 1) level) / (n + 1), or 1.
-    coverage : tuple of float
-        Share of tested rows whose set held the truth, one for each partition.
-    size : float
-        Mean number of classes in a set.
-    empty : float
-        Share of empty sets.
-    """
-
-    held_out: str
-    random: bool
-    level: float
-    attainable: float
-    coverage: tuple[float, ...]
-    size: float
-    empty: float
+    held_out: str  # what the tested rows are to the training rows
+    random: bool  # whether partitions were drawn at random, so that rows are exchangeable
+    level: float  # asked for
+    attainable: float  # with so few exchangeable calibration rows: ceil((n + 1) level) / (n + 1), or 1
+    coverage: tuple[float, ...]  # share of tested rows whose set held the truth, for each partition
+    size: float  # mean number of classes in a set
+    empty: float  # share of empty sets
 
     @property
     def mean(self) -> float:

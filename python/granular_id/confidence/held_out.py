@@ -45,25 +45,12 @@ N_RANDOM_FOLDS = 10
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Recordings or features to learn from, with what is known of how they were recorded.
+    """Recordings or features to learn from, with what is known of how they were recorded."""
 
-    Attributes
-    ----------
-    X : ndarray, shape (n, ...)
-        Whatever the model takes: recordings (n, T, C) or features (n, D).
-    codes : ndarray of int, shape (n,)
-        Class of each row, an index into `classes`.
-    classes : tuple of str
-        Sorted labels.
-    groups : Groups
-        Sessions, all or none, and the order in time.
-    synthetic : bool
-    """
-
-    X: npt.NDArray[Any]
-    codes: IntArray
-    classes: tuple[str, ...]
-    groups: Groups
+    X: npt.NDArray[Any]  # whatever the model takes: recordings (n, T, C) or features (n, D)
+    codes: IntArray  # class of each row, an index into `classes`
+    classes: tuple[str, ...]  # sorted labels
+    groups: Groups  # sessions, all or none, and the order in time
     synthetic: bool = False
 
     def __len__(self) -> int:
@@ -158,23 +145,10 @@ def rows_of(
     sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
     in_time_order: bool = False,
 ) -> Rows:
-    """Take a data set, or arrays, as rows; rows stay as they are.
+    """Take a data set, or arrays (n, ...) with labels, as rows; rows stay as they are.
 
-    Parameters
-    ----------
-    data : Dataset, Rows or array-like, shape (n, ...)
-        Recordings with labels, sessions and times; or what the model takes, with labels in `y`.
-    y : array-like, shape (n,), optional
-        Labels, of arrays only.
-    sessions : sequence of n str, optional
-        Session of each row, of arrays only. Where that of some row is not known, none counts.
-    in_time_order : bool, default False
-        Rows of arrays stand in the order in which they were recorded. A data set knows its order itself.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Labels that are missing, given twice or do not fit the rows; fewer than two classes.
+    `sessions`, and whether rows stand in the order of recording, are of arrays only: a data set knows its own. Where
+    the session of some row is not known, none counts.
     """
     if isinstance(data, Dataset | Rows):
         if y is not None or sessions is not None:

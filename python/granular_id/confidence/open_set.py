@@ -33,36 +33,15 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OpenSetRow:
-    """One kind of strangeness with one material left out, mean over the partitions.
+    """One kind of strangeness with one material left out, mean over the partitions; rows are tested ones."""
 
-    Attributes
-    ----------
-    material : str
-        Unknown to the models.
-    kind : str
-        A key of `granular_id.confidence.unknown.STRANGENESS`.
-    auroc : float
-        Probability that a row of the unknown material is stranger than one of a known material.
-    fpr95 : float
-        Share of the unknown accepted at the limit that accepts 95 % of the tested known rows. That limit is not
-        known in practice; what the stored one does say the next three.
-    accepted : float
-        Share of the tested known rows that the stored limit accepts.
-    named : float
-        Share of the tested known rows that are accepted and named rightly.
-    refused : float
-        Share of the unknown rows that are refused.
-    n_known, n_unknown : int
-        Tested rows.
-    """
-
-    material: str
+    material: str  # unknown to the models
     kind: str
-    auroc: float
-    fpr95: float
-    accepted: float
-    named: float
-    refused: float
+    auroc: float  # probability that a row of the unknown material is stranger than a known one
+    fpr95: float  # share of the unknown accepted at the limit, not known in practice, that accepts 95 % of the known
+    accepted: float  # share of the known that the stored limit accepts
+    named: float  # share of the known that are accepted and named rightly
+    refused: float  # share of the unknown that the stored limit refuses
     n_known: int
     n_unknown: int
 
