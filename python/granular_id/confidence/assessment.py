@@ -133,7 +133,7 @@ def assess(
     n_seeds : int, default 20
         Random partitions of `coverage_study`.
     n_folds : int, optional
-        Of the cross-fits, see `Rows.folds`.
+        Of the cross-fits. Default: 5 of whole sessions or blocks in time, 10 of random rows.
     seed : int, default 0
         Of random partitions and folds.
     n_jobs : int, optional
@@ -150,8 +150,8 @@ def assess(
     Raises
     ------
     TypeError, ValueError
-        As `granular_id.confidence.held_out.rows_of`; fewer than 3 rows of a class, or 4 where halves in time order are
-        tested. Before anything is trained.
+        Labels or sessions that do not fit the rows, fewer than two classes, fewer than 3 rows of a class, or 4 where
+        halves in time order are tested. Before anything is trained.
 
     Examples
     --------

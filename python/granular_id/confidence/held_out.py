@@ -97,17 +97,10 @@ class Rows:
 
     def partitions(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
         """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
-        if self.in_halves:
-            splittable_rows(self.labels, "chronological")
-            partitions, _ = strict_partitions(self.codes, self.groups)
-        else:
-            partitions, _ = self.folds(n_folds, seed=seed)
-        return partitions, protocol_name(partitions[0].protocol, partitions)
-
-    @property
-    def in_halves(self) -> bool:
-        """Whether halves in time order are the strictest to judge by."""
-        return self.groups.rank is not None and bool(why_no_sessions(self.codes, self.groups.sessions))
+        most = N_FOLDS if n_folds is None else n_folds
+        drawn, _ = strict_partitions(self.codes, self.groups, max_folds=most)
+        drawn = drawn or self.folds(n_folds, seed=seed, strict=False)[0]
+        return drawn, protocol_name(drawn[0].protocol, drawn)
 
     def refuse_few(self, n_folds: int | None = None) -> None:
         """Refuse materials of which `partitions` or random ones would train on a single row.
@@ -116,19 +109,16 @@ class Rows:
         """
         if n_folds is not None:
             whole_number("n_folds", n_folds, least=2)
+        in_sessions = not why_no_sessions(self.codes, self.groups.sessions)
+        in_halves = not in_sessions and self.groups.rank is not None
         counts = np.bincount(self.codes)
-        needed = 4 if self.in_halves or n_folds == 2 else 3
+        needed = 4 if in_halves or n_folds == 2 else 3
         few = counts < needed
-        reason = (
-            "either half in time order holds 2" if self.in_halves else "2 train while others are held out"
-        )
+        reason = "either half in time order holds 2" if in_halves else "2 train while others are held out"
         why = f"at least {needed} of each are needed, so that {reason}"
-        if not few.any() and not why_no_sessions(self.codes, self.groups.sessions):
-            parts = [
-                np.bincount(self.codes[part.train], minlength=len(counts))
-                for part in self.partitions(n_folds)[0]
-            ]
-            few = np.min(parts, axis=0) < 2
+        if in_sessions and not few.any():
+            trained = [self.codes[part.train] for part in self.partitions(n_folds)[0]]
+            few = np.min([np.bincount(codes, minlength=len(counts)) for codes in trained], axis=0) < 2
             why = "at least 2 of each must train while whole sessions are held out"
         if few.any():
             names = [repr(self.classes[k]) for k in np.flatnonzero(few)]

@@ -164,7 +164,7 @@ def leave_one_material_out(
 ) -> OpenSetResult:
     """Train without a material, and see whether its rows are refused; one material after the other.
 
-    Rows of known materials are tested by models that did not train on them either, as honestly as the data allow:
+    Rows of known materials are tested by models that did not train on them either, as strictly as the data allow:
     whole sessions held out, else halves in time order both ways, else random folds. The limit comes from a cross-fit
     within the training rows, so that nothing tested has a say in it.
 
@@ -185,8 +185,7 @@ def leave_one_material_out(
     Raises
     ------
     TypeError, ValueError
-        As `rows_of` and `unknown_rule`; fewer than three materials; a class with fewer than 3 rows, or 4 where
-        halves in time order are tested.
+        As `assess` and `unknown_rule`; fewer than three materials.
 
     Examples
     --------
