@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted, verb
-from granular_id.recording.checks import CheckReport
-from granular_id.recording.checks.signal import SensorRange
+from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.recording import Recording, SampleFlag, common_axes
 from granular_id.recording.report import StepReport, text_table, text_totals
 from granular_id.recording.resampling import largest_gap_s

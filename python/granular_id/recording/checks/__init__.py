@@ -1,11 +1,8 @@
-"""Checks of a data set: one theme a file, gathered in a report with a verdict per recording.
-
-Every check takes the recordings and yields findings; `run.check_recordings` runs them all.
-"""
+"""Checks of a data set: each takes what was measured of the recordings and yields findings; `run.py` lists them."""
 
 from __future__ import annotations
 
 from granular_id.recording.checks.report import CheckReport, Finding, Verdict
-from granular_id.recording.checks.signal import SENSOR_RANGES
+from granular_id.recording.checks.sensor_ranges import SENSOR_RANGES, SensorRange
 
-__all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "Verdict"]
+__all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "SensorRange", "Verdict"]

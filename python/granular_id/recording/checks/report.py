@@ -6,7 +6,7 @@ import json
 import os
 import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, overload
 
@@ -15,12 +15,15 @@ from granular_id._text import counted
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import save_report
 
-# ``Finding``: one thing worth knowing about a data set before its results are believed.
-
 Severity = Literal["error", "warning", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
 """From worst to mildest."""
+
+State = Literal["ok", "warning", "error"]
+
+WIDTH = 100
+"""Columns of the printed table."""
 
 _PRINTED_NAMES = 3
 
@@ -67,13 +70,7 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, ready for ``json.dumps``."""
-        plain = {name: getattr(self, name) for name in ("severity", "code", "message")}
-        return {
-            **plain,
-            "recordings": list(self.recordings),
-            "indices": list(self.indices),
-            "values": thaw(self.values),
-        }
+        return {name: thaw(value) for name, value in vars(self).items()}
 
     def __str__(self) -> str:
         names = first_names(self.recordings)
@@ -81,35 +78,8 @@ class Finding:
 
 
 def first_names(names: Sequence[str]) -> str:
-    """Return the first few names in one text.
-
-    Examples
-    --------
-    >>> first_names(["a", "b", "c", "d"])
-    'a, b, c, ...'
-    """
+    """Return the first few names in one text."""
     return ", ".join(names[:_PRINTED_NAMES]) + (", ..." if len(names) > _PRINTED_NAMES else "")
-
-
-def found(
-    severity: Severity,
-    code: str,
-    message: str,
-    recordings: Sequence[Recording] = (),
-    indices: Iterable[int] = (),
-    **values: Any,
-) -> Finding:
-    """Make a finding about ``recordings[i] for i in indices``; about the whole set when none is given."""
-    places = tuple(int(i) for i in indices)
-    return Finding(severity, code, message, tuple(recordings[i].name for i in places), places, values)
-
-
-State = Literal["ok", "warning", "error"]
-
-WIDTH = 100
-"""Columns of the printed table."""
-
-_NO_FINDING = "nothing found that would spoil an evaluation"
 
 
 @dataclass(frozen=True)
@@ -207,9 +177,13 @@ class CheckReport(Sequence[Finding]):
 
     def text(self, width: int = WIDTH) -> str:
         """Return the table in lines of at most `width` columns, as far as names allow."""
-        lines = [self._headline()]
+        states = Counter(verdict.state for verdict in self.verdicts)
+        parts = [f"{states['ok']} ok"]
+        parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
+        headline = f"{counted(len(self.verdicts))} checked: {', '.join(parts)}"
         if not self.findings:
-            return f"{lines[0]}: {_NO_FINDING}"
+            return f"{headline}: nothing found that would spoil an evaluation"
+        lines = [headline]
         longest = max(len(finding.code) for finding in self.findings)
         indent = " " * (len("warning") + longest + 4)
         previous = None
@@ -228,12 +202,6 @@ class CheckReport(Sequence[Finding]):
 
     def __str__(self) -> str:
         return self.text()
-
-    def _headline(self) -> str:
-        states = Counter(verdict.state for verdict in self.verdicts)
-        parts = [f"{states['ok']} ok"]
-        parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
-        return f"{counted(len(self.verdicts))} checked: {', '.join(parts)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
@@ -256,12 +224,3 @@ class CheckReport(Sequence[Finding]):
 def _worst(findings: Sequence[Finding]) -> State:
     severities = {finding.severity for finding in findings}
     return "error" if "error" in severities else "warning" if "warning" in severities else "ok"
-
-
-def by_label(recordings: Sequence[Recording]) -> dict[str, list[int]]:
-    """Return the places of the recordings of each label, labels in order of first appearance."""
-    groups: dict[str, list[int]] = {}
-    for i, r in enumerate(recordings):
-        if r.label is not None:
-            groups.setdefault(r.label, []).append(i)
-    return groups

@@ -1,0 +1,221 @@
+"""``Measured``: the recordings that are checked, with what several checks need of them, measured once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from granular_id._checks import FloatArray
+from granular_id.recording.checks.report import Finding, Severity
+from granular_id.recording.onset import REST_S
+from granular_id.recording.recording import Recording, unit_of
+from granular_id.recording.resampling import MAX_GAP_S
+
+Resolution = tuple[float | None, ...]
+"""Quantisation step of each axis: 0 where it has none that matters, None where it cannot be judged."""
+
+
+class Measured:
+    """Recordings, the settings of the checks, and what several checks look at; each figure is made when first used."""
+
+    def __init__(
+        self,
+        recordings: Sequence[Recording],
+        ranges: Mapping[str, float] | None = None,
+        false_alarm_rate: float = 0.01,
+    ) -> None:
+        self.recordings = recordings
+        self.ranges = ranges
+        self.false_alarm_rate = false_alarm_rate
+
+    @cached_property
+    def labels(self) -> dict[str, list[int]]:
+        """Places of the recordings of each label, labels in order of first appearance."""
+        groups: dict[str, list[int]] = {}
+        for i, r in enumerate(self.recordings):
+            if r.label is not None:
+                groups.setdefault(r.label, []).append(i)
+        return groups
+
+    @cached_property
+    def peaks(self) -> list[FloatArray]:
+        """Largest reading of each axis, either sign."""
+        return [np.abs(r.wrench).max(axis=0) for r in self.recordings]
+
+    @cached_property
+    def paces(self) -> list[Pace]:
+        """How the samples of each recording follow each other."""
+        return [_pace(r) for r in self.recordings]
+
+    @cached_property
+    def rests(self) -> list[Rest | None]:
+        """Level and noise before the motion; None where a recording begins in motion or too late."""
+        return [_rest(r) for r in self.recordings]
+
+    @cached_property
+    def resolutions(self) -> list[Resolution]:
+        """Quantisation steps, those within 1 % of each other as equal numbers."""
+        return _resolutions(self.recordings)
+
+    @cached_property
+    def labels_of_one_session(self) -> list[str]:
+        """Labels that cannot be told from their session; none where all of them share one session."""
+        sessions = {
+            label: frozenset({self.recordings[i].session for i in group} - {None})
+            for label, group in self.labels.items()
+        }
+        alone = [label for label, its in sessions.items() if len(its) == 1]
+        return alone if len({sessions[label] for label in alone}) > 1 else []
+
+    def finding(
+        self, severity: Severity, code: str, message: str, places: Iterable[int] = (), **values: Any
+    ) -> Finding:
+        """Make a finding about the recordings at these places; about the whole set when none is given."""
+        indices = tuple(map(int, places))
+        return Finding(
+            severity, code, message, tuple(self.recordings[i].name for i in indices), indices, values
+        )
+
+
+def by_axis(recording: Recording) -> FloatArray:
+    """Return the samples with those of an axis side by side: statistics along time take a third of the time."""
+    return np.asfortranarray(recording.wrench)
+
+
+def unit_columns(axes: Sequence[str]) -> list[list[int]]:
+    """Return the columns that share a unit: torques (tx, ty, tz) apart from the rest."""
+    torques = [i for i, axis in enumerate(axes) if unit_of(axis) == "N m"]
+    forces = [i for i in range(len(axes)) if i not in torques]
+    return [columns for columns in (forces, torques) if columns]
+
+
+# How the samples follow each other.
+
+GAP_STEPS = 5.0
+"""A gap is longer than this many of the recording's long steps (their 95 % quantile)."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Steps between neighbouring samples; all 0 for a single sample."""
+
+    median_s: float
+    mean_s: float
+    spread: float  # 90 % less 10 % quantile, relative to the median
+    longest_s: float
+    limit_s: float  # the longest step that does not count as a gap
+
+
+def _pace(recording: Recording) -> Pace:
+    if recording.n_samples < 2:
+        return Pace(0.0, 0.0, 0.0, 0.0, 0.0)
+    if recording.rate_hz is not None:
+        step = 1 / recording.rate_hz
+        return Pace(step, step, 0.0, step, step)
+    steps = np.diff(recording.times())
+    low, median, high, long = (float(q) for q in np.quantile(steps, (0.1, 0.5, 0.9, 0.95)))
+    limit = min(GAP_STEPS * long, max(MAX_GAP_S, GAP_STEPS * median))
+    return Pace(median, float(steps.mean()), (high - low) / median, float(steps.max()), limit)
+
+
+# What the sensor read before the motion began.
+
+FEWEST_AT_REST = 5
+"""Fewer samples give no level."""
+
+QUIET = 0.2
+"""A recording rests while its samples spread by less than this part of what they do over the whole of it."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Mean and standard deviation of each axis at rest."""
+
+    level: FloatArray
+    noise: FloatArray
+
+
+def _rest(recording: Recording) -> Rest | None:
+    """Measure the first `REST_S` seconds, or up to the trigger; None where there is no rest."""
+    times = recording.times()
+    until = REST_S
+    if recording.trigger_index is not None:
+        until = min(until, float(times[recording.trigger_index]))
+    n_rest = int(np.searchsorted(times, until))
+    if n_rest < FEWEST_AT_REST or n_rest > recording.n_samples // 2:
+        return None
+    wrench = by_axis(recording)
+    noise, whole = wrench[:n_rest].std(axis=0), wrench.std(axis=0)
+    for unit in unit_columns(recording.axes):  # together: weak axes are all noise
+        if np.linalg.norm(noise[unit]) > QUIET * np.linalg.norm(whole[unit]):
+            return None
+    return Rest(wrench[:n_rest].mean(axis=0), noise)
+
+
+# The step on whose multiples all readings of an axis lie.
+
+FEWEST_CHANGES = 30
+"""An axis that changes less often is not judged: multiples of a coarser step would come by chance."""
+
+ON_GRID = 0.95
+"""Share of the changes that must be whole steps; samples that a repair averaged lie in between."""
+
+VISIBLE = 0.01
+"""Steps below this part of the usual change from sample to sample are drowned by it and count as none."""
+
+_OFF = 0.02  # how far from a whole number of steps a change may lie
+_SAME = 0.01  # relative difference below which two steps are one
+_LOOKED_AT = 200  # changes tried against a step: enough to refuse it
+_EPSILON = 1e-9  # of the largest reading: below it a change is rounding of float64
+
+
+def _resolutions(recordings: Sequence[Recording]) -> list[Resolution]:
+    """Measure the resolution of each recording; steps within 1 % of each other become equal numbers."""
+    measured = []
+    usual: dict[str, list[float]] = {}
+    for r in recordings:
+        wrench = by_axis(r)
+        changes = np.abs(np.diff(wrench, axis=0))
+        measured.append(_steps(wrench, changes))
+        if r.n_samples > FEWEST_CHANGES:
+            typical = np.median(changes[:: max(1, len(changes) // _LOOKED_AT)], axis=0)
+            for axis, change in zip(r.axes, typical, strict=True):
+                usual.setdefault(axis, []).append(float(change))
+    finest = {axis: VISIBLE * float(np.median(changes)) for axis, changes in usual.items()}
+    rounded: dict[float, float] = {}
+    last = 0.0
+    for step in sorted({float(step) for steps in measured for step in steps if step > 0}):
+        if step > last * (1 + _SAME):
+            last = step
+        rounded[step] = last
+
+    def comparable(axis: str, step: float) -> float | None:
+        if np.isnan(step):
+            return None
+        return rounded[step] if step > finest[axis] else 0.0
+
+    return [
+        tuple(comparable(axis, float(step)) for axis, step in zip(r.axes, steps, strict=True))
+        for r, steps in zip(recordings, measured, strict=True)
+    ]
+
+
+def _steps(wrench: FloatArray, changes: FloatArray) -> FloatArray:
+    """Return the step of each axis: 0 where readings lie on no grid, NaN where they change too rarely."""
+    real = changes > _EPSILON * np.abs(wrench).max(axis=0)
+    smallest = np.where(real, changes, np.inf).min(axis=0, initial=np.inf)
+    sample = slice(None, None, max(1, len(changes) // _LOOKED_AT))
+    looked_at, judged = changes[sample], real[sample]
+    steps: FloatArray = np.where(np.count_nonzero(real, axis=0) < FEWEST_CHANGES, np.nan, 0.0)
+    for divisor in (1, 2, 3):  # the smallest change seen need not be a single step
+        columns = np.flatnonzero(steps == 0)
+        step = smallest[columns] / divisor
+        ratio = looked_at[:, columns] / step
+        off = (np.abs(ratio - np.rint(ratio)) >= _OFF) & judged[:, columns]
+        on_grid = off.sum(axis=0) <= (1 - ON_GRID) * judged[:, columns].sum(axis=0)
+        steps[columns[on_grid]] = step[on_grid]
+    return steps

@@ -1,0 +1,195 @@
+"""What is stated beside the samples: labels, sessions, axes, time and flags."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import TypeGuard
+
+import numpy as np
+
+from granular_id._text import counted, verb
+from granular_id.recording.checks.measured import Measured
+from granular_id.recording.checks.report import Finding, Severity
+from granular_id.recording.recording import SampleFlag
+from granular_id.recording.resampling import MAX_GAP_S
+
+SLOWEST_RATE_HZ = 1.0
+"""Below it the stamps are rather in milliseconds than in seconds."""
+
+RATE_TOLERANCE = 0.02
+"""A stated rate and the stamps may differ by this part: more than any clock drifts."""
+
+JITTER_TOLERANCE = 0.5
+"""Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter."""
+
+SPARSE = 0.5
+"""A recording is sparse with less than this part of the usual number of samples per second."""
+
+MANY_FILLED = 0.05
+"""Share of samples inside filled gaps from which on a reader is warned: high frequencies are lost there."""
+
+_WORDS = {
+    SampleFlag.GAP_FILLED: "were interpolated inside gaps, where high frequencies are lost",
+    SampleFlag.SATURATED: "were marked as saturated when they were recorded",
+    SampleFlag.BAD_STATUS: "came with an error reported by the sensor",
+    SampleFlag.TIME_REPAIRED: "were sorted or merged because their time ran back or stood still",
+}
+
+
+def check_labels(data: Measured) -> Iterator[Finding]:
+    """Find recordings without a label, sets with nothing to tell apart, and labels of unequal size."""
+    without = [i for i, r in enumerate(data.recordings) if r.label is None]
+    if without:
+        message = f"{counted(len(without))} {verb(len(without), 'has', 'have')} no label"
+        yield data.finding("error", "no-label", message, without)
+    if len(data.labels) == 1:
+        only = next(iter(data.labels))
+        yield data.finding("error", "one-label", f"all recordings are {only!r}: nothing to tell apart")
+    single = [group[0] for group in data.labels.values() if len(group) == 1]
+    if single and len(data.labels) > 1:
+        message = f"{counted(len(single), 'label')} with one recording only: nothing is left to test with"
+        yield data.finding("warning", "single", message, single)
+    sizes = [len(group) for group in data.labels.values()]
+    if len(set(sizes)) > 1:
+        message = f"between {min(sizes)} and {max(sizes)} recordings per label"
+        yield data.finding("info", "uneven", message, fewest=min(sizes), most=max(sizes))
+
+
+def check_axes(data: Measured) -> Iterator[Finding]:
+    """Find recordings whose axes are not those of most."""
+    kinds: dict[tuple[str, ...], list[int]] = {}
+    for i, r in enumerate(data.recordings):
+        kinds.setdefault(r.axes, []).append(i)
+    if len(kinds) > 1:
+        usual = max(kinds, key=lambda axes: len(kinds[axes]))
+        other = sorted(i for axes, group in kinds.items() if axes != usual for i in group)
+        message = f"{counted(len(other))} {verb(len(other), 'has', 'have')} other axes than {' '.join(usual)}"
+        yield data.finding("error", "axes-differ", message, other)
+
+
+def check_sessions(data: Measured) -> Iterator[Finding]:
+    """Find recordings without a session, and labels that have one session only, each its own."""
+    without = [i for i, r in enumerate(data.recordings) if r.session is None]
+    if len(without) == len(data.recordings):
+        message = "no recording says which session it is from: keep together what was recorded together"
+        yield data.finding("warning", "no-session", message)
+    elif without:
+        message = (
+            f"{len(without)} of {len(data.recordings)} recordings do not say which session they are from"
+        )
+        yield data.finding("warning", "some-sessions", message, without)
+    if data.labels_of_one_session:
+        message = (
+            f"{len(data.labels_of_one_session)} of {len(data.labels)} labels have one session each: what a "
+            "classifier learns may be the session, and no evaluation can tell"
+        )
+        yield data.finding("warning", "session-is-label", message, labels=data.labels_of_one_session)
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether an entry of ``meta`` is a number that a float can hold."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
+
+
+def check_rates(data: Measured) -> Iterator[Finding]:
+    """Find rates that cannot be, that differ, or that the stamps do not keep."""
+    recordings, paces = data.recordings, data.paces
+    slow = [i for i, p in enumerate(paces) if p.median_s * SLOWEST_RATE_HZ > 1]
+    if slow:
+        message = f"{counted(len(slow))} with less than one sample per second: are the stamps in seconds?"
+        yield data.finding("error", "slow", message, slow)
+    rates = sorted({r.rate_hz for r in recordings if r.rate_hz is not None})
+    if len(rates) > 1:
+        usual = max(rates, key=lambda rate: sum(r.rate_hz == rate for r in recordings))
+        other = [i for i, r in enumerate(recordings) if r.rate_hz not in (None, usual)]
+        message = (
+            f"{len(rates)} different rates, {rates[0]:g} to {rates[-1]:g} Hz; {len(other)} not at {usual:g}"
+        )
+        yield data.finding("warning", "rates-differ", message, other, rates_hz=rates)
+    stamped = {i: p.mean_s for i, p in enumerate(paces) if not recordings[i].is_uniform and p.mean_s}
+    stated = {i: rate for i in stamped if is_number(rate := recordings[i].meta.get("rate_hz"))}
+    off = {i: part for i, rate in stated.items() if (part := abs(stamped[i] * rate - 1)) > RATE_TOLERANCE}
+    if off:
+        worst = max(off, key=lambda i: off[i])
+        message = (
+            f"{counted(len(off))} {verb(len(off), 'does', 'do')} not keep the stated rate: the stamps of "
+            f"{recordings[worst].name!r} mean {1 / stamped[worst]:.4g} Hz, its meta says {stated[worst]:g}"
+        )
+        yield data.finding("warning", "rate-not-kept", message, off)
+    means = {i: 1 / mean_s for i, mean_s in stamped.items()}
+    median = float(np.median(list(means.values()))) if means else 0.0
+    sparse = [i for i, rate in means.items() if rate < SPARSE * median]
+    if sparse:
+        least = min(sparse, key=lambda i: means[i])
+        message = (
+            f"{counted(len(sparse))} with less than half as many samples per second as usual ({median:.3g}): "
+            f"{recordings[least].name!r} has {means[least]:.2g}"
+        )
+        yield data.finding("warning", "sparse", message, sparse, usual_hz=median, least_hz=means[least])
+
+
+def check_gaps(data: Measured) -> Iterator[Finding]:
+    """Find steps in time that are far longer than the others of the recording."""
+    gaps = {i: p.longest_s for i, p in enumerate(data.paces) if p.longest_s > p.limit_s}
+    if gaps:
+        worst = max(gaps, key=lambda i: gaps[i])
+        message = (
+            f"{counted(len(gaps))} {verb(len(gaps), 'has', 'have')} gaps, the longest {gaps[worst]:.3g} s in "
+            f"{data.recordings[worst].name!r}"
+        )
+        long = sum(gap > MAX_GAP_S for gap in gaps.values())
+        if long:
+            message += f"; {long} above {MAX_GAP_S:g} s, which resampling refuses"
+        yield data.finding("warning", "gaps", message, gaps, longest_s=gaps[worst])
+
+
+def check_steps(data: Measured) -> Iterator[Finding]:
+    """Find recordings that are not evenly sampled, and of those the very uneven ones."""
+    irregular = [i for i, r in enumerate(data.recordings) if not r.is_uniform and r.n_samples > 1]
+    jittery = [i for i in irregular if data.paces[i].spread > JITTER_TOLERANCE]
+    if jittery:
+        median = float(np.median([data.paces[i].median_s for i in jittery]))
+        mean = float(np.median([data.paces[i].mean_s for i in jittery]))
+        message = (
+            f"{counted(len(jittery))} with uneven steps (median {1e3 * median:.3g} ms, mean {1e3 * mean:.3g} ms): "
+            f"above {0.5 / mean:.3g} Hz the resampled signal is made up"
+        )
+        yield data.finding("warning", "jitter", message, jittery, median_step_s=median, mean_step_s=mean)
+    if irregular:
+        message = f"{counted(len(irregular))} irregularly sampled: resample before extracting features"
+        yield data.finding("info", "irregular", message, irregular)
+
+
+def check_lengths(data: Measured) -> Iterator[Finding]:
+    """Say where the recordings differ in length."""
+    lengths = [r.n_samples for r in data.recordings]
+    if len(set(lengths)) > 1:
+        seconds = [f"{pick(r.duration_s for r in data.recordings):.3g}" for pick in (min, max)]
+        lasting = f", {seconds[0]} to {seconds[1]} s" if seconds[0] != seconds[1] else ""
+        message = f"lengths differ, {min(lengths)} to {max(lengths)} samples{lasting}: align before comparing"
+        yield data.finding("info", "lengths-differ", message, shortest=min(lengths), longest=max(lengths))
+
+
+def check_flags(data: Measured) -> Iterator[Finding]:
+    """Count flagged samples, flag by flag: what earlier steps or the sensor itself said about them."""
+    total = sum(r.n_samples for r in data.recordings)
+    for bit in SampleFlag:
+        counts = {
+            i: number
+            for i, r in enumerate(data.recordings)
+            if r.flags is not None and (number := int(np.count_nonzero(r.flags & bit)))
+        }
+        if not counts:
+            continue
+        samples = sum(counts.values())
+        share = samples / total
+        mild = share <= MANY_FILLED if bit is SampleFlag.GAP_FILLED else bit is SampleFlag.TIME_REPAIRED
+        severity: Severity = "info" if mild else "warning"
+        message = (
+            f"{counted(samples, 'sample')} in {counted(len(counts))} ({100 * share:.2g} %) {_WORDS[bit]}"
+        )
+        code = str(bit.name).lower().replace("_", "-")
+        yield data.finding(severity, code, message, counts, samples=samples, share=share)
