@@ -40,6 +40,17 @@ def whole_percent(value: float) -> str:
     return f"{value:.0f}"
 
 
+def in_columns(rows: Sequence[Sequence[str]], *, right: bool = False) -> list[str]:
+    """Lay out rows of text in columns: the first to the left, the others to the left or right; lines of one length."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = [cell.rjust(w) if right else cell.ljust(w) for cell, w in zip(cells, widths, strict=True)]
+        return "  ".join((cells[0].ljust(widths[0]), *padded[1:]))
+
+    return [line(row) for row in rows]
+
+
 @dataclass(frozen=True)
 class Table:
     """A title, a header, rows of text (first column left, others right aligned) and notes below."""
@@ -50,17 +61,10 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        widths = [max(len(row[i]) for row in (self.header, *self.rows)) for i in range(len(self.header))]
-
-        def line(cells: tuple[str, ...]) -> str:
-            first = cells[0].ljust(widths[0])
-            rest = (cell.rjust(width) for cell, width in zip(cells[1:], widths[1:], strict=True))
-            return "  ".join((first, *rest)).rstrip()
-
-        rule = "-" * (sum(widths) + 2 * (len(widths) - 1))
-        return "\n".join(
-            (self.title, rule, line(self.header), rule, *map(line, self.rows), rule, *self.notes)
-        )
+        lines = in_columns((self.header, *self.rows), right=True)
+        rule = "-" * len(lines[0])
+        header, *rows = (line.rstrip() for line in lines)
+        return "\n".join((self.title, rule, header, rule, *rows, rule, *self.notes))
 
 
 def percent(share: float | None, digits: int = 1) -> str:

@@ -14,6 +14,7 @@ from granular_id.recording.recording import (
     Recording,
     SampleFlag,
     checked_axes,
+    shared_base,
     unit_of,
 )
 from granular_id.recording.report import StepReport, text_table
@@ -40,7 +41,6 @@ from granular_id.recording.setup import (
     values_in,
     warnings_in,
 )
-from granular_id.recording.steps import shared_base
 
 __all__ = [
     "AXES",

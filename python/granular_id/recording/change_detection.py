@@ -1,4 +1,4 @@
-"""Compare neighbouring windows of a recording with how they differ at rest."""
+"""The statistics behind `find_onset`: windows compared with how they differ at rest, and when a change began."""
 
 from __future__ import annotations
 
@@ -14,33 +14,22 @@ from granular_id._checks import FloatArray
 SPAN = 3
 """Windows that a change must last to count: two are compared, and one between them keeps glitches out."""
 
+WINDOWS_IN_REST = 5
+"""Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise."""
+
 
 @dataclass(frozen=True)
 class Detection:
-    """What detection found in n recordings of T samples and C axes.
-
-    Attributes
-    ----------
-    noise : RestNoise
-        What rest looks like.
-    critical : ndarray, shape (n, C)
-        Smallest change between windows that counts, in units of the axis; infinite for an axis that never moves.
-    statistic : ndarray, shape (n, T, C)
-        Change at each sample over the critical one; 0 where there is no room for the windows.
-    joint : ndarray, shape (n, T)
-        What decides: above 1 where two axes change, or one by what is critical for an axis alone.
-    first : ndarray of int, shape (n,)
-        First sample at which that is so, or -1.
-    wander : ndarray, shape (n, C)
-        Largest distance of a window after the rest from the level at rest.
-    """
+    """What detection found in n recordings of T samples and C axes."""
 
     noise: RestNoise
-    critical: FloatArray
-    statistic: FloatArray
-    joint: FloatArray
-    first: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
-    wander: FloatArray
+    critical: FloatArray  # (n, C): smallest change that counts; infinite for an axis that never moves
+    statistic: (
+        FloatArray  # (n, T, C): change at each sample over the critical one; 0 without room for the windows
+    )
+    joint: FloatArray  # (n, T): what decides, see `_joint`
+    first: NDArray[np.intp]  # (n,): first sample at which that is above 1, or -1
+    wander: FloatArray  # (n, C): largest distance of a window after the rest from the level at rest
 
 
 def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
@@ -58,14 +47,7 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     axes; a change of one axis only must stand out from what this axis alone has shown, lest the odd axis with
     slower noise than the others ring every alarm.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (n, T, C)
-        Near zero (less the first sample, for instance).
-    rest, window : int
-        Samples known to be at rest, and samples of a window; T >= rest + SPAN window.
-    rate : float
-        Probability of a false alarm in a recording without motion.
+    Samples are near zero, T >= rest + SPAN window; `rate` is the probability of a false alarm in a recording.
     """
     _, n_samples, n_axes = samples.shape
     n_tests = n_samples - rest - SPAN * window + 1
@@ -97,7 +79,7 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
 
 
 def _joint(statistic: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the second largest of the axes, or the largest in terms of what one axis alone must show."""
+    """Return the second largest of the axes, or the largest by what must be asked of an axis alone, shape (n, T)."""
     first = statistic[:, :, 0].copy()
     second = np.zeros_like(first)
     alone = first * share[:, :1]
@@ -123,32 +105,26 @@ _AT_LEVEL = 6.0
 # with 6 it mostly is (12 ms late), with 3 the middle of all errors is 3 ms.
 _AFTER = 3
 
-_Indices = NDArray[np.intp]
 
+def change_times(samples: FloatArray, found: Detection, rest: int, window: int) -> dict[int, int]:
+    """Estimate the sample at which each change began, by the place of the recording.
 
-def change_times(
-    samples: FloatArray, weights: FloatArray, first: _Indices, rest: int, window: int
-) -> _Indices:
-    """Estimate the sample at which each change began.
-
-    Axes are added up with `weights` (the matched filter for their common change). From where this sum left
-    its former level, the stretch of `rest` samples before and one and a half windows after is fitted by a level
-    that turns into a jump, a straight or a quadratic rise at sample k. The best k by least squares is the maximum
-    likelihood estimate for white noise (D. V. Hinkley, "Inference about the change-point in a sequence of random
-    variables", Biometrika 57, 1970; for broken lines "Inference in two-phase regression", JASA 66, 1971).
-
-    Parameters
-    ----------
-    samples : ndarray, shape (n, T, C)
-    weights : ndarray, shape (n, C)
-        Signed: the sum rises with the change.
-    first : ndarray of int, shape (n,)
-        Where the change was found, at least `rest`.
-    rest, window : int
-        In samples.
+    Axes are added up as by the matched filter for their common change. From where this sum left its former level,
+    the stretch of `rest` samples before and one and a half windows after is fitted by a level that turns into a jump,
+    a straight or a quadratic rise at sample k. The best k by least squares is the maximum likelihood estimate for
+    white noise (D. V. Hinkley, "Inference about the change-point in a sequence of random variables", Biometrika 57,
+    1970; for broken lines "Inference in two-phase regression", JASA 66, 1971).
     """
+    passed = np.flatnonzero(found.first >= 0)
+    first, moving = found.first[passed], samples[passed]
+    before = np.take_along_axis(moving, (first[:, None] + np.arange(-window, 0))[:, :, None], axis=1)
+    after = np.take_along_axis(moving, (first[:, None] + np.arange(window))[:, :, None], axis=1)
+    carried = found.statistic[passed, first] > 1
+    weights = np.zeros(carried.shape)
+    change = after.mean(axis=1) - before.mean(axis=1)
+    np.divide(change, found.noise.shift_variance[passed], out=weights, where=carried)
     length = rest + _AFTER * window // 2
-    course = np.einsum("ntc,nc->nt", samples, weights)
+    course = np.einsum("ntc,nc->nt", moving, weights)
     left = np.array([_leaves(*one, rest, window) for one in zip(course, first, strict=True)], dtype=np.intp)
     course = np.take_along_axis(course, (left - rest)[:, np.newaxis] + np.arange(length), axis=1)
     stride = -(-length // _MOST_POINTS)
@@ -156,8 +132,8 @@ def change_times(
     course = course[:, length - kept * stride :].reshape(len(course), kept, stride).mean(axis=2)
     shapes, begins = _shapes(kept, -(-window // stride))
     best = begins[((course - course.mean(axis=1, keepdims=True)) @ shapes.T).argmax(axis=1)]
-    result: _Indices = left - rest + (length - kept * stride) + best * stride
-    return result
+    began = left - rest + (length - kept * stride) + best * stride
+    return dict(zip(passed.tolist(), began.tolist(), strict=True))
 
 
 def _leaves(course: FloatArray, first: int, rest: int, window: int) -> int:
@@ -177,7 +153,7 @@ def _leaves(course: FloatArray, first: int, rest: int, window: int) -> int:
 
 
 @lru_cache(maxsize=64)
-def _shapes(length: int, window: int) -> tuple[FloatArray, _Indices]:
+def _shapes(length: int, window: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the centred unit courses of changes, one a row, and the sample at which each begins."""
     time = np.arange(length)
     # a rise is at its old level at k, a jump at k has just left it; each leaves points to be seen by
@@ -193,8 +169,6 @@ def _shapes(length: int, window: int) -> tuple[FloatArray, _Indices]:
 
 # What an axis does while nothing moves, measured on the few samples before the motion.
 
-WINDOWS_IN_REST = 5
-"""Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise."""
 # Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
 # thinner than his approximation says where the larger of two estimates is taken and two axes must agree. Set by
 # simulation with benches/onset.py: with 3 the rate is just held when all axes carry one and the same noise.
@@ -203,32 +177,19 @@ _THINNER_TAIL = 2.5
 
 @dataclass(frozen=True)
 class RestNoise:
-    """Noise at rest of n recordings of C axes.
+    """Noise at rest of n recordings of C axes."""
 
-    Attributes
-    ----------
-    level, sd : ndarray, shape (n, C)
-        Mean and standard deviation of the samples.
-    shift_variance : ndarray, shape (n, C)
-        Variance of the difference between the means of two neighbouring windows, taking noise to have one
-        colour on all axes; at least `own_variance`.
-    dof : ndarray, shape (n,)
-        Degrees of freedom of that variance.
-    own_variance : ndarray, shape (n, C)
-        The same variance from each axis alone.
-    own_dof : float
-        Its degrees of freedom.
-    count : ndarray, shape (n, C)
-        One count of the sensor: by this much a level may seem to differ though it does not.
-    """
-
-    level: FloatArray
-    sd: FloatArray
-    shift_variance: FloatArray
-    dof: FloatArray
-    own_variance: FloatArray
+    level: FloatArray  # (n, C): mean of the samples
+    sd: FloatArray  # (n, C): their standard deviation
+    shift_variance: (
+        FloatArray  # (n, C): of the difference between the means of neighbouring windows, colour shared
+    )
+    dof: FloatArray  # (n,): its degrees of freedom
+    own_variance: FloatArray  # (n, C): the same from each axis alone; not above `shift_variance`
     own_dof: float
-    count: FloatArray
+    count: (
+        FloatArray  # (n, C): one count of the sensor, by which a level may seem to differ though it does not
+    )
 
 
 def windows_of(samples: FloatArray, window: int) -> FloatArray:
@@ -319,32 +280,9 @@ def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
     noise taken for too small by chance is too small for all of them, which Student's t per test would not know.
     By Sidak's inequality tests may be correlated in any way, as overlapping windows are: the rate is then lower.
 
-    Parameters
-    ----------
-    dof : ndarray
-        Degrees of freedom; below 0.5 the factor is infinite.
-    n_tests : int
-        How many tests are made, at least 1.
-    rate : float
-        Probability that any of them exceeds the factor by chance.
-
-    Returns
-    -------
-    ndarray
-        In the shape of `dof`.
-
-    References
-    ----------
-    Z. Sidak, "Rectangular confidence regions for the means of multivariate normal distributions", Journal of
-    the American Statistical Association 62 (1967). M. R. Stoline and H. K. Ury, "Tables of the studentized
-    maximum modulus distribution", Technometrics 21 (1979).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.recording.change_detection import critical_factors
-    >>> critical_factors(np.array([10.0, 1e4]), 1, 0.05).round(2).tolist()       # Student's t
-    [2.23, 1.96]
+    Below 0.5 degrees of freedom it is infinite. Z. Sidak, "Rectangular confidence regions for the means of
+    multivariate normal distributions", JASA 62 (1967); M. R. Stoline and H. K. Ury, "Tables of the studentized maximum
+    modulus distribution", Technometrics 21 (1979).
     """
     grid = n_tests if n_tests < 20 else math.ceil(_GRID ** math.ceil(math.log(n_tests, _GRID) - 1e-9))
     known, factors = _table(grid, rate)

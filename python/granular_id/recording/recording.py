@@ -1,4 +1,4 @@
-"""``Recording``: one push through a material, as the sensor saw it."""
+"""``Recording``: one push through a material, as the sensor saw it; its axes, and what several have in common."""
 
 from __future__ import annotations
 
@@ -23,10 +23,34 @@ from granular_id._checks import (
 )
 from granular_id._columns import by_name, column_names
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
-from granular_id._text import fixed
+from granular_id._text import counted, fixed, verb
 
 _WRENCH = "a real array of shape (T, C), T >= 1, as a rule with the axes fx fy fz (N) tx ty tz (N m)"
 _TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"
+
+
+class SampleFlag(IntFlag):
+    """What can be wrong with a sample: bits of one element of ``Recording.flags`` (uint8); a sample may carry several.
+
+    Examples
+    --------
+    >>> from granular_id.recording import SampleFlag
+    >>> SampleFlag.GAP_FILLED | SampleFlag.SATURATED == 3
+    True
+    """
+
+    GAP_FILLED = SAMPLE_FLAGS["GAP_FILLED"]
+    """Interpolated inside a gap of the source: no measurement was taken near this instant."""
+    SATURATED = SAMPLE_FLAGS["SATURATED"]
+    """At least one axis was at the end of the sensor's range."""
+    BAD_STATUS = SAMPLE_FLAGS["BAD_STATUS"]
+    """The sensor reported an error with this sample."""
+    TIME_REPAIRED = SAMPLE_FLAGS["TIME_REPAIRED"]
+    """The sample's time stamp ran backwards or was repeated, and the sample was sorted or merged."""
+
+
+KNOWN_FLAGS = sum(SAMPLE_FLAGS.values())
+"""All defined bits together; any other bit in ``Recording.flags`` is refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,22 +150,17 @@ class Recording:
 
     @classmethod
     def _trusted(cls, **fields: Any) -> Recording:
-        """Make a recording of fields that a reader has checked and frozen for many recordings at once.
-
-        `wrench` is read-only, C-contiguous, finite float64, `meta` comes from ``freeze``, `axes` is a tuple; the
-        rest is as the constructor would leave it. Fields left out have their defaults.
-        """
+        """Make a recording of fields that are as the constructor would leave them, without checking them again."""
         recording = object.__new__(cls)
         recording.__dict__.update(_DEFAULTS, **fields)
         return recording
 
     @classmethod
     def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
-        """Make many recordings at once: a column per field, none left out, each as `_trusted` wants it."""
-        make = object.__new__
+        """Make many recordings at once: a column per field, none left out, as `_trusted` wants them."""
         recordings = []
         for row in zip(*(columns[name] for name in _FIELDS), strict=True):
-            recording = make(cls)
+            recording = object.__new__(cls)
             recording.__dict__.update(zip(_FIELDS, row, strict=True))
             recordings.append(recording)
         return recordings
@@ -206,13 +225,9 @@ _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.d
 
 def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
     columns = column_names(value)
-    if columns is not None:
-        wanted = None
-        if not (
-            names is None or (isinstance(names, tuple) and not names)
-        ):  # they choose among the columns: as many as are given
-            given = len(names) if isinstance(names, Sequence) else 0
-            wanted = checked_axes(names, (0, given or len(columns)))
+    if columns is not None:  # names choose among them
+        given = len(names) if isinstance(names, Sequence) else 0
+        wanted = None if _unsaid(names) else checked_axes(names, (0, given or len(columns)))
         value, names = by_name(value, columns, "wrench", wanted)
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:
@@ -271,23 +286,13 @@ def _same_array(a: NDArray[Any] | None, b: NDArray[Any] | None) -> bool:
 
 KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
 
+AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
+"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
+
 
 def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Return one name per column: those given, or fx fy fz tx ty tz where none are and six are wanted.
-
-    Parameters
-    ----------
-    names : sequence of str, or None
-        Empty or None: nothing is said.
-    shape : tuple of int
-        (T, C) of the samples.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Not a sequence of different printable names, not as many as columns, or none given and C is not 6.
-    """
-    if names is None or (isinstance(names, tuple) and not names):
+    """Return one name per column of samples of this shape: those given, or fx fy fz tx ty tz for six."""
+    if _unsaid(names):
         if shape[1] != len(AXES):
             raise ValueError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
@@ -305,6 +310,33 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     return axes
 
 
+def _unsaid(names: object) -> bool:
+    return names is None or (isinstance(names, tuple) and not names)
+
+
+def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
+    """Return the unit of an axis: N or N m for the six of a wrench, else what ``meta["units"]`` says, else N.
+
+    Examples
+    --------
+    >>> from granular_id.recording import unit_of
+    >>> unit_of("tz"), unit_of("force"), unit_of("depth", {"units": {"depth": "mm"}})
+    ('N m', 'N', 'mm')
+    """
+    units = (meta or {}).get("units")
+    stated = units.get(axis) if isinstance(units, Mapping) else None
+    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "N")
+
+
+# What recordings have in common.
+
+
+def checked_choice(name: str, value: object, *choices: str) -> None:
+    """Refuse a setting that is none of the choices."""
+    if value not in choices:
+        raise ValueError(f"{name}={value!r}; wanted {' or '.join(map(repr, choices))}")
+
+
 def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return the axes that all recordings share, or raise ValueError naming the method that helps."""
     first = recordings[0]
@@ -317,48 +349,63 @@ def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:
     return first.axes
 
 
-def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
-    """Return the unit of an axis: N or N m for the six of a wrench, else what ``meta["units"]`` says, else N.
-
-    Examples
-    --------
-    >>> from granular_id.recording.recording import unit_of
-    >>> unit_of("tz"), unit_of("force"), unit_of("depth", {"units": {"depth": "mm"}})
-    ('N m', 'N', 'mm')
-    """
-    units = (meta or {}).get("units")
-    stated = units.get(axis) if isinstance(units, Mapping) else None
-    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "N")
+def irregular_among(recordings: Sequence[Recording]) -> str:
+    """Say how many recordings are irregularly sampled, for an error; "" where none is."""
+    irregular = [r.name for r in recordings if r.rate_hz is None]
+    if not irregular:
+        return ""
+    return (
+        f"{len(irregular)} of {counted(len(recordings))} {verb(len(irregular), 'is', 'are')} irregularly sampled "
+        f"(the first is {irregular[0]!r})"
+    )
 
 
-# What can be wrong with a single sample: the bits of ``Recording.flags``, as the core numbers them.
+def common_rate(recordings: Sequence[Recording]) -> float:
+    """Return the rate that all recordings share, Hz, or raise ValueError naming the method that makes one."""
+    irregular = irregular_among(recordings)
+    if irregular:
+        raise ValueError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
+    rates = sorted({r.rate_hz for r in recordings if r.rate_hz is not None})
+    if len(rates) > 1:
+        raise ValueError(
+            f"recordings differ in rate ({rates[0]:g} to {rates[-1]:g} Hz); call .resample(rate_hz) first, "
+            "nothing is resampled silently"
+        )
+    return rates[0]
 
 
-class SampleFlag(IntFlag):
-    """Bits of one element of ``Recording.flags`` (uint8); a sample may carry several.
-
-    Examples
-    --------
-    >>> from granular_id.recording import SampleFlag
-    >>> SampleFlag.GAP_FILLED | SampleFlag.SATURATED == 3
-    True
-    """
-
-    GAP_FILLED = SAMPLE_FLAGS["GAP_FILLED"]
-    """Interpolated inside a gap of the source: no measurement was taken near this instant."""
-    SATURATED = SAMPLE_FLAGS["SATURATED"]
-    """At least one axis was at the end of the sensor's range."""
-    BAD_STATUS = SAMPLE_FLAGS["BAD_STATUS"]
-    """The sensor reported an error with this sample."""
-    TIME_REPAIRED = SAMPLE_FLAGS["TIME_REPAIRED"]
-    """The sample's time stamp ran backwards or was repeated, and the sample was sorted or merged."""
-
-
-KNOWN_FLAGS = int(
-    SampleFlag.GAP_FILLED | SampleFlag.SATURATED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
-)
-"""All defined bits together; any other bit in ``Recording.flags`` is refused."""
+def stack(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the samples as one read-only array, shape (n, T, C), or raise naming the method that helps."""
+    common_rate(recordings)
+    common_axes(recordings)
+    lengths = [r.n_samples for r in recordings]
+    if len(set(lengths)) > 1:
+        raise ValueError(
+            f"recordings differ in length ({min(lengths)} to {max(lengths)} samples); call "
+            ".align(n_samples=...) or .align(duration_s=...) first, nothing is cropped silently"
+        )
+    parts = [r.wrench for r in recordings]
+    block = shared_base(parts)
+    if block is None:
+        block = np.stack(parts)
+        block.flags.writeable = False
+    shape = (len(parts), *parts[0].shape)
+    return block if block.shape == shape else block.reshape(shape)
 
 
-AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00")
-"""Okabe & Ito's colours, told apart with any colour vision; one per axis, in the order of `AXES`."""
+def shared_base(parts: Sequence[FloatArray]) -> FloatArray | None:
+    """Return the array that the parts fill, one after the other and without a rest, if there is one."""
+    base = parts[0].base
+    if not isinstance(base, np.ndarray) or base.nbytes != sum(part.nbytes for part in parts):
+        return None
+    # of another type where the parts view its bytes as numbers
+    if base.dtype != parts[0].dtype or not base.flags.c_contiguous:
+        return None
+    address = base.__array_interface__["data"][0]
+    for part in parts:
+        if part.base is not base or not part.flags.c_contiguous:
+            return None
+        if part.__array_interface__["data"][0] != address:
+            return None
+        address += part.nbytes
+    return base

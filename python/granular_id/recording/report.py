@@ -1,4 +1,4 @@
-"""What a step did to a data set: printable, JSON-able, kept in ``Dataset.history``."""
+"""``StepReport``: what a step did to a data set; reports as text for people and JSON for programs."""
 
 from __future__ import annotations
 
@@ -7,16 +7,39 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from granular_id._checks import checked_text, freeze, thaw
 from granular_id._files import JSON, refuse_other_kind, whole_file
+from granular_id._text import in_columns
 
 _PRINTED_ROWS = 10
 
 
+class Report:
+    """What prints as text and can be saved."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
+        raise NotImplementedError
+
+    def to_json(self) -> str:
+        """Return the whole report as one JSON text."""
+        return json.dumps(self.to_dict(), ensure_ascii=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows.
+
+        A `path` that ends like another kind of file is a ValueError.
+        """
+        refuse_other_kind(path, JSON)
+        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
+        with whole_file(path) as draft:
+            draft.write_text(text + "\n", encoding="utf-8")
+
+
 @dataclass(frozen=True)
-class StepReport:
+class StepReport(Report):
     """One step of a data set's history.
 
     Printed, it leaves out settings that are None and figures that are zero; `to_dict` has them all.
@@ -52,15 +75,11 @@ class StepReport:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "step", checked_text(self.step, "step"))
-        for name, kind in (
-            ("parameters", Mapping),
-            ("totals", Mapping),
-            ("rows", Sequence),
-            ("notes", Sequence),
-        ):
+        kinds = {"parameters": Mapping, "totals": Mapping, "rows": Sequence, "notes": Sequence}
+        for name, kind in kinds.items():
             value = getattr(self, name)
             if not isinstance(value, kind) or isinstance(value, str):
-                wanted = "mapping" if kind is Mapping else "sequence"
+                wanted = kind.__name__.lower()
                 raise TypeError(f"{name} of a step must be a {wanted}, got {type(value).__name__}")
             object.__setattr__(self, name, freeze(value, name))
         for name, item_kind in (("rows", Mapping), ("notes", str)):
@@ -71,59 +90,33 @@ class StepReport:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # read-only mappings cannot be pickled: rebuild from plain ones
-        return (StepReport, tuple(thaw(getattr(self, name)) for name in self.__dataclass_fields__))
+        return (StepReport, tuple(self.to_dict().values()))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
         return {name: thaw(getattr(self, name)) for name in self.__dataclass_fields__}
-
-    def to_json(self) -> str:
-        """Return the whole report as one JSON text."""
-        return json.dumps(self.to_dict(), ensure_ascii=False)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> StepReport:
         """Make a report of what `to_dict` gave; TypeError or ValueError naming what does not fit."""
         if not isinstance(values, Mapping):
             raise TypeError(f"a step must be a mapping, got {type(values).__name__}")
-        unknown = sorted(set(values) - set(cls.__dataclass_fields__), key=str)
+        unknown = set(values) - set(cls.__dataclass_fields__)
         if unknown or "step" not in values:
             wanted = ", ".join(cls.__dataclass_fields__)
             raise ValueError(f"a step has the keys {', '.join(map(str, values))}; wanted {wanted}")
         return cls(**values)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows.
-
-        A `path` that ends like another kind of file is a ValueError.
-        """
-        save_report(self, path)
-
     def __str__(self) -> str:
         given = {key: value for key, value in self.parameters.items() if value is not None}
         settings = ", ".join(f"{key}={_cell(value)}" for key, value in given.items())
         lines = [f"{self.step}: {settings}" if settings else self.step]
-        lines += ["  " + line for line in text_totals(self.totals)]
+        lines += [f"  {line}" for line in text_totals(self.totals)]
         lines += [f"  note: {note}" for note in self.notes]
-        lines += ["  " + line for line in text_table(self.rows[:_PRINTED_ROWS])]
+        lines += [f"  {line}" for line in text_table(self.rows[:_PRINTED_ROWS])]
         if len(self.rows) > _PRINTED_ROWS:
             lines.append(f"  ... and {len(self.rows) - _PRINTED_ROWS} more recordings")
         return "\n".join(lines)
-
-
-class Saveable(Protocol):
-    """What has a text for people and one for programs."""
-
-    def to_json(self) -> str:
-        """Return all of it as JSON."""
-
-
-def save_report(report: Saveable, path: str | os.PathLike[str]) -> None:
-    """Write all of a report as JSON where `path` ends in ``.json``, else the text that `print` shows."""
-    refuse_other_kind(path, JSON)
-    text = report.to_json() if Path(path).suffix.lower() == ".json" else str(report)
-    with whole_file(path) as draft:
-        draft.write_text(text + "\n", encoding="utf-8")
 
 
 def text_totals(totals: Mapping[str, Any]) -> list[str]:
@@ -132,19 +125,12 @@ def text_totals(totals: Mapping[str, Any]) -> list[str]:
 
 
 def text_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Lay out mappings as left-aligned columns under their keys, in order of first appearance.
-
-    A column in which every row holds zero, nothing or None is left out.
-    """
+    """Lay out mappings as columns under their keys; one in which every row holds zero, nothing or None is left out."""
     columns = list(dict.fromkeys(key for row in rows for key, value in row.items() if value))
     if not columns:
         return []
-    cells = [columns, *([_cell(row[key]) if key in row else "" for key in columns] for row in rows)]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in cells
-    ]
+    cells = [[_cell(row[key]) if key in row else "" for key in columns] for row in rows]
+    return [line.rstrip() for line in in_columns([columns, *cells])]
 
 
 def _total(value: Any) -> str:

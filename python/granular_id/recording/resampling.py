@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal
@@ -11,7 +11,7 @@ import numpy as np
 
 from granular_id._checks import FloatArray, checked_number, checked_rate
 from granular_id._text import counted, fixed
-from granular_id.recording.recording import Recording, SampleFlag
+from granular_id.recording.recording import Recording, SampleFlag, checked_choice
 from granular_id.recording.report import StepReport
 
 # Time stamps: whether they form a uniform grid, and what to do where they do not.
@@ -24,26 +24,10 @@ STATED_TOLERANCE = 0.5
 
 
 def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
-    """Find the rate of evenly spaced stamps: the shortest decimal number that fits them all.
+    """Find the rate of evenly spaced stamps, Hz: the shortest decimal number that fits them all.
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (T,)
-        Strictly increasing stamps, the first one 0.
-    resolution_s : float
-        What the stamps can be off by rounding (large absolute stamps in float64 are).
-
-    Returns
-    -------
-    float or None
-        The rate in Hz; None for a single stamp and for stamps further than 1 % of a step from an even grid.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.recording.resampling import uniform_rate
-    >>> uniform_rate(np.arange(1600) / 500)
-    500.0
+    Stamps may be off by `resolution_s`, as large absolute ones in float64 are by rounding. None for a single stamp and
+    for stamps further than 1 % of a step from an even grid.
     """
     if len(time_s) < 2:
         return None
@@ -64,60 +48,35 @@ def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
 
 def largest_gap_s(recording: Recording) -> float:
     """Longest time between two neighbouring samples, seconds (0 for a single sample)."""
-    if recording.rate_hz is not None:
-        return 1 / recording.rate_hz if recording.n_samples > 1 else 0.0
-    steps = np.diff(recording.times())
-    return float(steps.max()) if len(steps) else 0.0
+    return _step_s(recording, np.max)
 
 
-def median_step_s(recording: Recording) -> float:
-    """Median time between neighbouring samples, seconds (0 for a single sample)."""
-    if recording.rate_hz is not None or recording.n_samples < 2:
-        return largest_gap_s(recording)
-    return float(np.median(np.diff(recording.times())))
+def _step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
+    if recording.n_samples < 2:
+        return 0.0
+    return 1 / recording.rate_hz if recording.rate_hz is not None else float(pick(np.diff(recording.times())))
 
 
 @dataclass(frozen=True)
 class RepairedTime:
-    """Stamps put in order by :func:`repair_time`.
+    """Stamps put in order by `repair_time`: M of T."""
 
-    Attributes
-    ----------
-    stamps : ndarray, shape (M,)
-        Strictly increasing stamps, M <= T.
-    values : ndarray, shape (M, C)
-        The samples in that order, those with the same stamp averaged.
-    touched : ndarray of bool, shape (M,)
-        Which samples were moved or merged.
-    order : ndarray of int, shape (T,)
-        The sort: ``stamps[order]`` ascends.
-    first : ndarray of int, shape (M,)
-        Where in that order each merged sample begins (for ``ufunc.reduceat`` on other columns).
-    n_moved, n_merged : int
-        How many samples came later than one with a later stamp, and how many were merged into another one.
-    """
-
-    stamps: FloatArray
-    values: FloatArray
-    touched: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-    order: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
-    first: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
-    n_moved: int
-    n_merged: int
+    stamps: FloatArray  # strictly increasing
+    values: FloatArray  # the samples in that order, those with the same stamp averaged
+    touched: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]  # which of them were moved or merged
+    order: np.ndarray[tuple[int, ...], np.dtype[np.intp]]  # the sort, shape (T,)
+    first: np.ndarray[
+        tuple[int, ...], np.dtype[np.intp]
+    ]  # where in that order each begins, for ``ufunc.reduceat``
+    n_moved: int  # samples that came later than one with a later stamp
+    n_merged: int  # samples merged into another one
 
 
 def repair_time(stamps: FloatArray, values: FloatArray) -> RepairedTime:
     """Sort samples by their stamps and average those that share one.
 
-    The sort is stable. Averaging is the only choice that does not prefer one of two measurements of the same
-    instant; repeated messages (equal values) come out unchanged.
-
-    Parameters
-    ----------
-    stamps : ndarray, shape (T,)
-        Finite stamps in the order of recording.
-    values : ndarray, shape (T, C)
-        The samples.
+    Averaging is the only choice that does not prefer one of two measurements of the same instant; repeated messages
+    (equal values) come out unchanged.
     """
     late = stamps < np.maximum.accumulate(stamps)
     order = np.argsort(stamps, kind="stable")
@@ -129,11 +88,11 @@ def repair_time(stamps: FloatArray, values: FloatArray) -> RepairedTime:
     means = np.add.reduceat(values, first, axis=0) / counts[:, None]
     touched = np.logical_or.reduceat(late, first) | (counts > 1)
     return RepairedTime(
-        stamps=stamps[first],
-        values=np.where(equal, lowest, means),  # a mean of equal values may differ from them in the last bit
-        touched=touched,
-        order=order,
-        first=first,
+        stamps[first],
+        np.where(equal, lowest, means),  # a mean of equal values may differ from them in the last bit
+        touched,
+        order,
+        first,
         n_moved=int(late.sum()),
         n_merged=int((counts - 1).sum()),
     )
@@ -161,31 +120,28 @@ def resample_recordings(
 ) -> tuple[list[Recording], StepReport]:
     """Resample each recording; see :meth:`Dataset.resample`, which calls this."""
     rate = checked_rate(rate_hz)
-    if method not in ("linear", "polyphase"):
-        raise ValueError(f"method={method!r}; wanted 'linear' or 'polyphase'")
-    if on_gap not in ("raise", "skip"):
-        raise ValueError(f"on_gap={on_gap!r}; wanted 'raise' or 'skip'")
+    checked_choice("method", method, "linear", "polyphase")
+    checked_choice("on_gap", on_gap, "raise", "skip")
     if isinstance(max_gap_s, (float, np.floating)) and max_gap_s == np.inf:
         max_gap_s = None
     limit = np.inf if max_gap_s is None else checked_number(max_gap_s, "max_gap_s")
     if limit <= 0:
         raise ValueError(f"max_gap_s must be positive (or None for no limit), got {limit:g}")
     results: list[Recording] = []
-    rows: list[dict[str, Any]] = []
-    skipped = 0
+    skipped: list[dict[str, Any]] = []
+    changed: list[dict[str, Any]] = []
     for recording in recordings:
         gap = largest_gap_s(recording)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
                 raise ValueError(_gap_message(recording, recordings, limit))
-            rows.append({"name": recording.name, "skipped": f"gap of {gap:.3g} s"})
-            skipped += 1
+            skipped.append({"name": recording.name, "skipped": f"gap of {gap:.3g} s"})
         elif recording.rate_hz == rate:
             results.append(recording)
         else:
             result, inserted = _resample_one(recording, rate, method)
             results.append(result)
-            rows.append(
+            changed.append(
                 {
                     "name": recording.name,
                     "samples_before": recording.n_samples,
@@ -194,35 +150,29 @@ def resample_recordings(
                     "largest_gap_s": gap,
                 }
             )
-    rows.sort(key=lambda row: -row.get("largest_gap_s", np.inf))  # skipped ones first, then the widest gaps
     if not results:
         raise ValueError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
-    changed = [row for row in rows if "skipped" not in row]
-    filled = [row for row in changed if row["gap_filled"]]
-    widest: dict[str, Any] = max(changed, key=lambda row: row["largest_gap_s"], default={})
+    changed.sort(key=lambda row: -row["largest_gap_s"])
     totals = {
         "recordings_resampled": len(changed),
-        "recordings_unchanged": len(recordings) - len(changed) - skipped,
-        "recordings_skipped": skipped,
+        "recordings_unchanged": len(results) - len(changed),
+        "recordings_skipped": len(skipped),
         "samples_before": sum(row["samples_before"] for row in changed),
         "samples_after": sum(row["samples_after"] for row in changed),
         "gap_filled_samples": sum(row["gap_filled"] for row in changed),
-        "recordings_with_filled_gaps": len(filled),
-        "largest_gap_s": widest.get("largest_gap_s", 0.0),
-        "largest_gap_in": widest.get("name"),
+        "recordings_with_filled_gaps": sum(row["gap_filled"] > 0 for row in changed),
+        "largest_gap_s": changed[0]["largest_gap_s"] if changed else 0.0,
+        "largest_gap_in": changed[0]["name"] if changed else None,
     }
     parameters = {"rate_hz": rate, "method": method, "max_gap_s": max_gap_s, "on_gap": on_gap}
-    return results, StepReport("resample", parameters, totals, rows, _notes(recordings, rate, method))
-
-
-def _notes(recordings: Sequence[Recording], rate: float, method: Method) -> list[str]:
-    coarser = sum(median_step_s(r) * rate < 1 - _GRID_SLACK for r in recordings if r.n_samples > 1)
+    notes = []
+    coarser = sum(r.n_samples > 1 and _step_s(r, np.median) * rate < 1 - _GRID_SLACK for r in recordings)
     if method == "linear" and coarser:
-        return [
+        notes.append(
             f"{coarser} recordings were sampled faster than {rate:g} Hz; linear interpolation does not "
             f"filter: content above {rate / 2:g} Hz folds back"
-        ]
-    return []
+        )
+    return results, StepReport("resample", parameters, totals, skipped + changed, notes)
 
 
 def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> str:
@@ -261,8 +211,13 @@ def _resample_one(recording: Recording, rate: float, method: Method) -> tuple[Re
     flags = np.zeros(len(grid), np.uint8)
     if recording.flags is not None:
         flags |= recording.flags[before] | recording.flags[after]
-    inserted = _inside_gaps(recording, times, before, after, rate)
-    flags[inserted] |= np.uint8(SampleFlag.GAP_FILLED)
+    n_inserted = 0
+    if recording.rate_hz is None:
+        # at least one sample is missing by the recording's own rhythm, and the new grid would show it
+        gap = 2 * max(_step_s(recording, np.median), 1 / rate)
+        inserted = (before != after) & (times[after] - times[before] > gap)
+        flags[inserted] |= np.uint8(SampleFlag.GAP_FILLED)
+        n_inserted = int(inserted.sum())
     trigger = recording.trigger_index
     result = replace(
         recording,
@@ -272,28 +227,7 @@ def _resample_one(recording: Recording, rate: float, method: Method) -> tuple[Re
         trigger_index=None if trigger is None else min(round(float(times[trigger]) * rate), len(grid) - 1),
         flags=flags,
     )
-    return result, int(inserted.sum())
-
-
-def _inside_gaps(
-    recording: Recording,
-    times: FloatArray,
-    before: np.ndarray[Any, np.dtype[np.intp]],
-    after: np.ndarray[Any, np.dtype[np.intp]],
-    rate: float,
-) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Tell which new samples lie strictly inside a gap.
-
-    A gap is a step longer than twice the recording's median step and twice the new step: at least one
-    sample is missing by the recording's own rhythm, and the new grid would show it.
-    """
-    if recording.rate_hz is not None:
-        return np.zeros(len(before), bool)
-    threshold = 2 * max(median_step_s(recording), 1 / rate)
-    inside: np.ndarray[Any, np.dtype[np.bool_]] = (before != after) & (
-        times[after] - times[before] > threshold
-    )
-    return inside
+    return result, n_inserted
 
 
 def _polyphase(recording: Recording, rate: float) -> FloatArray:

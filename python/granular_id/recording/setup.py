@@ -6,29 +6,12 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from granular_id._checks import thaw
-from granular_id.recording import Dataset
+from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import STEP as ONSET
 from granular_id.recording.recording import KNOWN_UNITS, unit_of
-
-if TYPE_CHECKING:
-    from granular_id.recording.dataset import Dataset
-
-__all__ = [
-    "ACCEPTABLE",
-    "Difference",
-    "Setup",
-    "common_units",
-    "mixed",
-    "other_setup",
-    "other_units",
-    "other_values",
-    "settled",
-    "setups_in",
-    "values_in",
-]
 
 ACCEPTABLE = ("frame", "transform", "sign", "units")
 """What is refused where it differs, unless somebody says that it may."""
@@ -171,9 +154,7 @@ def setups_in(data: Dataset) -> list[Setup]:
 def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many."""
     every = list(setups)
-    known = {
-        f.name: sorted({v for one in every if (v := getattr(one, f.name)) is not None}) for f in fields(Setup)
-    }
+    known = {f.name: sorted({getattr(one, f.name) for one in every} - {None}) for f in fields(Setup)}
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
 
 
@@ -216,21 +197,7 @@ def common_units(data: Dataset) -> list[str]:
 def settled(
     found: Iterable[Difference], accept: str | Sequence[str] = (), where: str = ""
 ) -> tuple[str, ...]:
-    """Refuse what cannot work, and return the rest in words.
-
-    Parameters
-    ----------
-    found : iterable of Difference
-    accept : str or sequence of str
-        Of `ACCEPTABLE`: not refused, but among the rest.
-    where : str
-        Whose set-up it is, to begin a message with.
-
-    Raises
-    ------
-    ValueError
-        A difference that is refused, or a name in `accept` that nothing is refused for.
-    """
+    """Refuse what cannot work unless it is accepted, and return the rest in words; `where` begins a message."""
     accepted = (accept,) if isinstance(accept, str) else tuple(accept)
     other = next((name for name in accepted if name not in ACCEPTABLE), None)
     if other is not None:
@@ -316,11 +283,5 @@ def warnings_in(data: Dataset) -> list[str]:
 
 
 def of_check(note: str) -> str:
-    """Say in front of a line of `warnings_in` whose it is: "error: " alone is what a command prints that has failed.
-
-    Examples
-    --------
-    >>> of_check("error: 1 pair of recordings shares samples"), of_check("nothing is drawn")
-    ('data check: error: 1 pair of recordings shares samples', 'nothing is drawn')
-    """
+    """Say whose a line of `warnings_in` is: "error: " alone is what a command prints that has failed."""
     return f"data check: {note}" if note.startswith(SEVERE) else note

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,7 +11,7 @@ from typing import Any, Literal, overload
 from granular_id._checks import freeze, thaw
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
-from granular_id.recording.report import save_report
+from granular_id.recording.report import Report
 
 Severity = Literal["error", "warning", "info"]
 
@@ -107,7 +105,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class CheckReport(Sequence[Finding]):
+class CheckReport(Sequence[Finding], Report):
     """A sequence of findings, worst first, that prints as a table and judges every recording.
 
     Attributes
@@ -211,14 +209,6 @@ class CheckReport(Sequence[Finding]):
             "findings": [finding.to_dict() for finding in self.findings],
             "verdicts": [verdict.to_dict() for verdict in self.verdicts],
         }
-
-    def to_json(self) -> str:
-        """Return the whole report as one JSON text."""
-        return json.dumps(self.to_dict(), ensure_ascii=False)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows."""
-        save_report(self, path)
 
 
 def _worst(findings: Sequence[Finding]) -> State:

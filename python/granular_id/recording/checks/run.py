@@ -8,13 +8,14 @@ from granular_id._checks import checked_number
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.recording.checks.duplicates import check_duplicates
 from granular_id.recording.checks.leaks import check_leaks
-from granular_id.recording.checks.level import check_drift, check_outliers
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import CheckReport, Finding
 from granular_id.recording.checks.sensor_ranges import SensorRange, resolve_range
 from granular_id.recording.checks.signal import (
     check_absurd,
     check_clipping,
+    check_drift,
+    check_outliers,
     check_resolution,
     check_spikes,
     check_stuck,
