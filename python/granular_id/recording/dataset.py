@@ -16,7 +16,7 @@ from granular_id._progress import ProgressCallback
 from granular_id._text import counted, verb
 from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
-from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate, stack
+from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate, places_of, stack
 from granular_id.recording.report import StepReport, text_table, text_totals
 from granular_id.recording.resampling import MAX_GAP_S, Method, largest_gap_s, resample_recordings
 from granular_id.recording.steps import align_recordings, select_recordings
@@ -48,9 +48,10 @@ class Summary:
 
 def summarise(recordings: Sequence[Recording]) -> Summary:
     """Count and measure recordings per label; see :meth:`Dataset.summary`, which calls this."""
-    groups: dict[str | None, list[Recording]] = {}
-    for recording in recordings:
-        groups.setdefault(recording.label, []).append(recording)
+    groups = {
+        label: [recordings[i] for i in places]
+        for label, places in places_of(r.label for r in recordings).items()
+    }
     flags: Counter[str] = Counter()
     for recording in recordings:
         if recording.flags is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -15,7 +15,14 @@ from granular_id._checks import FloatArray, as_floats, checked_number, checked_r
 from granular_id._core import AXES
 from granular_id._text import counted, verb
 from granular_id.recording.change_detection import SPAN, WINDOWS_IN_REST, Detection, change_times, detect
-from granular_id.recording.recording import Recording, SampleFlag, checked_axes, irregular_among, unit_of
+from granular_id.recording.recording import (
+    Recording,
+    SampleFlag,
+    checked_axes,
+    irregular_among,
+    places_of,
+    unit_of,
+)
 from granular_id.recording.report import StepReport
 
 REST_S = 0.1
@@ -352,10 +359,8 @@ def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rat
             f"{irregular}, and windows of a varying number of samples cannot be compared; call "
             ".resample(rate_hz) first, or overrule these"
         )
-    alike: defaultdict[Any, list[int]] = defaultdict(list)
-    for i, recording in enumerate(recordings):
-        alike[recording.n_samples, recording.rate_hz, recording.axes].append(i)
     onsets: dict[int, Onset] = {}
+    alike = places_of((r.n_samples, checked_rate(r.rate_hz), r.axes) for r in recordings)
     for (_, rate_hz, axes), places in alike.items():
         wrenches = [recordings[i].wrench for i in places]
         block = find_onsets_in_block(wrenches, rate_hz, rest_samples(rest_s, rate_hz), rate, axes)
@@ -385,9 +390,7 @@ def _stated_indices(
             f"overrule must map names of recordings to seconds, got {type(overrule).__name__}; for example "
             "{'rice_01': 0.25}"
         )
-    places: defaultdict[str, list[int]] = defaultdict(list)
-    for i, recording in enumerate(recordings):
-        places[recording.name].append(i)
+    places = places_of(r.name for r in recordings)
     stated: dict[int, int | None] = {}
     for name, seconds in overrule.items():
         if name not in places:

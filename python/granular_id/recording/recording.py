@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from enum import IntFlag
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from granular_id._checks import (
 from granular_id._columns import by_name, column_names
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
 from granular_id._text import counted, fixed, verb
+
+_Value = TypeVar("_Value")
 
 _WRENCH = "a real array of shape (T, C), T >= 1, as a rule with the axes fx fy fz (N) tx ty tz (N m)"
 _TIME = "a real array of shape (T,): seconds from the first sample, strictly increasing, time_s[0] == 0"
@@ -329,6 +331,14 @@ def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
 
 
 # What recordings have in common.
+
+
+def places_of(values: Iterable[_Value]) -> dict[_Value, list[int]]:
+    """Return the places at which each value stands, values in order of first appearance."""
+    places: dict[_Value, list[int]] = {}
+    for i, value in enumerate(values):
+        places.setdefault(value, []).append(i)
+    return places
 
 
 def checked_choice(name: str, value: object, *choices: str) -> None:

@@ -15,7 +15,7 @@ from granular_id._checks import FloatArray
 from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.recording import Recording
+from granular_id.recording.recording import Recording, places_of
 
 
 def check_duplicates(data: Measured) -> Iterator[Finding]:
@@ -96,11 +96,8 @@ def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:
     same length and nearly the same means and spreads. Time grows with the number of samples, not of pairs. Of
     copies of copies every one is found, though not every pair.
     """
-    groups: dict[tuple[str, ...], list[int]] = {}
-    for i, r in enumerate(recordings):
-        groups.setdefault(r.axes, []).append(i)
     best: dict[tuple[int, int], Overlap] = {}
-    for group in groups.values():
+    for group in places_of(r.axes for r in recordings).values():
         wrenches = [recordings[i].wrench for i in group]
         for a, b, shift in sorted(_by_pattern(wrenches) | _by_moments(wrenches)):
             share, exact = _shared(wrenches[a], wrenches[b], shift)
@@ -171,10 +168,7 @@ def _patterns(
 def _by_moments(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
     """Return pairs of one length with nearly the same mean and spread of the forces: first, second, 0."""
     pairs: set[tuple[int, int, int]] = set()
-    lengths: dict[int, list[int]] = {}
-    for i, wrench in enumerate(wrenches):
-        lengths.setdefault(len(wrench), []).append(i)
-    for group in lengths.values():
+    for group in places_of(map(len, wrenches)).values():
         leading = [np.asfortranarray(wrenches[i][:, :_LEADING_AXES]) for i in group]
         spreads = np.array([samples.std(axis=0) for samples in leading])
         means = np.array([samples.mean(axis=0) for samples in leading])

@@ -12,7 +12,7 @@ import numpy as np
 from granular_id._checks import FloatArray
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.onset import REST_S
-from granular_id.recording.recording import Recording, unit_of
+from granular_id.recording.recording import Recording, places_of, unit_of
 from granular_id.recording.resampling import MAX_GAP_S
 
 Resolution = tuple[float | None, ...]
@@ -35,11 +35,8 @@ class Measured:
     @cached_property
     def labels(self) -> dict[str, list[int]]:
         """Places of the recordings of each label, labels in order of first appearance."""
-        groups: dict[str, list[int]] = {}
-        for i, r in enumerate(self.recordings):
-            if r.label is not None:
-                groups.setdefault(r.label, []).append(i)
-        return groups
+        places = places_of(r.label for r in self.recordings)
+        return {label: group for label, group in places.items() if label is not None}
 
     @cached_property
     def peaks(self) -> list[FloatArray]:

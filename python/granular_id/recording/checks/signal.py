@@ -13,7 +13,7 @@ from granular_id._checks import FloatArray
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding, Severity
-from granular_id.recording.recording import Recording, unit_of
+from granular_id.recording.recording import Recording, places_of, unit_of
 
 ABSURD = 1e100
 """No sensor reads this, in any unit; the squares of such readings would overflow in other checks."""
@@ -350,9 +350,7 @@ def check_drift(data: Measured) -> Iterator[Finding]:
     scale = np.empty(len(axes))
     for unit in unit_columns(axes):
         scale[unit] = np.linalg.norm(signal[unit])
-    sessions: dict[str | None, list[int]] = {}
-    for row, i in enumerate(resting):
-        sessions.setdefault(recordings[i].session, []).append(row)
+    sessions = places_of(recordings[i].session for i in resting)
     sessions = {name: rows for name, rows in sessions.items() if len(rows) >= FEWEST_TO_COMPARE}
     alpha = data.false_alarm_rate / (
         (len(sessions) + 1) * len(axes)

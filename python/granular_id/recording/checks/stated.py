@@ -11,7 +11,7 @@ import numpy as np
 from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
-from granular_id.recording.recording import SampleFlag
+from granular_id.recording.recording import SampleFlag, places_of
 from granular_id.recording.resampling import MAX_GAP_S
 
 SLOWEST_RATE_HZ = 1.0
@@ -58,9 +58,7 @@ def check_labels(data: Measured) -> Iterator[Finding]:
 
 def check_axes(data: Measured) -> Iterator[Finding]:
     """Find recordings whose axes are not those of most."""
-    kinds: dict[tuple[str, ...], list[int]] = {}
-    for i, r in enumerate(data.recordings):
-        kinds.setdefault(r.axes, []).append(i)
+    kinds = places_of(r.axes for r in data.recordings)
     if len(kinds) > 1:
         usual = max(kinds, key=lambda axes: len(kinds[axes]))
         other = sorted(i for axes, group in kinds.items() if axes != usual for i in group)
