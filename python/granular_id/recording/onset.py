@@ -213,26 +213,11 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         why = (
             f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {SPAN * window} to compare)"
         )
-        nothing, never = np.zeros(n_samples), np.full(n_axes, np.inf)
-        return [
-            Onset(
-                None,
-                None,
-                None,
-                None,
-                nothing,
-                1.0,
-                (),
-                0.0,
-                w.mean(axis=0),
-                w.std(axis=0),
-                never,
-                rest,
-                window,
-                why,
-            )
-            for w in block
+        never = np.full(n_axes, np.inf)
+        none = [
+            _no_onset(np.zeros(n_samples), w.mean(axis=0), w.std(axis=0), never, rest, window) for w in block
         ]
+        return [replace(onset, why=why) for onset in none]
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
     exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
     scale = np.ldexp(1.0, exponent)
@@ -241,41 +226,49 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     block -= origin
     found = detect(block, rest, window, rate)
     began = change_times(block, found, rest, window)
-    level = (found.noise.level + origin[:, 0]) * scale
+    level, sd = (found.noise.level + origin[:, 0]) * scale, found.noise.sd * scale
     with np.errstate(over="ignore"):  # what no float can hold is infinite
         critical = found.critical * scale
     onsets = []
     for i in range(len(block)):
-        statistic = found.joint[i].copy()
-        index, seen, carriers, why = began.get(i), None, (), ""
-        strongest = statistic
-        if index is None:
-            why = _why_not(found, i, scale[i], rest / rate_hz, axes)
-        else:
-            first = found.first[i]
-            seen = int(first) + SPAN * window - 1
-            strongest = statistic[first : first + rest]
-            own = found.statistic[i, first : seen + 1].max(axis=0)
-            carriers = tuple(axes[c] for c in np.argsort(-own) if own[c] > 1)
-        onsets.append(
-            Onset(
-                index=index,
-                time_s=None if index is None else index / rate_hz,
-                detected_index=seen,
-                detected_s=None if seen is None else seen / rate_hz,
-                statistic=statistic,
-                threshold=1.0,
-                axes=carriers,
-                strength=float(strongest.max()),
-                rest_level=level[i],
-                rest_sd=found.noise.sd[i] * scale[i],
-                critical=critical[i],
-                rest_samples=rest,
-                window_samples=window,
-                why=why,
-            )
+        onset = _no_onset(found.joint[i].copy(), level[i], sd[i], critical[i], rest, window)
+        if i not in began:
+            onsets.append(replace(onset, why=_why_not(found, i, scale[i], rest / rate_hz, axes)))
+            continue
+        first = int(found.first[i])
+        seen = first + SPAN * window - 1
+        own = found.statistic[i, first : seen + 1].max(axis=0)
+        onset = replace(
+            onset,
+            index=began[i],
+            time_s=began[i] / rate_hz,
+            detected_index=seen,
+            detected_s=seen / rate_hz,
+            axes=tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
+            strength=float(onset.statistic[first : first + rest].max()),
         )
+        onsets.append(onset)
     return onsets
+
+
+def _no_onset(
+    statistic: FloatArray, level: FloatArray, sd: FloatArray, critical: FloatArray, rest: int, window: int
+) -> Onset:
+    return Onset(
+        index=None,
+        time_s=None,
+        detected_index=None,
+        detected_s=None,
+        statistic=statistic,
+        threshold=1.0,
+        axes=(),
+        strength=float(statistic.max()),
+        rest_level=level,
+        rest_sd=sd,
+        critical=critical,
+        rest_samples=rest,
+        window_samples=window,
+    )
 
 
 def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: tuple[str, ...]) -> str:

@@ -39,6 +39,12 @@ _EXPLAINED_BY = {
 }
 
 
+_WHY = {
+    "leak-session": ": no session holds several of them; keep sessions whole when you evaluate",
+    "leak-rest": ", before the tool moves: subtract it",
+}
+
+
 def check_leaks(data: Measured) -> Iterator[Finding]:
     """Ask of every attribute how well it names the label by itself.
 
@@ -60,7 +66,8 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
     if len(places) < FEWEST or len(labels) < 2:
         return
     leaks: dict[str, dict[str, _Leak]] = {}
-    for leak in _leaks(_attributes(data, places), [labels.index(r.label) for r in recordings], data):
+    numbers = np.array([labels.index(r.label) for r in recordings])
+    for leak in _leaks(_attributes(data, places), numbers, data.false_alarm_rate):
         same = leaks.setdefault(leak.attribute.code, {})
         same[leak.attribute.name] = max(same.get(leak.attribute.name, leak), leak, key=_Leak.weight)
     known = set(leaks)
@@ -89,13 +96,15 @@ class _Leak(NamedTuple):
         return bool(self.apart), float(self.naming.agreement.max()) if self.apart else self.lift
 
 
-def _leaks(attributes: Sequence[Attribute], labels: Sequence[int], data: Measured) -> Iterator[_Leak]:
+def _leaks(
+    attributes: Sequence[Attribute], labels: NDArray[np.intp], false_alarm_rate: float
+) -> Iterator[_Leak]:
     sizes = np.bincount(labels)
-    alpha = data.false_alarm_rate / max(len(attributes) * len(sizes), 1)
-    named = naming([attribute.neighbours for attribute in attributes], np.array(labels))
+    alpha = false_alarm_rate / max(len(attributes) * len(sizes), 1)
+    named = naming([attribute.neighbours for attribute in attributes], labels)
     for attribute, each in zip(attributes, named, strict=True):
         lift = (each.share - each.chance) / max(1 - each.chance, 1e-12)
-        strong = lift >= STRONG and each.p <= max(data.false_alarm_rate, LEAST_P)
+        strong = lift >= STRONG and each.p <= max(false_alarm_rate, LEAST_P)
         apart: list[int] = []
         if not attribute.neighbours.reverse:
             # neighbours are often mutual, so hits come in pairs: half of them are counted as independent
@@ -126,12 +135,8 @@ def _words(leak: _Leak, recordings: Sequence[Recording], apart: Sequence[str]) -
         )
     if neighbours.reverse:
         return f"{name} goes with the label: two recordings of a label agree in {share} {chance}"
-    why = {
-        "leak-session": ": no session holds several of them; keep sessions whole when you evaluate",
-        "leak-rest": ", before the tool moves: subtract it",
-        "leak-clock": _stretches(recordings),
-    }
-    return f"{name} alone names {share} of the labels {chance}{why.get(code, '')}"
+    why = _stretches(recordings) if code == "leak-clock" else _WHY.get(code, "")
+    return f"{name} alone names {share} of the labels {chance}{why}"
 
 
 def _span(values: FloatArray) -> str:
