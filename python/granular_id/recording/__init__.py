@@ -6,7 +6,7 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
-from granular_id.recording.dataset import Dataset, Summary
+from granular_id.recording.dataset import Dataset, Summary, describe_data
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, STEP, Onset, find_onset, onsets_of
 from granular_id.recording.recording import (
     AXIS_COLOURS,
@@ -30,7 +30,6 @@ from granular_id.recording.setup import (
     Difference,
     Setup,
     common_units,
-    describe_data,
     mixed,
     of_check,
     other_setup,

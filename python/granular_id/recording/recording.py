@@ -126,8 +126,8 @@ class Recording:
             came = "neither" if self.rate_hz is None else "both"
             raise ValueError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
         if self.rate_hz is not None:
-            checked["rate_hz"] = checked_rate(self.rate_hz)
-            if not np.isfinite(n_samples / checked_rate(self.rate_hz)):
+            checked["rate_hz"] = rate = checked_rate(self.rate_hz)
+            if not np.isfinite(n_samples / rate):
                 raise ValueError(f"rate_hz={self.rate_hz} makes {n_samples} samples last for ever")
         if self.time_s is not None:
             checked["time_s"] = _checked_time(self.time_s, n_samples)

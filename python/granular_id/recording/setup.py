@@ -257,21 +257,10 @@ def _plain(unit: str) -> str:
     return "".join(c for c in unit if c not in " *.-\N{MIDDLE DOT}\N{DOT OPERATOR}")
 
 
+# What a reader of accuracies should know of the recordings.
+
 SEVERE = ("error: ", "warning: ")
 """How the lines of `warnings_in` begin."""
-
-
-def describe_data(data: Dataset) -> dict[str, Any]:
-    """Return size, rate and summary of a data set with the history of the steps that made it."""
-    n_recordings, n_samples, n_axes = data.X.shape
-    return {
-        "n_recordings": n_recordings,
-        "n_samples": n_samples,
-        "n_axes": n_axes,
-        "rate_hz": data.rate_hz,
-        "summary": data.summary().to_dict(),
-        "history": [step.to_dict() for step in data.history],
-    }
 
 
 def warnings_in(data: Dataset) -> list[str]:

@@ -23,10 +23,7 @@ class Measured:
     """Recordings, the settings of the checks, and what several checks look at; each figure is made when first used."""
 
     def __init__(
-        self,
-        recordings: Sequence[Recording],
-        ranges: Mapping[str, float] | None = None,
-        false_alarm_rate: float = 0.01,
+        self, recordings: Sequence[Recording], ranges: Mapping[str, float] | None, false_alarm_rate: float
     ) -> None:
         self.recordings = recordings
         self.ranges = ranges
