@@ -93,15 +93,14 @@ def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, f
 
 
 def test_a_model_knows_its_recordings_one_by_one_where_they_are_not_too_many(folder, model, monkeypatch):
-    from granular_id.identifier import batch
-    from granular_id.identifier import training as building
+    from granular_id.identifier import batch, metadata
     from granular_id.io import load
 
     data = load(folder)
-    monkeypatch.setattr(building, "_MOST_MARKS", 29)
+    monkeypatch.setattr(metadata, "_MOST_MARKS", 29)
     older = Identifier.fit(data, "hfmh", estimate=False)
-    assert building.MARKS not in older.trained
-    assert len(Identifier.load(model).trained[building.MARKS]) == 30 * 8
+    assert metadata.MARKS not in older.trained
+    assert len(Identifier.load(model).trained[metadata.MARKS]) == 30 * 8
     answers = batch.identify_all(older, data)
     assert answers.trained_on_these
     assert answers.n_trained_on is None
@@ -112,7 +111,7 @@ def test_a_model_knows_its_recordings_one_by_one_where_they_are_not_too_many(fol
 
 def test_answers_are_those_of_the_streaming_identification(model, folder):
     identifier = Identifier.load(model)
-    from granular_id.identifier.batch import identify_all
+    from granular_id.identifier import identify_all
     from granular_id.io import load
 
     data = load(folder)

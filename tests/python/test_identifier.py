@@ -15,8 +15,7 @@ from sklearn.pipeline import make_pipeline
 from evaluation_cases import LABELS, changed, make_data
 from granular_id import DFT, HFMH, ECOCClassifier, RawHFMH, RawSignal, synthesize
 from granular_id._core import Model, ModelFileError
-from granular_id.identifier import Identifier
-from granular_id.identifier.recipe import SPACES, Recipe
+from granular_id.identifier import SPACES, Identifier, Recipe
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import feature_spaces
 

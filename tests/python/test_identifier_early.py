@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from granular_id.identifier.held_out import HeldOut
-from granular_id.identifier.rules import calibrate, first_reached
+from granular_id.identifier.rules import HeldOut, calibrate, first_reached
 
 
 def held_of(truth, winners, margins, folds):

@@ -9,12 +9,10 @@ from hypothesis import strategies as st
 
 from evaluation_cases import LABELS, changed, make_data
 from granular_id import evaluate, synthesize
-from granular_id.identifier import Identifier, accuracy_over_time
-from granular_id.identifier.held_out import checkpoints, honest_partitions, provisional_answers
-from granular_id.identifier.model_card import description, promises
+from granular_id.identifier import Identifier, Recipe, accuracy_over_time, description, promises
 from granular_id.identifier.over_time import over_time
-from granular_id.identifier.recipe import Recipe
-from granular_id.identifier.training import train
+from granular_id.identifier.rules import checkpoints, provisional_answers
+from granular_id.identifier.training import group_aware_splits, train
 from granular_id.recording import Dataset, Recording
 from identifier_twin import hinge_losses, provisional_scores
 
@@ -54,11 +52,11 @@ def test_sessions_are_held_out_where_every_class_has_several(data, training):
 
 def test_else_halves_in_time_order_else_random_folds_and_it_is_said(data):
     untold = changed(data, session=lambda r: None)
-    protocol, partitions, note = honest_partitions(untold)
+    protocol, partitions, note = group_aware_splits(untold)
     assert (protocol, len(partitions)) == ("chronological", 2)
     assert note.startswith("chronological: by start time (session protocol left out: no recording says which")
     timeless = changed(untold, start_time=lambda r: 1e9 if r.name == "oat_0" else None)
-    protocol, partitions, note = honest_partitions(timeless, n_folds=4, seed=3)
+    protocol, partitions, note = group_aware_splits(timeless, n_folds=4, seed=3)
     assert (protocol, len(partitions)) == ("kfold", 4)
     assert "kfold: 4 folds, seed 3 (session protocol left out" in note
     assert "chronological protocol left out: " in note

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from granular_id._core import FeatureSpec, Model
-from granular_id.identifier import Identifier
-from granular_id.identifier.recipe import fitted
+from granular_id.identifier import Identifier, fitted
 from granular_id.recording import Dataset, Recording
 
 N, RATE = 20, 100.0

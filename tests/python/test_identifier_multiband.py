@@ -14,9 +14,7 @@ from cli_cases import ended_well, refused, saved
 from evaluation_cases import LABELS, make_data
 from granular_id import ECOCClassifier, FeatureSpec
 from granular_id._core import MAX_MULTIBAND_VALUES
-from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.model_card import description, promises
-from granular_id.identifier.recipe import Recipe
+from granular_id.identifier import Identifier, Recipe, StreamingIdentifier, description, promises
 from granular_id.identifier.training import MAX_FILE_BYTES, fit_pipeline, refuse_large
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces

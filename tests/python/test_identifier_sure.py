@@ -15,9 +15,7 @@ from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, co
 from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
 from granular_id.confidence.unknown import STRANGENESS
-from granular_id.identifier import Identifier, StreamingIdentifier
-from granular_id.identifier.batch import identify_all
-from granular_id.identifier.model_card import description, promises
+from granular_id.identifier import Identifier, StreamingIdentifier, description, identify_all, promises
 from granular_id.identifier.rules import KEY, Rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart

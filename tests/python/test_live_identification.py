@@ -10,8 +10,7 @@ import pytest
 from rich.console import Console
 
 import granular_id as gid
-from granular_id.identifier import Decision
-from granular_id.identifier.held_out import N_CHECKPOINTS
+from granular_id.identifier import N_CHECKPOINTS, Decision
 from granular_id.live import (
     CaptureError,
     FailureReason,

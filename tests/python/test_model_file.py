@@ -17,8 +17,7 @@ import pytest
 
 from effort import cases
 from granular_id._core import MAX_MODEL_FILE_BYTES, FeatureSpec, Model, ModelFileError
-from granular_id.identifier import Identifier
-from granular_id.identifier.model_card import description
+from granular_id.identifier import Identifier, description
 from model_bad_files import BAD, COSTLY, GOOD, METADATA, TENSORS, without_raw
 from model_cases import (
     DTYPES,

@@ -11,8 +11,7 @@ import pytest
 import granular_id as gid
 from cli_cases import ended_well, refused, run
 from granular_id import _core
-from granular_id.identifier.model_card import description, promises
-from granular_id.identifier.recipe import refuse_others
+from granular_id.identifier import description, promises, refuse_others
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup

@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from granular_id.identifier.answers import Decision
+from granular_id.identifier import Decision
 
 RANKING = (("rice", 0.1), ("salt", 0.3))
 

@@ -9,7 +9,7 @@ import features_twin as twin
 from effort import cases
 from granular_id import FeatureSpec, _core
 from granular_id.ecoc.codings import onevsall, onevsone
-from granular_id.identifier.answers import probabilities
+from granular_id.identifier.rules import probabilities
 from granular_id.identifier.streaming import StreamingIdentifier
 from model_cases import random_model, small_model
 from test_features import a_wrench, some_options

@@ -9,20 +9,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from granular_id.identifier.answers import Decision
-    from granular_id.identifier.batch import identify_all
-    from granular_id.identifier.held_out import N_CHECKPOINTS
+    from granular_id.identifier.batch import Batch, identify_all
     from granular_id.identifier.identifier import Identifier
+    from granular_id.identifier.metadata import SPACES, comparison, fitted, refuse_others
     from granular_id.identifier.model_card import description, promises
     from granular_id.identifier.over_time import OverTime, accuracy_over_time
-    from granular_id.identifier.recipe import SPACES, Recipe, comparison, fitted, refuse_others
-    from granular_id.identifier.streaming import StreamingIdentifier
+    from granular_id.identifier.recipe import Recipe
+    from granular_id.identifier.rules import N_CHECKPOINTS
+    from granular_id.identifier.streaming import Decision, StreamingIdentifier
     from granular_id.identifier.training import Training, fit_pipeline, train
-
 
 __all__ = [
     "N_CHECKPOINTS",
     "SPACES",
+    "Batch",
     "Decision",
     "Identifier",
     "OverTime",
@@ -41,22 +41,23 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Decision": "answers",
+    "Batch": "batch",
+    "Decision": "streaming",
     "Identifier": "identifier",
-    "N_CHECKPOINTS": "held_out",
+    "N_CHECKPOINTS": "rules",
     "OverTime": "over_time",
     "Recipe": "recipe",
-    "SPACES": "recipe",
+    "SPACES": "metadata",
     "StreamingIdentifier": "streaming",
     "Training": "training",
     "accuracy_over_time": "over_time",
-    "comparison": "recipe",
+    "comparison": "metadata",
     "description": "model_card",
     "fit_pipeline": "training",
-    "fitted": "recipe",
+    "fitted": "metadata",
     "identify_all": "batch",
     "promises": "model_card",
-    "refuse_others": "recipe",
+    "refuse_others": "metadata",
     "train": "training",
 }
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
-from granular_id.identifier.answers import Answers, probabilities
-from granular_id.identifier.held_out import margins_of
-from granular_id.identifier.training import fingerprint, marks_in, marks_of
+from granular_id.identifier.identifier import Identifier
+from granular_id.identifier.metadata import fingerprint, marks_in, marks_of
+from granular_id.identifier.rules import margins_of, probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, other_setup
 
 __all__ = ["Batch", "Named", "identify_all"]
@@ -205,7 +205,7 @@ class Batch:
             )
 
 
-def identify_all(model: Answers, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
+def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
     """Name the material of every recording of a data set.
 
     Parameters
@@ -267,7 +267,7 @@ def _warnings(recording: Recording) -> tuple[str, ...]:
     )
 
 
-def _trained_on(model: Answers, data: Dataset) -> bool:
+def _trained_on(model: Identifier, data: Dataset) -> bool:
     mark, settings = model.core.metadata["training_sha256"], model.trained.get("settings")
     if not mark or settings is None or None in {recording.label for recording in data}:
         return False

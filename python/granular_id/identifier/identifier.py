@@ -1,4 +1,4 @@
-"""``Identifier``: a trained model that names materials, and fits into one safe file."""
+"""`Identifier`: a trained model that names materials, and fits into one safe file."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import warnings
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,23 +16,33 @@ from granular_id import _core
 from granular_id._columns import samples_of
 from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._progress import ProgressCallback
-from granular_id.identifier.answers import Answers
-from granular_id.identifier.metadata import check_known
-from granular_id.identifier.recipe import Begin, Recipe, fitted, parts_of, refuse_others
-from granular_id.identifier.rules import Rules
-from granular_id.identifier.training import MAX_FILE_BYTES, core_of, train
+from granular_id.features import FeatureSpec
+from granular_id.identifier.metadata import (
+    BANDED,
+    MAX_FILE_BYTES,
+    Begin,
+    axes_of,
+    check_trained,
+    fitted,
+    lead_of,
+    refuse_others,
+)
+from granular_id.identifier.rules import Rules, probabilities
+from granular_id.identifier.streaming import Decision, StreamingIdentifier
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import DEFAULT_RANGE, BinRange, BlockWeights, axis_names, axis_units
+
+# Training and probabilities are imported where they are called for: they bring in scikit-learn.
 
 if TYPE_CHECKING:
-    from granular_id.identifier.answers import Decision
-# What a model is and what it says, whatever it was made from.
+    from granular_id.spaces import BinRange, BlockWeights
 
 FloatArray = npt.NDArray[np.float64]
 
+_USUAL_RANGE = FeatureSpec().bin_range
 
-class Identifier(Answers):
-    """A trained model that names materials: features, linear learners, classes and what is known of their making.
+
+class Identifier:
+    """A trained model that names materials: features, linear learners, classes and metadata of the training.
 
     Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object
     that the Rust crate and the streaming identification use: the same labels and scores, to the last bit, from whole
@@ -59,6 +70,11 @@ class Identifier(Answers):
     True
     """
 
+    def __init__(self, core: _core.Model) -> None:
+        if not isinstance(core, _core.Model):
+            raise TypeError(f"core must be a granular_id._core.Model, got {type(core).__name__}")
+        self.core = core
+
     @classmethod
     def fit(
         cls,
@@ -68,7 +84,7 @@ class Identifier(Answers):
         cutoff_hz: float = 23.0,
         order: int = 8,
         n_bins: int = 100,
-        bin_range: BinRange = DEFAULT_RANGE,
+        bin_range: BinRange = _USUAL_RANGE,
         outside: str = "drop",
         density: bool = False,
         initial: str = "zero",
@@ -102,8 +118,10 @@ class Identifier(Answers):
             says what was chosen. The default, as of `granular-id train`, because it is the most accurate on other
             sessions. ``"multiband"`` has no choice to make and trains faster. Samples and counts, as in the paper
             (``"raw+hfmh"``), give scores that grow with each sample: live answers can be settled before the end.
-        cutoff_hz, order, n_bins, bin_range, outside, density, initial, block_weights
-            As in `granular_id.RawHFMH`; weights of blocks end in those of the learners.
+        cutoff_hz, order, n_bins, bin_range, outside, density, initial
+            As in `granular_id.RawHFMH`; without effect on ``"raw"``, refused with multi-band features.
+        block_weights : None, "unit" or two numbers
+            Of ``"raw+hfmh"``, as in `granular_id.RawHFMH`; they end in the weights of the learners.
         shrinkage : float, optional
             Whitens multi-band features within classes, see `granular_id.spaces.WithinClassWhitening`.
         C, coding, loss, decoding, posterior
@@ -145,6 +163,9 @@ class Identifier(Answers):
             Lengths or rates differ, a recording has no label, there is one class only, a space that does not work
             here, a setting out of range, or a model too large: the message names ways out.
         """
+        from granular_id.identifier.recipe import Recipe
+        from granular_id.identifier.training import train
+
         recipe = Recipe(
             space=space,
             cutoff_hz=cutoff_hz,
@@ -229,16 +250,10 @@ class Identifier(Answers):
         >>> bool((identifier.predict(data.X) == pipeline.predict(data.X)).all())
         True
         """
-        parts = parts_of(pipeline, rate_hz)
-        axes = getattr(pipeline[0], "axes_in_", None) if axes is None else axes
-        names = axis_names(parts.n_axes) if axes is None else tuple(axes)
-        units = axis_units(parts.n_axes) if axes is None else None
+        from granular_id.identifier.recipe import model_of
+
         raw = None if samples is None else np.asarray(samples, dtype=np.float64)
-        wanted = (parts.n_samples, parts.n_axes)
-        if raw is not None and raw.shape[1:] != wanted:
-            raise ValueError(f"samples must have shape (n, {wanted[0]}, {wanted[1]}), got {raw.shape}")
-        raw = raw if parts.takes_samples else None
-        return cls(core_of(parts, axes=names, units=units, lead_s=lead_s, samples=raw))
+        return cls(model_of(pipeline, rate_hz, axes=axes, lead_s=lead_s, samples=raw))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, max_file_bytes: int = MAX_FILE_BYTES) -> Identifier:
@@ -271,7 +286,7 @@ class Identifier(Answers):
                 stacklevel=2,
             )
         try:
-            check_known(json.loads(core.metadata["trained"]))
+            check_trained(json.loads(core.metadata["trained"]))
             Rules.of(core)
         except (TypeError, ValueError) as fault:
             raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None
@@ -290,6 +305,124 @@ class Identifier(Answers):
         refuse_other_kind(path, MODELS)
         with whole_file(path) as draft:
             draft.write_bytes(self.core.to_bytes())
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The K labels, sorted."""
+        return self.core.classes
+
+    @property
+    def spec(self) -> FeatureSpec | _core.MultiBandExtractor:
+        """What is extracted from a recording: samples and counts, or multi-band features with their scales."""
+        return self.core.spec
+
+    @property
+    def space(self) -> str:
+        """Feature space that the model was trained in: one of `granular_id.identifier.SPACES`.
+
+        Of a classifier that was taken over with multi-band features: "multiband", with the blocks added or left out.
+        """
+        spec = self.spec
+        if isinstance(spec, FeatureSpec):
+            return "+".join(name for name in ("raw", "hfmh") if getattr(spec, name))
+        settings = self.trained.get("settings")
+        if isinstance(settings, dict) and settings.get("space") in BANDED:
+            return str(settings["space"])
+        from granular_id.spaces import USUAL_BLOCKS  # brings in scikit-learn
+
+        left_out = [name for name in USUAL_BLOCKS if name not in spec.blocks]
+        added = [name for name in spec.blocks if name not in USUAL_BLOCKS]
+        return "+".join(["multiband", *added]) + "".join(f"-{name}" for name in left_out)
+
+    @property
+    def n_samples(self) -> int:
+        """Samples T of a recording."""
+        return self.core.n_samples
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the C axes."""
+        return axes_of(self.core)
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate, Hz."""
+        return self.core.rate_hz
+
+    @property
+    def lead_s(self) -> float | None:
+        """Seconds of rest ahead of the trigger, where all recordings of the training had the same; else None."""
+        return lead_of(self.core)
+
+    @property
+    def lacks_digest(self) -> bool:
+        """Whether it was read from a file of an earlier version, without a digest: damage cannot be told."""
+        return self.core.lacks_digest
+
+    @cached_property
+    def trained(self) -> dict[str, Any]:
+        """What it was trained on and how, and the estimates; empty where nothing is known."""
+        trained: dict[str, Any] = json.loads(self.core.metadata["trained"])
+        return trained
+
+    @property
+    def synthetic(self) -> bool:
+        """Whether it is known to be trained on simulated recordings: its answers say nothing about real materials."""
+        return bool(self.trained.get("synthetic", False))
+
+    def scores(self, X: npt.ArrayLike, *, threads: int | None = None) -> FloatArray:
+        """Scores (n, L) of the binary learners; positive speaks for the classes with code +1.
+
+        Parameters
+        ----------
+        X : array-like, shape (n, T, C) or (T, C)
+            Recordings of the length, rate and axes of the training, N and N m. Tables with named columns, one or a
+            list of them, come into the order of `axes`; other names are refused.
+        threads : int, optional
+            Threads of a batch; no bit depends on it. Default: all cores.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Another shape, NaN or infinity; a `Dataset` instead of its ``X``.
+        """
+        if isinstance(X, (Dataset, Recording)):
+            kind, part = type(X).__name__, "X" if isinstance(X, Dataset) else "wrench"
+            raise TypeError(
+                f"X must be an array, got a {kind}: pass its {part}, or the recording to identify"
+            )
+        samples, _ = samples_of(X, "X", self.axes)
+        return self.core.scores(samples, threads)
+
+    def losses(self, X: npt.ArrayLike) -> FloatArray:
+        """Mean binary loss (n, K) of each class for recordings as in `scores`: the smallest wins."""
+        return self.core.losses(self.scores(X))
+
+    def decision_function(self, X: npt.ArrayLike) -> FloatArray:
+        """Decision values as `ECOCClassifier.decision_function` gives them.
+
+        Returns
+        -------
+        ndarray, shape (n, K), or (n,) for two classes
+            Minus the mean binary loss of each class. For two classes the value of the second minus the first.
+        """
+        values = -self.losses(X)
+        return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values
+
+    def predict(self, X: npt.ArrayLike) -> npt.NDArray[np.str_]:
+        """Label (n,) of each recording as in `scores`; of tied classes the first in `classes`."""
+        labels: npt.NDArray[np.str_] = np.array(self.classes)[self.losses(X).argmin(axis=1)]
+        return labels
+
+    def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
+        """Probability (n, K) of each class for recordings as in `scores`; rows sum to 1.
+
+        Raises
+        ------
+        ValueError
+            The model was trained without `posterior`.
+        """
+        return probabilities(self.core, self.scores(X))
 
     def identify(
         self,
@@ -326,8 +459,6 @@ class Identifier(Answers):
         TypeError, ValueError
             Another rate, axes, frame, sign or unit, a recording too short, or nothing says where to begin.
         """
-        from granular_id.identifier.streaming import StreamingIdentifier  # it imports this module
-
         differences: tuple[str, ...] = ()
         if isinstance(recording, Recording):
             data = Dataset([recording])

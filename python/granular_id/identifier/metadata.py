@@ -1,14 +1,37 @@
-"""The shape of what a model file says of its training: files come from anywhere, and readers rely on it."""
+"""What a model file says of its training: its form, and what follows for the recordings that the model takes."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
 
 from granular_id import _core
+from granular_id._schema import EACH, check_form
+from granular_id._text import counted, verb
+from granular_id.recording import Dataset, Difference, Setup, other_units, other_values, settled, setups_in
 
-_EACH = "each"
-"""In a form: every value of the object, whatever its name."""
+MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
+"""Largest model file that is made, and read unless more is allowed: 16 MiB."""
+
+BANDED = ("best", "multiband")
+"""Spaces of multi-band features, most of the work on which waits until an answer is asked for."""
+
+SPACES = (*BANDED, "raw", "hfmh", "raw+hfmh")
+"""Those of `granular_id.spaces.feature_spaces` that can be computed while samples arrive."""
+
+MARKS = "recording_marks"
+"""Where hashes of the recordings stand in what a model says of its training: side by side in one text."""
+
+Begin = Literal["auto", "first", "trigger"]
+
+_MARK_DIGITS = 8
+_MOST_MARKS = 4096
+"""A model of more recordings does not know them one by one: their marks take half of the space for metadata."""
 
 _ESTIMATE = {
     "held_out": str,
@@ -17,97 +40,43 @@ _ESTIMATE = {
     "n_answers": int,
     "accuracy": float,
     "interval_95": ([float, float], None),
-    "recall": {_EACH: float},
+    "recall": {EACH: float},
 }
 _EARLY = {"why_not": str, "target_error": float}
 _EARLY_OUTCOME = {"answered_early": float, "error": float, "mean_seconds": float}
-_MACHINE = {"name": str, "chosen": bool, "accuracies": [float, ...]}
 _CHOICE = {
     "note": str,
     "random_state": (int, None),
-    "machines": [_MACHINE, ...],
+    "machines": [{"name": str, "chosen": bool, "accuracies": [float, ...]}, ...],
     "chosen": [str, ...],
     "accuracy_on_the_folds_that_chose": (float, None),
     "in_partitions": [{"chosen": [str, ...]}, ...],
 }
-_FORMS: dict[str, Any] = {
-    "settings": {"space": str},
-    "synthetic": bool,
-    "recordings": {_EACH: int},
-    "n_sessions": int,
-    "n_triggers": int,
-    "setup": {_EACH: [str, ...]},
-    "recording_marks": str,
-    "history": [{"step": str, "parameters": {}}, ...],
-    "estimate": (_ESTIMATE, None),
-    "why_no_estimate": str,
-    "early": (_EARLY, None),
-    "choice": _CHOICE,
-    "left_out": str,
-    "notes": [str, ...],
+_TRAINED = {
+    "settings?": {"space": str},
+    "synthetic?": bool,
+    "recordings?": {EACH: int},
+    "n_sessions?": int,
+    "n_triggers?": int,
+    "setup?": {EACH: [str, ...]},
+    "recording_marks?": str,
+    "history?": [{"step": str, "parameters": {}}, ...],
+    "estimate?": (_ESTIMATE, None),
+    "why_no_estimate?": str,
+    "early?": (_EARLY, None),
+    "choice?": _CHOICE,
+    "left_out?": str,
+    "notes?": [str, ...],
 }
-_NAMES = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
-def check_known(known: Any) -> None:
-    """Check the parts that are there; none of them has to be, and others are not looked at.
-
-    Parameters
-    ----------
-    known : object
-        As JSON gave it.
-
-    Raises
-    ------
-    TypeError, ValueError
-        The first part of another shape: its name, what came, and what is wanted.
-
-    Examples
-    --------
-    >>> check_known({"recordings": {"rice": 20}, "notes": []})
-    >>> check_known({"recordings": 3})
-    Traceback (most recent call last):
-        ...
-    TypeError: recordings must be an object, got 3
-    """
-    _check("what is known", known, {})
-    for name, form in _FORMS.items():
-        if name in known:
-            _check(name, known[name], form)
-    if (known.get("early") or {"why_not": "-"})["why_not"] == "":  # there is an outcome
-        _check("early", known["early"], _EARLY_OUTCOME)
-    if "choice" in known and not known["choice"]["machines"]:
+def check_trained(trained: Any) -> None:
+    """Refuse what a model file says of its training where a part has another form; none of them has to be there."""
+    check_form(trained, _TRAINED, what="the metadata")
+    if (trained.get("early") or {"why_not": "-"})["why_not"] == "":  # there is an outcome
+        check_form({"early": trained["early"]}, {"early": _EARLY_OUTCOME})
+    if "choice" in trained and not trained["choice"]["machines"]:
         raise ValueError("choice.machines must hold at least one, got []")
-
-
-def _check(name: str, value: Any, form: Any) -> None:
-    if isinstance(form, tuple):  # of a form, or null
-        if value is not None:
-            _check(name, value, form[0])
-    elif isinstance(form, dict):
-        if not isinstance(value, dict):
-            raise TypeError(f"{name} must be an object, got {value!r:.80}")
-        for key, own in form.items():
-            for part in value if key == _EACH else [key]:
-                if part not in value:
-                    raise ValueError(f"{name} must hold {part!r}, got {sorted(value)!r:.80}")
-                _check(f"{name}.{part}", value[part], own)
-    elif isinstance(form, list):
-        same = form[-1] is ...
-        if not isinstance(value, list) or not (same or len(value) == len(form)):
-            raise TypeError(f"{name} must be a list{'' if same else f' of {len(form)}'}, got {value!r:.80}")
-        for k, part in enumerate(value):
-            _check(f"{name}[{k}]", part, form[0])
-    elif not isinstance(value, (int, float) if form is float else form) or (
-        isinstance(value, bool) and form is not bool
-    ):
-        raise TypeError(f"{name} must be {_NAMES[form]}, got {value!r:.80}")
-
-
-# What a model says about itself: what it was trained on, and how well it may be expected to do.
-
-
-# A model in words: what it was trained on, what it takes, how well it did on recordings held out.
 
 
 def axes_of(core: _core.Model) -> tuple[str, ...]:
@@ -128,3 +97,153 @@ def begins_at_first(core: _core.Model) -> bool:
     history = json.loads(core.metadata["trained"]).get("history", [])
     crops = [step["parameters"] for step in history if step["step"] == "align"]
     return bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)
+
+
+# Recordings that a model was trained on.
+
+
+def fingerprint(data: Dataset, settings: Mapping[str, Any]) -> str:
+    """Hash samples, labels and settings: what the weights follow from."""
+    mark = hashlib.sha256()
+    facts = (json.dumps(settings, sort_keys=True), repr(data.rate_hz), repr(data.axes), repr(data.X.shape))
+    for text in (*facts, *data.y.tolist()):
+        mark.update(text.encode() + b"\0")
+    mark.update(np.ascontiguousarray(data.X, dtype="<f8").data)
+    return mark.hexdigest()
+
+
+def marks_of(data: Dataset) -> list[str]:
+    """Hash the samples of each recording, to know it again: 8 hexadecimal digits, alike once in four billion."""
+    return [
+        hashlib.sha256(np.ascontiguousarray(samples, dtype="<f8").data).hexdigest()[:_MARK_DIGITS]
+        for samples in data.X
+    ]
+
+
+def stored_marks(data: Dataset) -> dict[str, str]:
+    """Return what a model keeps to know its recordings again: nothing of too many."""
+    return {MARKS: "".join(sorted(marks_of(data)))} if len(data) <= _MOST_MARKS else {}
+
+
+def marks_in(trained: Mapping[str, Any]) -> frozenset[str] | None:
+    """Return the marks of the recordings that a model was trained on; None where it does not keep them."""
+    stored = trained.get(MARKS, "")
+    return frozenset(stored[k : k + _MARK_DIGITS] for k in range(0, len(stored), _MARK_DIGITS)) or None
+
+
+# Recordings as a model takes them: its axes, rate and set-up; its length, with its rest before the motion.
+
+
+def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
+    """Refuse recordings of other axes, another rate or another set-up than a model was trained on.
+
+    Parameters
+    ----------
+    data : Dataset
+    core : granular_id._core.Model
+    accept : str or sequence of str
+        What of the set-up may differ though it is refused otherwise, see `granular_id.recording.Setup`.
+
+    Returns
+    -------
+    tuple of str
+        What else is not as in the training, by name, each once.
+
+    Raises
+    ------
+    ValueError
+        Naming the first such recording, and the step that helps.
+    """
+    axes, rate_hz = axes_of(core), core.rate_hz
+    for recording in data:
+        if recording.axes != axes:
+            help_ = f": call .select(axes={list(axes)})" if set(recording.axes) >= set(axes) else ""
+            raise ValueError(
+                f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
+                f"{' '.join(axes)}{help_}"
+            )
+        if recording.rate_hz != rate_hz:
+            came = "is sampled irregularly" if recording.rate_hz is None else f"has {recording.rate_hz:g} Hz"
+            raise ValueError(
+                f"recording {recording.name!r} {came}, the model was trained at {rate_hz:g} Hz; nothing is resampled "
+                f"unasked: call .resample({rate_hz:g})"
+            )
+    compared = comparison(core)
+    told: dict[str, None] = {}
+    for recording, setup in zip(data, setups_in(data), strict=True):
+        found = settled(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
+        told.update(dict.fromkeys(found))
+    return tuple(told)
+
+
+def comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[Difference]]:
+    """Return what compares a set-up, and units in metadata, with those that a model was trained with."""
+    trained = json.loads(core.metadata["trained"]).get("setup", {})
+    units = dict(zip(axes_of(core), json.loads(core.metadata["units"]), strict=True))
+    return lambda setup, meta: [*other_units(units, meta), *other_values(trained, setup)]
+
+
+def fitted(
+    data: Dataset,
+    core: _core.Model,
+    *,
+    begin_at: Begin = "auto",
+    lead_s: float | None = None,
+    on_short: Literal["raise", "skip"] = "raise",
+) -> Dataset:
+    """Crop recordings to the length of a model.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of the rate and axes of the model, see `refuse_others`.
+    core : granular_id._core.Model
+    begin_at : {"auto", "first", "trigger"}, default "auto"
+        Where to begin: at the first sample; at the trigger, less the lead; or, automatically, at the first sample
+        of recordings that have the length already, and of longer ones as in the training: at the trigger where all
+        had the same lead, else at the first sample where that is how they were cropped.
+    lead_s : float, optional
+        Seconds kept ahead of the trigger. Default: as in the recordings of the training, where all had the same.
+    on_short : {"raise", "skip"}
+        What to do with a recording that is too short, or longer and without trigger: refuse, or leave it out.
+
+    Returns
+    -------
+    Dataset
+        The same one where every recording has the length already; else ``history[-1]`` says what was cropped.
+
+    Raises
+    ------
+    ValueError
+        A recording is too short, has no trigger or too little rest before it; or `lead_s` is neither stated nor known.
+    """
+    n, rate_hz = core.n_samples, core.rate_hz
+    lengths = [recording.n_samples for recording in data]
+    if begin_at == "auto" and set(lengths) == {n}:
+        return data
+    short = [recording for recording in data if recording.n_samples < n]
+    if short and on_short == "raise":
+        raise ValueError(
+            f"recording {short[0].name!r} has {short[0].n_samples} samples ({short[0].n_samples / rate_hz:g} s), the "
+            f"model takes {n} ({n / rate_hz:g} s); {len(short)} of {counted(len(data))} "
+            f"{verb(len(short), 'is', 'are')} shorter: pass on_short='skip' to leave such recordings out"
+        )
+    if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
+        return data.align(n, on_short=on_short)
+    if begin_at == "auto" and lead_s is None and begins_at_first(core):
+        *before, step = (cropped := data.align(n, on_short=on_short)).history
+        as_trained = replace(step, notes=["begins at the first sample, as in the training"])
+        return Dataset(cropped.recordings, [*before, as_trained])
+    lead = lead_of(core) if lead_s is None else lead_s
+    if lead is None:
+        longer = next((r for r in data if r.n_samples > n), data[0])
+        raise ValueError(
+            f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
+            "much rest comes before the motion: state lead_s, or pass begin_at='first'"
+        )
+    marked = data
+    if begin_at == "auto":
+        start = round(lead * rate_hz)
+        recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
+        marked = Dataset(recordings, data.history)
+    return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short, on_missing=on_short)

@@ -2,97 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from textwrap import shorten
 from typing import Any
 
-import numpy as np
-
 from granular_id import _core
-from granular_id._estimators import versions
 from granular_id._text import counted, fixed
 from granular_id.features import FeatureSpec
-from granular_id.identifier.answers import Answers
-from granular_id.identifier.held_out import HeldOut
+from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import begins_at_first
-from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.rules import Rules, outcome_text
-from granular_id.recording import SEVERE, Dataset, describe_data, of_check, setups_in, values_in
-from granular_id.spaces import Choice
-from granular_id.statistics import MIN_PARTITIONS, confusion_counts, corrected_interval, recall_per_class
-
-
-def described(data: Dataset, recipe: Recipe) -> dict[str, Any]:
-    """Return settings, recordings and the steps that prepared them, in types that JSON knows."""
-    about = describe_data(data)
-    labels, counts = np.unique(data.y, return_counts=True)
-    sessions = {session for session in data.sessions.tolist() if session is not None}
-    return {
-        "settings": recipe.to_dict(data.rate_hz),
-        "synthetic": data.is_synthetic,
-        "recordings": dict(zip(labels.tolist(), counts.tolist(), strict=True)),
-        "n_sessions": len(sessions),
-        "n_triggers": sum(recording.trigger_index is not None for recording in data),
-        "setup": values_in(setups_in(data)),
-        # Rows name files: a model is handed on, and says what was done, not to which file.
-        "history": [
-            {key: step[key] for key in ("step", "parameters", "totals")} for step in about["history"]
-        ],
-        "versions": versions(),
-    }
-
-
-def estimate_of(held: HeldOut, classes: Sequence[str]) -> dict[str, Any]:
-    """Return the accuracy on held-out recordings and how it was found, in types that JSON knows.
-
-    The accuracy is the mean over partitions; its interval is corrected for the recordings that they share, and None
-    with fewer than three partitions or where all agree.
-    """
-    shares = held.fold_accuracies()
-    low, high = math.nan, math.nan
-    if len(shares) >= MIN_PARTITIONS:
-        n_train, n_test = (
-            float(np.mean([getattr(partition, part).size for partition in held.partitions]))
-            for part in ("train", "test")
-        )
-        low, high = corrected_interval(shares, n_train, n_test)
-    confusion = confusion_counts(held.truth, held.winners[:, -1], len(classes))
-    recall = recall_per_class(confusion).tolist()
-    return {
-        "protocol": held.protocol,
-        "held_out": held.held_out,
-        "note": held.note,
-        "n_partitions": len(held.partitions),
-        "n_answers": len(held.rows),
-        "accuracy": float(shares.mean()),
-        "interval_95": None if math.isnan(low) else [low, high],
-        "recall": dict(zip(classes, recall, strict=True)),
-    }
-
-
-def choice_of(choice: Choice, held: HeldOut | None) -> dict[str, Any]:
-    """Return what the model chose, and what those of the estimate chose, in types that JSON knows."""
-    elsewhere = [] if held is None else zip(held.partitions, held.chosen, strict=True)
-    return {
-        **choice.to_dict(),
-        "in_partitions": [
-            {
-                "partition": partition.description,
-                "chosen": list(chosen.names),
-                "note": chosen.note,
-                "accuracy_on_the_folds_that_chose": chosen.together,
-            }
-            for partition, chosen in elsewhere
-            if chosen is not None
-        ],
-    }
-
+from granular_id.recording import SEVERE, of_check
 
 _MOST_NOTES = 8
 
 
-def description(model: Answers) -> list[str]:
+def description(model: Identifier) -> list[str]:
     """Say what a model takes, knows and was trained on; without the estimates, see `promises`.
 
     Parameters
@@ -135,7 +60,7 @@ def description(model: Answers) -> list[str]:
     return lines
 
 
-def promises(model: Answers) -> list[str]:
+def promises(model: Identifier) -> list[str]:
     """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
     synthetic = " (SYNTHETIC recordings)" if model.synthetic else ""
@@ -181,7 +106,7 @@ def _why_none(trained: Mapping[str, Any]) -> str:
     return "" if trained.get("estimate") else ": no recordings were held out"
 
 
-def _lead(model: Answers) -> str:
+def _lead(model: Identifier) -> str:
     """Say how much rest the recordings of the training have ahead of their trigger."""
     if model.lead_s is not None:
         return f"{model.lead_s:g} s"
@@ -265,7 +190,7 @@ def _accuracy(estimate: Mapping[str, Any]) -> str:
     return f"{100 * estimate['accuracy']:.1f} %{within}, {answers}"
 
 
-def _early(model: Answers, known: Mapping[str, Any] | None) -> str:
+def _early(model: Identifier, known: Mapping[str, Any] | None) -> str:
     table = model.core.early
     if table is None:
         why = "" if known is None else known.get("why_not", "")

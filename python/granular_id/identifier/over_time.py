@@ -11,16 +11,14 @@ import numpy.typing as npt
 
 from granular_id._progress import ProgressCallback
 from granular_id._text import fixed
-from granular_id.identifier.held_out import HeldOut
 from granular_id.identifier.recipe import Recipe
-from granular_id.identifier.rules import EarlyRule, outcome_text
+from granular_id.identifier.rules import EarlyRule, HeldOut, outcome_text
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset, text_table
 
 FloatArray = npt.NDArray[np.float64]
 
-
-_PRINTED = 10
+_N_PRINTED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +73,17 @@ class OverTime:
         first = f"within 1 % of that from {fixed(self.seconds[near[0]], 2)} s on"
         lines = [f"{self.n_answers} answers, {self.held_out}: {whole}; {first}"]
         if self.target_error is not None and self.answered[-1] > 0:
-            outcome = outcome_text(
-                float(self.answered[-1]), self.mean_seconds, float(self.error[-1]), self.target_error
+            answered, error = float(self.answered[-1]), float(self.error[-1])
+            lines.append(
+                f"early answers: {outcome_text(answered, self.mean_seconds, error, self.target_error)}"
             )
-            lines.append(f"early answers: {outcome}")
         elif self.why_not:
             lines.append(f"no early answers: {self.why_not}")
         return "\n".join(lines)
 
     def __str__(self) -> str:
         """Return a table of some moments, and the summary."""
-        places = np.unique(np.linspace(0, len(self.seconds) - 1, _PRINTED).round().astype(int))
+        places = np.unique(np.linspace(0, len(self.seconds) - 1, _N_PRINTED).round().astype(int))
         rows = [
             {
                 "seconds": fixed(self.seconds[i], 2),
@@ -100,26 +98,17 @@ class OverTime:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures, in types that JSON knows (NaN as None)."""
-        plain: dict[str, Any] = {}
-        for name, value in vars(self).items():
-            numbers = value.tolist() if isinstance(value, np.ndarray) else [value]
-            known = [None if isinstance(n, float) and math.isnan(n) else n for n in numbers]
-            plain[name] = known if isinstance(value, np.ndarray) else known[0]
-        return plain
+        return {name: _plain(value) for name, value in vars(self).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return [_plain(number) for number in value.tolist()]
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, synthetic: bool) -> OverTime:
-    """Count what is right, answered early, and wrong among that, at each moment.
-
-    Parameters
-    ----------
-    held : HeldOut
-        Provisional answers about held-out recordings.
-    rate_hz : float
-    rule : EarlyRule or None
-        Calibrated on them.
-    synthetic : bool
-    """
+    """Count what is right, answered early, and wrong among that, at each moment."""
     right = held.right
     moments = np.arange(len(held.n_seen))
     answered, error = np.zeros(len(moments)), np.full(len(moments), np.nan)
@@ -128,11 +117,10 @@ def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, syntheti
         given = np.flatnonzero(rule.stops >= 0)
         stops = rule.stops[given]
         wrong = ~right[given, stops]
-        counts = (stops[:, None] <= moments).sum(axis=0)
+        by_then = stops[:, None] <= moments
+        counts = by_then.sum(axis=0)
         answered = counts / len(rule.stops)
-        np.divide(
-            (wrong[:, None] & (stops[:, None] <= moments)).sum(axis=0), counts, out=error, where=counts > 0
-        )
+        np.divide((wrong[:, None] & by_then).sum(axis=0), counts, out=error, where=counts > 0)
         mean_seconds = float(held.n_seen[stops].mean() / rate_hz)
     return OverTime(
         seconds=held.n_seen / rate_hz,
@@ -176,7 +164,7 @@ def accuracy_over_time(
     progress : bool or callable, optional
         As in `granular_id.evaluate`; None is silent.
     **settings
-        Others of `granular_id.identifier.recipe.Recipe` that the space has: ``cutoff_hz``, ``C``, ``coding`` ...
+        Others of `Identifier.fit` for features and classifier that the space has: ``cutoff_hz``, ``C``, ``coding`` ...
 
     Returns
     -------
