@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from granular_id.identifier.batch import Batch, identify_all
+    from granular_id.identifier.decision import Decision
     from granular_id.identifier.identifier import Identifier
     from granular_id.identifier.metadata import SPACES, comparison, fitted, refuse_others
     from granular_id.identifier.model_card import description, promises
     from granular_id.identifier.over_time import OverTime, accuracy_over_time
     from granular_id.identifier.recipe import Recipe
     from granular_id.identifier.rules import N_CHECKPOINTS
-    from granular_id.identifier.streaming import Decision, StreamingIdentifier
+    from granular_id.identifier.streaming import StreamingIdentifier
     from granular_id.identifier.training import Training, fit_pipeline, train
 
 __all__ = [
@@ -42,7 +43,7 @@ __all__ = [
 
 _MODULES = {
     "Batch": "batch",
-    "Decision": "streaming",
+    "Decision": "decision",
     "Identifier": "identifier",
     "N_CHECKPOINTS": "rules",
     "OverTime": "over_time",

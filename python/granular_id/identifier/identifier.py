@@ -17,6 +17,7 @@ from granular_id._columns import samples_of
 from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._progress import ProgressCallback
 from granular_id.features import FeatureSpec
+from granular_id.identifier.decision import Decision, decision_of
 from granular_id.identifier.metadata import (
     BANDED,
     MAX_FILE_BYTES,
@@ -28,7 +29,6 @@ from granular_id.identifier.metadata import (
     refuse_others,
 )
 from granular_id.identifier.rules import Rules, probabilities
-from granular_id.identifier.streaming import Decision, StreamingIdentifier
 from granular_id.recording import Dataset, Recording
 
 # Training and probabilities are imported where they are called for: they bring in scikit-learn.
@@ -469,11 +469,9 @@ class Identifier:
             wanted = (self.n_samples, len(self.axes))
             if wrench.shape != wanted:
                 raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")
-        stream = StreamingIdentifier(self)
-        for difference in differences:
-            stream.warn(difference)
+        stream = _core.StreamingIdentifier(self.core)
         stream.push(wrench)
-        return stream.decision()
+        return decision_of(stream, dict.fromkeys(differences, 0))
 
     def __repr__(self) -> str:
         on = ", trained on SYNTHETIC recordings" if self.synthetic else ""

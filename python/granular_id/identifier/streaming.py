@@ -1,122 +1,19 @@
-"""Identification while samples arrive, and the decision that it gives."""
+"""Identification while samples arrive."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._columns import samples_of
-from granular_id._text import fixed
+from granular_id.identifier.decision import Decision, decision_of
 from granular_id.identifier.metadata import axes_of
-from granular_id.identifier.rules import probabilities
 
-
-@dataclass(frozen=True)
-class Decision:
-    """The answer to one push, provisional or final.
-
-    Attributes
-    ----------
-    label : str
-        The best material.
-    ranking : tuple of (str, float)
-        Every material with its mean loss, the best first.
-    margin : float
-        Loss of the second material minus that of the first.
-    probability : float, optional
-        Probability of the label, of a model that was trained with `posterior`; else None. A function may be given
-        instead of a number: it is called when the probability is first read, because coupling the learners takes
-        longer than everything else about a decision.
-    final : bool
-        Whether the whole signal was seen.
-    settled : bool
-        Whether the label can no longer change while the remaining forces stay in the range that they had in training.
-    sure : bool
-        Whether the margin is as large as the model's rule for early answers wants at this moment.
-    n_seen : int
-        Samples seen.
-    seconds : float
-        Seconds of signal seen.
-    warnings : tuple of str
-        What may have spoilt the signal: a gap, saturation, lag; and what of the set-up is not as in the training.
-    candidates : tuple of str
-        Materials that it may be, the likeliest first: they hold the right one as often as the training asked for.
-        Empty for a provisional answer, and for a model without such a rule.
-    unknown : bool or None
-        Whether the signal is like none of the materials that the model knows; None for a provisional answer, and
-        without such a rule.
-
-    Examples
-    --------
-    >>> from granular_id.identifier import Decision
-    >>> decision = Decision("rice", (("rice", 0.1), ("salt", 0.3)), 0.2, final=False, n_seen=800, seconds=1.6)
-    >>> print(decision)
-    rice after 1.60 s, provisional: margin 0.200 ahead of salt
-    >>> decision.to_dict()["ranking"]
-    [['rice', 0.1], ['salt', 0.3]]
-    """
-
-    label: str
-    ranking: tuple[tuple[str, float], ...]
-    margin: float
-    probability: float | None = None
-    final: bool = False
-    settled: bool = False
-    sure: bool = False
-    n_seen: int = 0
-    seconds: float = 0.0
-    warnings: tuple[str, ...] = ()
-    candidates: tuple[str, ...] = ()
-    unknown: bool | None = None
-
-    def __getattribute__(self, name: str) -> Any:
-        value = object.__getattribute__(self, name)
-        if name == "probability" and callable(value):
-            value = value()
-            object.__setattr__(self, name, value)  # the class is frozen
-        return value
-
-    def __str__(self) -> str:
-        stage = (
-            "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
-        )
-        name = f"like no known material, nearest {self.label}," if self.unknown else self.label
-        line = f"{name} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
-        if len(self.ranking) > 1:
-            line += f" ahead of {self.ranking[1][0]}"
-        if self.probability is not None:
-            line += f", probability {self.probability:.3f}"
-        if len(self.candidates) > 1:
-            line += f"; may be {' or '.join(self.candidates)}"
-        return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the decision in types that JSON knows; computes the probability."""
-        return {
-            "label": self.label,
-            "ranking": [[label, loss] for label, loss in self.ranking],
-            "margin": self.margin,
-            "probability": self.probability,
-            "final": self.final,
-            "settled": self.settled,
-            "sure": self.sure,
-            "n_seen": self.n_seen,
-            "seconds": self.seconds,
-            "warnings": list(self.warnings),
-            "candidates": list(self.candidates),
-            "unknown": self.unknown,
-        }
-
-
-class _Identifier(Protocol):
-    """What has a model: an `Identifier`."""
-
-    core: _core.Model
+if TYPE_CHECKING:
+    from granular_id.identifier.identifier import Identifier
 
 
 class StreamingIdentifier:
@@ -160,15 +57,12 @@ class StreamingIdentifier:
     ('rice', True, 0.5)
     """
 
-    def __init__(self, identifier: _Identifier | _core.Model, *, hop: int | None = None) -> None:
+    def __init__(self, identifier: Identifier | _core.Model, *, hop: int | None = None) -> None:
         core = getattr(identifier, "core", identifier)
         if not isinstance(core, _core.Model):
             raise TypeError(f"identifier must be an Identifier, got {type(identifier).__name__}")
         self.core = _core.StreamingIdentifier(core, hop=hop)
-        self._rate_hz = core.rate_hz
-        self._has_probabilities = core.sigmoid is not None
-        # warning -> row of the stream at which it was last given
-        self._warnings: dict[str, int] = {}
+        self._warnings: dict[str, int] = {}  # with the row of the stream at which it was last given
 
     @property
     def n_seen(self) -> int:
@@ -225,30 +119,7 @@ class StreamingIdentifier:
         ValueError
             A score left float64, for forces of unearthly size.
         """
-        ranking, margin, final, settled, sure, n_seen, first_row, scores, candidates, unknown = (
-            self.core.standing()
-        )
-        # A copy: another thread may be adding one.
-        warnings = tuple(what for what, row in list(self._warnings.items()) if row >= first_row)
-        label = ranking[0][0]
-        probability: Any = None
-        if self._has_probabilities:
-            probability = partial(_probability, self.core.model, scores, label)
-        seconds = n_seen / self._rate_hz
-        return Decision(
-            label,
-            ranking,
-            margin,
-            probability,
-            final,
-            settled,
-            sure,
-            n_seen,
-            seconds,
-            warnings,
-            candidates,
-            unknown,
-        )
+        return decision_of(self.core, self._warnings)
 
     def next(self) -> None:
         """Go on to the next window; rows that it shares with this one stay. Needs `hop` and a complete window."""
@@ -261,7 +132,3 @@ class StreamingIdentifier:
 
     def __repr__(self) -> str:
         return f"StreamingIdentifier({self.core.model!r}, hop={self.core.hop})"
-
-
-def _probability(model: _core.Model, scores: npt.NDArray[np.float64], label: str) -> float:
-    return float(probabilities(model, scores[None])[0, model.classes.index(label)])
