@@ -173,7 +173,7 @@ def test_what_was_chosen_is_known_and_said(best):
     assert len(choice["machines"]) == 8
     assert best.trained["settings"]["space"] == best.space == "best"
     said = promises(best)
-    assert any(f"{len(choice['chosen'])} of 8 machines tried, on {choice['note']}" in line for line in said)
+    assert any(f"{len(choice['chosen'])} of 8 candidate models, on {choice['note']}" in line for line in said)
     elsewhere = choice["in_partitions"]
     assert len({one["partition"] for one in elsewhere}) == best.trained["estimate"]["n_partitions"]
     names = {machine["name"] for machine in choice["machines"]}

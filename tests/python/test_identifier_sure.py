@@ -291,7 +291,7 @@ def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):
     file = tmp_path / "m.safetensors"
     file.write_bytes(changed(identifier.core, {"choice": {**CHOICE, "machines": [machine]}}).to_bytes())
     said = promises(Identifier.load(file))
-    assert "chosen (>): 1 of 1 machines tried, on halves; seed 4" in said
+    assert "chosen (>): 1 of 1 candidate models, on halves; seed 4" in said
     assert any(line.startswith("  > plain, C 1") and "75.0 %" in line for line in said)
 
 

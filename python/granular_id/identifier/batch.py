@@ -18,8 +18,6 @@ from granular_id.identifier.metadata import fingerprint, marks_in, marks_of
 from granular_id.identifier.rules import margins_of, probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, other_setup
 
-__all__ = ["Batch", "Named", "identify_all"]
-
 CSV_COLUMNS = (
     *("recording", "label", "margin", "probability", "truth", "warnings"),
     *("candidates", "unknown", "trained_on"),
@@ -28,40 +26,22 @@ CSV_COLUMNS = (
 
 @dataclass(frozen=True)
 class Named:
-    """What a model says of one recording.
+    """What a model says of one recording, as a final `granular_id.Decision`, and what is known of the recording.
 
-    Attributes
-    ----------
-    name : str
-        Of the recording.
-    label : str
-        The answer.
-    margin : float
-        Second least mean loss minus the least: how far the runner-up is.
-    ranking : tuple of (str, float)
-        All labels with their mean losses, best first.
-    probability : float or None
-        Of the answer, where the model knows probabilities.
-    truth : str or None
-        Label of the recording; None where it has none.
-    warnings : tuple of str
-        What is wrong with samples of the recording.
-    candidates, unknown
-        As of `granular_id.identifier.Decision`.
-    trained_on : bool or None
-        Whether the model was trained on these very samples; None where it does not know its recordings one by one.
+    `truth` is its label, None where it has none; `warnings` say what is wrong with its samples; `trained_on`, whether
+    the model was trained on these very samples, is None where the model does not know its recordings one by one.
     """
 
     name: str
     label: str
     margin: float
-    ranking: tuple[tuple[str, float], ...]
     probability: float | None
     truth: str | None
-    warnings: tuple[str, ...] = ()
-    candidates: tuple[str, ...] = ()
-    unknown: bool | None = None
-    trained_on: bool | None = None
+    warnings: tuple[str, ...]
+    candidates: tuple[str, ...]
+    unknown: bool | None
+    trained_on: bool | None
+    ranking: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +103,8 @@ class Batch:
         if any(n.unknown is not None for n in self.each):
             columns["unknown"] = ["yes" if n.unknown else "" for n in self.each]
         if any(n.truth is not None for n in self.each):
-            columns["truth"] = [self._truth(n) for n in self.each]
+            wrong = [" (!)" if n.truth not in (None, n.label) else "" for n in self.each]
+            columns["truth"] = [f"{n.truth or ''}{mark}" for n, mark in zip(self.each, wrong, strict=True)]
         if 0 < (self.n_trained_on or 0) < len(self):
             columns["trained on"] = ["yes" if n.trained_on else "" for n in self.each]
         if any(n.warnings for n in self.each):
@@ -141,16 +122,10 @@ class Batch:
             "accuracy": self.accuracy,
             "n_judged": len(self.judged),
             "recordings": [
-                {
-                    "name": n.name,
-                    "label": n.label,
-                    "margin": n.margin,
-                    "probability": n.probability,
-                    "truth": n.truth,
+                vars(n)
+                | {
                     "warnings": list(n.warnings),
                     "candidates": list(n.candidates),
-                    "unknown": n.unknown,
-                    "trained_on": n.trained_on,
                     "ranking": [{"label": label, "mean_loss": loss} for label, loss in n.ranking],
                 }
                 for n in self.each
@@ -164,18 +139,10 @@ class Batch:
             writer = csv.writer(stream)
             writer.writerow(CSV_COLUMNS)
             for n in self.each:
-                chance = "" if n.probability is None else repr(n.probability)
-                warned = "; ".join(n.warnings)
-                told = ("" if word is None else str(word).lower() for word in (n.unknown, n.trained_on))
-                maybe = "; ".join(n.candidates)
-                writer.writerow(
-                    (n.name, n.label, repr(n.margin), chance, n.truth or "", warned, maybe, *told)
-                )
-
-    def _truth(self, named: Named) -> str:
-        if named.truth is None:
-            return ""
-        return named.truth if named.truth == named.label else f"{named.truth} (!)"
+                probability = "" if n.probability is None else repr(n.probability)
+                flags = ["" if flag is None else str(flag).lower() for flag in (n.unknown, n.trained_on)]
+                texts = ("; ".join(n.warnings), "; ".join(n.candidates))
+                writer.writerow((n.name, n.label, repr(n.margin), probability, n.truth or "", *texts, *flags))
 
     def _notes(self) -> Iterator[str]:
         if self.differences:
@@ -212,9 +179,9 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
     ----------
     model : Identifier
     data : Dataset
-        Of the length, rate and axes of the model, see `granular_id.identifier.recipe`.
+        Of the length, rate and axes of the model, see `granular_id.identifier.fitted`.
     differences : tuple of str
-        What of their set-up is not as in the training, as `refuse_others` there returns it.
+        What of their set-up is not as in the training, as `granular_id.identifier.refuse_others` returns it.
 
     Returns
     -------
@@ -222,34 +189,32 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
     """
     scores = model.scores(data.X)
     losses = model.core.losses(scores)
-    chances = None if model.core.sigmoid is None else probabilities(model.core, scores)
+    order = np.argsort(losses, axis=1, kind="stable")  # of equal losses the first label, as everywhere
+    shares = None if model.core.sigmoid is None else probabilities(model.core, scores)
     margins = margins_of(losses)
     verdicts = model.core.verdicts(scores)
     marks = marks_in(model.trained)
     seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
     each = []
     for i, recording in enumerate(data):
-        order = np.argsort(losses[i], kind="stable")  # of equal losses the first label, as everywhere
-        ranking = tuple((model.classes[k], float(losses[i, k])) for k in order.tolist())
-        chance = None if chances is None else float(chances[i, order[0]])
-        warned = _warnings(recording)
+        candidates, unknown = verdicts[i]
+        ranking = tuple((model.classes[k], float(losses[i, k])) for k in order[i].tolist())
         each.append(
             Named(
-                recording.name,
-                ranking[0][0],
-                float(margins[i]),
-                ranking,
-                chance,
-                recording.label,
-                warned,
-                *verdicts[i],
-                seen[i],
+                name=recording.name,
+                label=ranking[0][0],
+                margin=float(margins[i]),
+                probability=None if shares is None else float(shares[i, order[i, 0]]),
+                truth=recording.label,
+                warnings=_warnings(recording),
+                candidates=candidates,
+                unknown=unknown,
+                trained_on=seen[i],
+                ranking=ranking,
             )
         )
-    simulated = [
-        *(["a model of SYNTHETIC recordings"] if model.synthetic else []),
-        *(["SYNTHETIC recordings"] if data.is_synthetic else []),
-    ]
+    simulated = ["a model of SYNTHETIC recordings"] if model.synthetic else []
+    simulated += ["SYNTHETIC recordings"] if data.is_synthetic else []
     return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data), differences)
 
 
@@ -258,16 +223,14 @@ def _rightly(judged: Sequence[Named]) -> int:
 
 
 def _warnings(recording: Recording) -> tuple[str, ...]:
-    if recording.flags is None:
-        return ()
-    flags = recording.flags
-    counts = {flag: int((flags & flag > 0).sum()) for flag in SampleFlag}
-    return tuple(
-        f"{count} {(flag.name or '').lower().replace('_', ' ')}" for flag, count in counts.items() if count
-    )
+    """Count the samples with each flag, in words."""
+    flags = 0 if recording.flags is None else recording.flags
+    counts = {flag.name or "": int(np.count_nonzero(flags & flag)) for flag in SampleFlag}
+    return tuple(f"{count} {name.lower().replace('_', ' ')}" for name, count in counts.items() if count)
 
 
 def _trained_on(model: Identifier, data: Dataset) -> bool:
+    """Whether the model was trained on exactly these recordings."""
     mark, settings = model.core.metadata["training_sha256"], model.trained.get("settings")
     if not mark or settings is None or None in {recording.label for recording in data}:
         return False

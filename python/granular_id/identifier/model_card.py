@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from textwrap import shorten
 from typing import Any
 
@@ -18,44 +18,41 @@ _MOST_NOTES = 8
 
 
 def description(model: Identifier) -> list[str]:
-    """Say what a model takes, knows and was trained on; without the estimates, see `promises`.
-
-    Parameters
-    ----------
-    model : Identifier
-
-    Returns
-    -------
-    list of str
-        One line each.
-    """
+    """Say what a model takes, knows and was trained on, one line each; without the estimates, see `promises`."""
     core, spec, trained = model.core, model.spec, model.trained
+    lines = []
+    if model.synthetic:
+        lines.append(
+            "SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials"
+        )
+    lines.append(f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
+    counts = sorted(trained.get("recordings", {}).values())
+    if counts:
+        span = f"{counts[0]}" if counts[0] == counts[-1] else f"{counts[0]} to {counts[-1]}"
+        sessions = trained.get("n_sessions", 0)
+        within = f", {counted(sessions, 'session')}" if sessions else ""
+        lines.append(f"trained on: {sum(counts)} recordings, {span} of each material{within}")
     seconds = f"{model.n_samples / model.rate_hz:g} s"
-    size = len(core.to_bytes())
     learners = f"{counted(core.n_learners, 'learner')} ({core.metadata['coding'] or 'own coding'})"
-    lines = [
+    posterior = "" if core.sigmoid is None else f", probabilities by {core.metadata['posterior']}"
+    damage = "; the file has no digest: damage would go unnoticed" if core.lacks_digest else ""
+    lines += [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {_lead(model)}",
         f"features: {model.space}, {core.n_features} numbers{_content(spec)}",
         *_bands(spec),
-        f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding"
-        f"{'' if core.sigmoid is None else ', probabilities by ' + core.metadata['posterior']}",
-        f"size: {size / 2**20:.2f} MiB",
+        f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding{posterior}",
+        f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}"
-        f"{'; the file has no digest: damage would go unnoticed' if core.lacks_digest else ''}",
+        f"{damage}",
     ]
-    counts = trained.get("recordings", {})
-    if counts:
-        each = sorted(set(counts.values()))
-        span = f"{each[0]}" if len(each) == 1 else f"{each[0]} to {each[-1]}"
-        sessions = trained.get("n_sessions", 0)
-        within = f", {counted(sessions, 'session')}" if sessions else ""
-        lines.insert(0, f"trained on: {sum(counts.values())} recordings, {span} of each material{within}")
-    lines += _setup(trained.get("setup"))
-    lines.insert(0, f"materials: {len(model.classes)}: {shorten(', '.join(model.classes), 400)}")
-    if model.synthetic:
-        lines.insert(
-            0, "SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials"
+    setup = trained.get("setup")
+    if setup:
+        lines.append("set-up, compared with that of other recordings:")
+        lines += [f"  {name}: {' or '.join(values)}" for name, values in setup.items()]
+    else:
+        lines.append(
+            f"set-up: {'not known' if setup is None else 'the recordings do not tell'}; none is compared"
         )
     return lines
 
@@ -63,21 +60,12 @@ def description(model: Identifier) -> list[str]:
 def promises(model: Identifier) -> list[str]:
     """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
-    synthetic = " (SYNTHETIC recordings)" if model.synthetic else ""
-    estimate = trained.get("estimate")
-    lines = []
-    if estimate:
-        lines.append(f"accuracy, {estimate['held_out']}{synthetic}: {_accuracy(estimate)}")
-        lines.append(f"  {estimate['note']}")
-        weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
-        if weak:
-            named = ", ".join(f"{label} {100 * share:.0f} %" for share, label in weak[:5])
-            lines.append(f"  least recognised: {named}")
-    else:
-        lines.append(f"accuracy: not known: {trained.get('why_no_estimate') or 'not measured'}")
-    lines += _choice(trained)
-    lines.append(f"early answers: {_early(model, trained.get('early'))}")
-    lines += _confidence(Rules.of(model.core), _why_none(trained))
+    lines = [
+        *_estimate(model, trained.get("estimate")),
+        *_choice(trained.get("choice")),
+        f"early answers: {_early(model, trained.get('early'))}",
+        *_confidence(Rules.of(model.core), _why_none(trained)),
+    ]
     if trained.get("left_out"):
         lines.append(f"note: {trained['left_out']}")
     notes = trained.get("notes", [])
@@ -87,47 +75,23 @@ def promises(model: Identifier) -> list[str]:
     return lines
 
 
-def _confidence(rules: Rules, why_none: str) -> list[str]:
-    """Say what candidates and refusals are worth."""
-    candidates = refusals = f"none{why_none}"
-    if rules.conformal is not None:
-        (level,) = rules.conformal.levels[-1:]
-        promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
-        candidates = "; ".join(rules.conformal.notes) or promise
-    if rules.unknown is not None:
-        share = 100 * rules.unknown.share_known
-        promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
-        refusals = "; ".join(rules.unknown.notes) or promise
-    return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
-
-
-def _why_none(trained: Mapping[str, Any]) -> str:
-    """Say that nothing was held out to set rules on, where that is why there are none."""
-    return "" if trained.get("estimate") else ": no recordings were held out"
-
-
 def _lead(model: Identifier) -> str:
     """Say how much rest the recordings of the training have ahead of their trigger."""
     if model.lead_s is not None:
         return f"{model.lead_s:g} s"
     if begins_at_first(model.core):
         return "not known, recordings begin at their first sample"
-    known, every = model.trained.get("n_triggers"), sum(model.trained.get("recordings", {}).values())
-    if known is None:
+    n_triggers, n_recordings = (
+        model.trained.get("n_triggers"),
+        sum(model.trained.get("recordings", {}).values()),
+    )
+    if n_triggers is None:
         return "not known, or not the same in all recordings"
-    if known == 0:
+    if n_triggers == 0:
         return "not known, recordings have no trigger"
-    if known < every:
-        return f"not known of all, {known} of {every} recordings have a trigger"
+    if n_triggers < n_recordings:
+        return f"not known of all, {n_triggers} of {n_recordings} recordings have a trigger"
     return "not the same in all recordings"
-
-
-def _setup(known: Mapping[str, Sequence[str]] | None) -> list[str]:
-    """Give what the recordings of the training were made with."""
-    if not known:
-        return [f"set-up: {'not known' if known is None else 'the recordings do not tell'}; none is compared"]
-    told = (f"  {name}: {' or '.join(values)}" for name, values in known.items())
-    return ["set-up, compared with that of other recordings:", *told]
 
 
 def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:
@@ -155,24 +119,41 @@ def _bands(spec: FeatureSpec | _core.MultiBandExtractor) -> list[str]:
     return lines
 
 
-def _choice(trained: Mapping[str, Any]) -> list[str]:
+def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str]:
+    if not estimate:
+        return [f"accuracy: not known: {model.trained.get('why_no_estimate') or 'not measured'}"]
+    interval = estimate["interval_95"]
+    within = "" if interval is None else f" (95 %: {100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
+    lines = [
+        f"accuracy, {estimate['held_out']}{' (SYNTHETIC recordings)' if model.synthetic else ''}: "
+        f"{100 * estimate['accuracy']:.1f} %{within}, "
+        f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions",
+        f"  {estimate['note']}",
+    ]
+    weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
+    if weak:
+        least = ", ".join(f"{label} {100 * share:.0f} %" for share, label in weak[:5])
+        lines.append(f"  least recognised: {least}")
+    return lines
+
+
+def _choice(choice: Mapping[str, Any] | None) -> list[str]:
     """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
-    choice = trained.get("choice")
     if not choice:
         return []
-    machines, chosen, elsewhere = choice["machines"], choice["chosen"], choice["in_partitions"]
+    candidates, elsewhere = choice["machines"], choice["in_partitions"]
     seed = "" if choice["random_state"] is None else f"; seed {choice['random_state']}"
-    width = max(len(machine["name"]) for machine in machines)
+    width = max(len(candidate["name"]) for candidate in candidates)
     lines = [
-        f"chosen (>): {len(chosen)} of {len(machines)} machines tried, on {choice['note']}{seed}",
+        f"chosen (>): {len(choice['chosen'])} of {len(candidates)} candidate models, on {choice['note']}{seed}",
         f"    {'':<{width}}  held out{'  chosen in the estimate' if elsewhere else ''}",
     ]
-    for machine in machines:
-        shares = machine["accuracies"]
+    for candidate in candidates:
+        shares = candidate["accuracies"]
         reached = f"{100 * sum(shares) / len(shares):.1f} %" if shares else "-"
-        line = f"  {'>' if machine['chosen'] else ' '} {machine['name']:<{width}}  {reached:>8}"
+        line = f"  {'>' if candidate['chosen'] else ' '} {candidate['name']:<{width}}  {reached:>8}"
         if elsewhere:
-            times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+            times = sum(candidate["name"] in one["chosen"] for one in elsewhere)
             line += f"  {f'{times} of {len(elsewhere)}':>22}"
         lines.append(line)
     together = choice["accuracy_on_the_folds_that_chose"]
@@ -183,21 +164,33 @@ def _choice(trained: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _accuracy(estimate: Mapping[str, Any]) -> str:
-    interval = estimate["interval_95"]
-    within = "" if interval is None else f" (95 %: {100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
-    answers = f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions"
-    return f"{100 * estimate['accuracy']:.1f} %{within}, {answers}"
-
-
-def _early(model: Identifier, known: Mapping[str, Any] | None) -> str:
+def _early(model: Identifier, outcome: Mapping[str, Any] | None) -> str:
     table = model.core.early
     if table is None:
-        why = "" if known is None else known.get("why_not", "")
+        why = "" if outcome is None else outcome.get("why_not", "")
         return f"none{': ' + why if why else _why_none(model.trained)}"
     n_seen, margin = table[0].tolist()
     first = f"from {fixed(n_seen / model.rate_hz, 2)} s on, with a margin of {margin:.3g} or more"
-    if not known:
+    if not outcome:
         return first
-    figures = (known[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))
+    figures = (outcome[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))
     return f"{first}; {outcome_text(*figures)}"
+
+
+def _confidence(rules: Rules, why_none: str) -> list[str]:
+    """Say what candidates and refusals are worth."""
+    candidates = refusals = f"none{why_none}"
+    if rules.conformal is not None:
+        level = rules.conformal.levels[-1]
+        promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
+        candidates = "; ".join(rules.conformal.notes) or promise
+    if rules.unknown is not None:
+        share = 100 * rules.unknown.share_known
+        promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
+        refusals = "; ".join(rules.unknown.notes) or promise
+    return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
+
+
+def _why_none(trained: Mapping[str, Any]) -> str:
+    """Say that nothing was held out to set rules on, where that is why there are none."""
+    return "" if trained.get("estimate") else ": no recordings were held out"
