@@ -1,23 +1,22 @@
 """A trained model that names materials: from whole recordings, and while samples arrive.
 
-The names below are loaded when first used: a robot that only identifies does not wait for the training.
+What trains is loaded when first used: a robot that only identifies does not wait for scikit-learn.
 """
-
-from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from granular_id.identifier.batch import Batch, identify_all
+from granular_id.identifier.decision import Decision
+from granular_id.identifier.identifier import Identifier
+from granular_id.identifier.metadata import SPACES, comparison, fitted, refuse_others
+from granular_id.identifier.model_card import description, promises
+from granular_id.identifier.rules import N_CHECKPOINTS
+from granular_id.identifier.streaming import StreamingIdentifier
+
 if TYPE_CHECKING:
-    from granular_id.identifier.batch import Batch, identify_all
-    from granular_id.identifier.decision import Decision
-    from granular_id.identifier.identifier import Identifier
-    from granular_id.identifier.metadata import SPACES, comparison, fitted, refuse_others
-    from granular_id.identifier.model_card import description, promises
     from granular_id.identifier.over_time import OverTime, accuracy_over_time
     from granular_id.identifier.recipe import Recipe
-    from granular_id.identifier.rules import N_CHECKPOINTS
-    from granular_id.identifier.streaming import StreamingIdentifier
     from granular_id.identifier.training import Training, fit_pipeline, train
 
 __all__ = [
@@ -41,31 +40,19 @@ __all__ = [
     "train",
 ]
 
-_MODULES = {
-    "Batch": "batch",
-    "Decision": "decision",
-    "Identifier": "identifier",
-    "N_CHECKPOINTS": "rules",
+_LAZY = {
     "OverTime": "over_time",
     "Recipe": "recipe",
-    "SPACES": "metadata",
-    "StreamingIdentifier": "streaming",
     "Training": "training",
     "accuracy_over_time": "over_time",
-    "comparison": "metadata",
-    "description": "model_card",
     "fit_pipeline": "training",
-    "fitted": "metadata",
-    "identify_all": "batch",
-    "promises": "model_card",
-    "refuse_others": "metadata",
     "train": "training",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
+    if name not in _LAZY:
         raise AttributeError(f"module 'granular_id.identifier' has no attribute {name!r}")
-    value = getattr(import_module(f"granular_id.identifier.{_MODULES[name]}"), name)
+    value = getattr(import_module(f"granular_id.identifier.{_LAZY[name]}"), name)
     globals()[name] = value
     return value

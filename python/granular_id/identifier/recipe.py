@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from granular_id import _core
 from granular_id._checks import named
 from granular_id._estimators import describe_estimator, real_steps
-from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, design, fitting_loss
+from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, fitting_loss
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import BANDED, SPACES
 from granular_id.recording import unit_of
@@ -144,17 +144,6 @@ class Recipe:
             if self.shrinkage is not None:
                 steps.append(("whitening", WithinClassWhitening(self.shrinkage)))
         return Pipeline([*steps, ("classifier", self.classifier(posterior=posterior))])
-
-    def n_learners(self, n_classes: int) -> int:
-        """Count the binary learners that `coding` makes of so many classes."""
-        return int(design(self.coding, n_classes, np.random.default_rng(0)).shape[1])
-
-    def n_features(self, n_samples: int, n_axes: int) -> tuple[int, int]:
-        """Count raw samples among the features, and all features, of recordings of a size."""
-        if self.space in BANDED:
-            return 0, _core.MultiBandExtractor(n_samples, n_axes, blocks=self.blocks).n_features
-        n_raw = n_samples * n_axes if "raw" in self.space else 0
-        return n_raw, n_raw + (self.n_bins * n_axes if "hfmh" in self.space else 0)
 
     def to_dict(self, rate_hz: float) -> dict[str, Any]:
         """Return all settings, for recordings of a rate, in types that JSON knows."""

@@ -81,9 +81,9 @@ class HeldOut:
     held_out: str
     note: str
     partitions: tuple[Partition, ...]
-    values: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    scores: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
-    chosen: tuple[Chosen | None, ...] = ()
+    values: FloatArray
+    scores: FloatArray
+    chosen: tuple[Chosen | None, ...]
 
     @property
     def right(self) -> npt.NDArray[np.bool_]:

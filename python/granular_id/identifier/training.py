@@ -13,12 +13,11 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._checks import checked_index, checked_number
-from granular_id._core import MAX_MULTIBAND_VALUES
 from granular_id._estimators import heard_complaints, versions
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
-from granular_id.ecoc import Posterior, Task, check_posterior, fit_posterior
+from granular_id.ecoc import Posterior, Task, check_posterior, design, fit_posterior
 from granular_id.identifier.metadata import BANDED, MAX_FILE_BYTES, fingerprint, stored_marks
 from granular_id.identifier.recipe import Recipe, model_of
 from granular_id.identifier.rules import (
@@ -123,9 +122,9 @@ def train(
         except ValueError as why:  # a model all the same, of which nobody knows how good it is
             why_none = str(why)
     held = posterior = None
+    # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
     with showing(progress or False) as callback, heard_complaints(recipe.space) as complaints:
         ticker = Ticker(1 if splits is None else 1 + len(splits[1]), callback)
-        # The bits of a model must not depend on how many threads multiply its matrices.
         with single_threaded_blas():
             origins = origins_of(data)
             pipeline = recipe.pipeline(rate_hz, threads=threads)
@@ -152,36 +151,43 @@ def train(
         # What may mislead a reader of the estimate.
         "notes": [*(mixed(data) if held is None else warnings_in(data)), *complaints],
     }
-    core = model_of(
-        pipeline,
-        rate_hz,
-        axes=data.axes,
-        units=units,
-        lead_s=_common_lead(data),
-        samples=X,
-        posterior=posterior,
-        early=None if rule is None else rule.table(),
-        trained=trained,
-        training_sha256=fingerprint(data, trained["settings"]),
-        coding=recipe.coding if isinstance(recipe.coding, str) else "",
-    )
+    with single_threaded_blas():
+        core = model_of(
+            pipeline,
+            rate_hz,
+            axes=data.axes,
+            units=units,
+            lead_s=_common_lead(data),
+            samples=X,
+            posterior=posterior,
+            early=None if rule is None else rule.table(),
+            trained=trained,
+            training_sha256=fingerprint(data, trained["settings"]),
+            coding=recipe.coding if isinstance(recipe.coding, str) else "",
+        )
     return Training(core, trained, held, rule, why_none)
 
 
 def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: int) -> None:
     """Refuse a model that no file of `most` bytes could hold, before any time is spent on it; name ways out."""
-    is_banded, n_values = recipe.space in BANDED, shape[0] * shape[1]
-    if is_banded and n_values > MAX_MULTIBAND_VALUES:
+    n_samples, n_axes = shape
+    n_values, n_counts = n_samples * n_axes, recipe.n_bins * n_axes
+    is_banded = recipe.space in BANDED
+    if is_banded and n_values > _core.MAX_MULTIBAND_VALUES:
         raise ValueError(
-            f"recordings of {shape[0]} samples of {shape[1]} axes are too long for a model of multi-band features: "
-            f"{n_values} values, at most {MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
+            f"recordings of {n_samples} samples of {n_axes} axes are too long for a model of multi-band features: "
+            f"{n_values} values, at most {_core.MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
         )
-    n_raw, n_features = recipe.n_features(*shape)
-    n_learners = recipe.n_learners(n_classes)
+    if is_banded:
+        n_raw, n_features = 0, _core.MultiBandExtractor(n_samples, n_axes, blocks=recipe.blocks).n_features
+    else:
+        n_raw = n_values if "raw" in recipe.space else 0
+        n_features = n_raw + (n_counts if "hfmh" in recipe.space else 0)
+    n_learners = design(recipe.coding, n_classes, np.random.default_rng(0)).shape[1]
     size = 8 * (n_learners * (n_features + n_classes + 4) + 3 * n_raw) + _HEADER_BYTES
     if size <= most:
         return
-    ways = [f"the space 'hfmh' ({recipe.n_bins * shape[1]} features)"] if n_raw or is_banded else []
+    ways = [f"the space 'hfmh' ({n_counts} features)"] if n_raw or is_banded else []
     ways += ["shorter recordings, or a lower rate"] if n_raw else []
     coding = f"the coding 'onevsall' ({n_classes} learners)"
     if n_learners > n_classes:
