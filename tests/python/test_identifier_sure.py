@@ -1,6 +1,8 @@
 """Candidates and refusals of a model: kept in its file, checked when read, the same from streams and batches."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
@@ -284,6 +286,33 @@ def test_what_is_known_must_have_its_shape_when_the_file_is_read(identifier, tmp
     with pytest.raises(ModelFileError, match=f"trained: {message}") as caught:
         Identifier.load(file)
     assert str(caught.value).startswith(str(file))
+
+
+def test_numbers_of_rules_are_written_as_the_library_writes_them(identifier, tmp_path):
+    for change, place in (
+        (of_conformal(n_calibration=[32.0]), r"conformal.n_calibration\[0\]"),
+        (of_unknown(n_calibration=32.0), "unknown.n_calibration"),
+    ):
+        trained = {**identifier.trained, KEY: change(identifier.trained[KEY])}
+        file = tmp_path / "m.safetensors"
+        file.write_bytes(changed(identifier.core, trained).to_bytes())
+        with pytest.raises(ModelFileError, match=f"{place} must be a whole number, got 32.0"):
+            Identifier.load(file)
+
+
+@pytest.mark.thread_unsafe(reason="starts a process")
+def test_a_robot_that_only_identifies_does_not_wait_for_scikit_learn():
+    script = (
+        "import sys, numpy as np, granular_id as gid\n"
+        "model = gid.Identifier.load(sys.argv[1])\n"
+        "wrench = np.zeros((model.n_samples, 6))\n"
+        "stream = gid.StreamingIdentifier(model)\n"
+        "stream.push(wrench)\n"
+        "assert stream.decision() == model.identify(wrench)\n"
+        "sys.exit('sklearn' in sys.modules)"
+    )
+    command = [sys.executable, "-c", script, str(GOLDEN / "model.safetensors")]
+    assert subprocess.run(command, check=False, timeout=60).returncode == 0
 
 
 def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):

@@ -28,7 +28,7 @@ from granular_id.identifier.metadata import (
     lead_of,
     refuse_others,
 )
-from granular_id.identifier.rules import Rules, probabilities
+from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording
 
 # Training and probabilities are imported where they are called for: they bring in scikit-learn.
@@ -287,7 +287,6 @@ class Identifier:
             )
         try:
             check_trained(json.loads(core.metadata["trained"]))
-            Rules.of(core)
         except (TypeError, ValueError) as fault:
             raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None
         return cls(core)

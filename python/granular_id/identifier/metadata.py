@@ -52,6 +52,10 @@ _CHOICE = {
     "accuracy_on_the_folds_that_chose": (float, None),
     "in_partitions": [{"chosen": [str, ...]}, ...],
 }
+_CONFIDENCE = {  # the core has found that these rules fit the model, and takes 3.0 for a whole number
+    "conformal?": ({"n_calibration": [int, ...]}, None),
+    "unknown?": ({"n_calibration": int}, None),
+}
 _TRAINED = {
     "settings?": {"space": str},
     "synthetic?": bool,
@@ -65,6 +69,7 @@ _TRAINED = {
     "why_no_estimate?": str,
     "early?": (_EARLY, None),
     "choice?": _CHOICE,
+    "confidence?": _CONFIDENCE,
     "left_out?": str,
     "notes?": [str, ...],
 }

@@ -278,11 +278,11 @@ class Rules:
 
     @classmethod
     def of(cls, core: _core.Model) -> Rules:
-        """Read them; a TypeError or ValueError where a number is written as no rule of the library writes it."""
+        """Read those of a model."""
         stored = json.loads(core.metadata["trained"]).get(KEY) or {}
         if not stored:
             return cls()
-        from granular_id.confidence import ConformalRule, UnknownRule  # few models have them
+        from granular_id.confidence import ConformalRule, UnknownRule  # brings in scikit-learn
 
         conformal, unknown = stored.get("conformal"), stored.get("unknown")
         return cls(
