@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from granular_id.ecoc import Task, onevsone
 from granular_id.ecoc.posterior import KEPT, N_FOLDS, cross_fitted, folds_of
 from posterior_cases import blobs
 
@@ -10,7 +11,8 @@ class TestFolds:
     NAMES = ("a", "b", "c")
 
     def folds(self, X, y, seed=0, counted=None):
-        return folds_of(X, y, np.arange(len(y)) if counted is None else counted, seed, self.NAMES)
+        counted = np.arange(len(y)) if counted is None else counted
+        return folds_of(X, Task(onevsone(3), y, None, counted, self.NAMES), seed)
 
     def test_classes_are_dealt_out_evenly(self):
         X, y = blobs(n_classes=3, per_class=13)

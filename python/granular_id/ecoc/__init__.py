@@ -2,14 +2,15 @@
 
 from granular_id.ecoc.classifier import ECOCClassifier
 from granular_id.ecoc.codings import CODINGS, design, onevsone
-from granular_id.ecoc.decoding import DECODINGS, class_values, decode, fitting_loss
+from granular_id.ecoc.decoding import DECODINGS, LOSSES, class_values, decode, fitting_loss
 from granular_id.ecoc.learners import line_scores
 from granular_id.ecoc.posterior import POSTERIORS, Posterior, check_posterior, fit_posterior
-from granular_id.ecoc.training import Task, class_indices
+from granular_id.ecoc.task import Task, class_indices
 
 __all__ = [
     "CODINGS",
     "DECODINGS",
+    "LOSSES",
     "POSTERIORS",
     "ECOCClassifier",
     "Posterior",

@@ -7,6 +7,7 @@ loss. Defaults reproduce `fitcecoc` of MATLAB.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -17,7 +18,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
-from granular_id._checks import checked_flag, checked_n_jobs, float_array, named
+from granular_id._checks import checked_flag, checked_n_jobs, float_array, named, real_number
 from granular_id.ecoc.codings import CodingMatrix, design
 from granular_id.ecoc.decoding import DECODINGS, class_values, fitting_loss
 from granular_id.ecoc.estimators import (
@@ -32,8 +33,8 @@ from granular_id.ecoc.learners import (
     LinearLearner,
     PrimalLearners,
     fit_dual,
-    fit_shared,
     fit_standardized,
+    in_features,
     line_scores,
 )
 from granular_id.ecoc.posterior import (
@@ -45,10 +46,8 @@ from granular_id.ecoc.posterior import (
     folds_of,
 )
 from granular_id.ecoc.svm import first_equal
-from granular_id.ecoc.training import checked_cost, checked_task, checked_weights, class_indices
+from granular_id.ecoc.task import Task, checked_gram, checked_weights, class_indices
 from granular_id.gram import linear_gram
-
-# What `ECOCClassifier` does whatever it learns from: parameters, classes and codes, decoding, labels.
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -57,233 +56,14 @@ IntArray = npt.NDArray[np.intp]
 _CONDITIONAL = ("coef_", "intercept_", "dual_coef_", "alpha_at_bound_", "_estimators", "_posterior")
 
 
-def has_posterior(classifier: ECOCBase) -> bool:
-    """Return True where `predict_proba` exists, for `sklearn.utils.metaestimators.available_if`."""
+def _has_posterior(classifier: ECOCClassifier) -> bool:
+    """Whether `predict_proba` exists."""
     if classifier.posterior is None:
         raise AttributeError(f"predict_proba needs posterior={' or '.join(map(repr, POSTERIORS))}")
     return True
 
 
-class ECOCBase(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
-    """Base of `granular_id.ecoc.ECOCClassifier`, which documents the parameters."""
-
-    classes_: npt.NDArray[Any]
-    coding_matrix_: CodingMatrix
-    intercept_: FloatArray
-    dual_coef_: FloatArray
-    alpha_at_bound_: float
-    _estimators: EstimatorLearners
-    _posterior: Posterior
-
-    def __init__(
-        self,
-        estimator: Any = None,
-        *,
-        coding: str | npt.ArrayLike = "onevsone",
-        decoding: str = "loss_weighted",
-        loss: str = "auto",
-        C: float = 1.0,
-        hard_margin: bool = False,
-        standardize: bool = False,
-        posterior: str | None = None,
-        n_jobs: int | None = None,
-        random_state: int | np.random.RandomState | None = None,
-    ) -> None:
-        self.estimator = estimator
-        self.coding = coding
-        self.decoding = decoding
-        self.loss = loss
-        self.C = C
-        self.hard_margin = hard_margin
-        self.standardize = standardize
-        self.posterior = posterior
-        self.n_jobs = n_jobs
-        self.random_state = random_state
-
-    @property
-    def learners_(self) -> tuple[LinearLearner, ...] | tuple[EstimatorLearner, ...]:
-        """The binary learners, in the order of the columns of `coding_matrix_`."""
-        check_is_fitted(self, ["dual_coef_", "_estimators"], all_or_any=any)
-        if hasattr(self, "_estimators"):
-            return self._estimators.each
-        columns = zip(self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist(), strict=True)
-        return tuple(LinearLearner.of_column(self.classes_, *column) for column in columns)
-
-    def _check_parameters(self, *, weighted: bool) -> None:
-        named(DECODINGS, "decoding", self.decoding)
-        checked_cost(self.C)
-        checked_flag("hard_margin", self.hard_margin)
-        checked_flag("standardize", self.standardize)
-        checked_n_jobs(self.n_jobs)
-        if self.posterior is not None:
-            named(POSTERIORS, "posterior", self.posterior)
-        if self.estimator is not None:
-            check_estimator(self.estimator, weighted=weighted)
-            if self.hard_margin or self.C != 1.0:
-                raise ValueError(
-                    "C and hard_margin belong to the built-in support vector machine: set what the estimator has "
-                    f"of them on the estimator, got C={self.C!r}, hard_margin={self.hard_margin!r}"
-                )
-        fitting_loss(self.loss, "real" if self.estimator is None else score_range(self.estimator))
-
-    def _start(self, labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[IntArray, int, int]:
-        """Forget an earlier fit; learn classes and codes; return class indices, seeds of the folds and of learners."""
-        base = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
-        coding_seed, fold_seed, learner_seed = np.random.SeedSequence(base).generate_state(3).tolist()
-        classes, codes = class_indices(labels, weights)
-        matrix = design(self.coding, len(classes), np.random.default_rng(coding_seed))
-        if self.posterior is not None:
-            check_posterior(self.posterior, matrix)
-        for name in _CONDITIONAL:
-            if hasattr(self, name):
-                delattr(self, name)
-        self.classes_, self.coding_matrix_ = classes, matrix
-        return codes, fold_seed, learner_seed
-
-    def _machine_options(self, weights: FloatArray | None) -> dict[str, Any]:
-        """Options of `granular_id.ecoc.learners.fit_dual`."""
-        return {
-            "C": float(self.C),
-            "hard_margin": bool(self.hard_margin),
-            "sample_weight": weights,
-            "class_names": self.classes_.tolist(),
-            "n_jobs": self.n_jobs,
-        }
-
-    def _keep(self, learned: DualLearners) -> None:
-        self.dual_coef_ = learned.dual_coef
-        self.intercept_ = learned.intercept
-        self.alpha_at_bound_ = learned.alpha_at_bound
-
-    def _learn_posterior(
-        self,
-        fit_and_score: Callable[[IntArray, IntArray], FloatArray],
-        rows: npt.NDArray[Any],
-        codes: IntArray,
-        weights: FloatArray | None,
-        seed: int,
-    ) -> None:
-        """Fit sigmoids on scores of rows that the learners have not seen; `rows` (n, m) tells which are equal."""
-        names = self.classes_.tolist()
-        task = checked_task(len(codes), codes, self.coding_matrix_, weights, names)
-        folds = folds_of(rows, codes, task.counted, seed, names)
-        scores = cross_fitted(fit_and_score, folds, task.n_learners)
-        self._posterior = fit_posterior(str(self.posterior), scores, task)
-
-    def _class_values(self, scores: FloatArray) -> FloatArray:
-        """Decision values (n, K) for scores (n, L); loss and decoding may have been set anew after the fit."""
-        named(DECODINGS, "decoding", self.decoding)
-        scores_are = self._estimators.score_range if hasattr(self, "_estimators") else "real"
-        loss = fitting_loss(self.loss, scores_are)
-        return class_values(scores, self.coding_matrix_, loss, self.decoding)
-
-    def _decision(self, scores: FloatArray) -> FloatArray:
-        values = self._class_values(scores)
-        return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values
-
-    def _winners(self, scores: FloatArray) -> npt.NDArray[Any]:
-        labels: npt.NDArray[Any] = self.classes_[self._class_values(scores).argmax(axis=1)]
-        return labels
-
-    def _probabilities(self, scores: FloatArray) -> FloatArray:
-        check_is_fitted(
-            self, "_posterior", msg="This %(name)s was fitted with posterior=None: call fit again"
-        )
-        return self._posterior.probabilities(scores, self.coding_matrix_)
-
-
-# `ECOCClassifier` on scalar products: train and predict without features.
-
-
-class GramMethods(ECOCBase):
-    """The methods of `granular_id.ecoc.ECOCClassifier` that end in `_gram`."""
-
-    @property
-    def supports_gram(self) -> bool:
-        """Whether `fit_gram` and its kin serve these parameters: the built-in machine, not standardised."""
-        return self.estimator is None and not self.standardize
-
-    def fit_gram(
-        self, gram: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
-    ) -> GramMethods:
-        """Train all learners on scalar products instead of features.
-
-        Parameters
-        ----------
-        gram : array-like, shape (n, n)
-            Scalar products of the training rows (`granular_id.gram.linear_gram`), for instance a slice of
-            the matrix of all rows of an evaluation. Any origin serves: results are the same.
-        y, sample_weight
-            As in `fit`.
-
-        Returns
-        -------
-        ECOCClassifier
-            This estimator, for the methods that end in `_gram`. It has no `coef_`, `predict` needs `fit`.
-
-        Raises
-        ------
-        ValueError
-            As `fit`; also with `standardize=True`, as each learner then has scalar products of its own, or with
-            an `estimator`, which needs the features.
-        """
-        self._check_parameters(weighted=sample_weight is not None)
-        if not self.supports_gram:
-            what = "standardize=True" if self.standardize else "estimator"
-            raise ValueError(f"{what} needs the features: use fit(X, y) instead of fit_gram")
-        labels = column_or_1d(y, warn=True)
-        products = float_array("gram", gram)
-        if products.ndim == 0 or len(products) != len(labels):
-            raise ValueError(f"gram has shape {products.shape}, but y has {len(labels)} labels")
-        weights = None if sample_weight is None else checked_weights(sample_weight, len(products))
-        codes, fold_seed, _ = self._start(labels, weights)
-        for of_features in ("n_features_in_", "feature_names_in_"):
-            if hasattr(self, of_features):
-                delattr(self, of_features)
-        options = self._machine_options(weights)
-        self._keep(fit_dual(products, codes, self.coding_matrix_, **options))
-        if self.posterior is not None:
-            scorer = gram_scorer(products, codes, self.coding_matrix_, options)
-            self._learn_posterior(scorer, first_equal(products)[:, None], codes, weights, fold_seed)
-        return self
-
-    def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
-        if not self.supports_gram:
-            what = "an estimator" if self.estimator is not None else "standardize=True"
-            raise ValueError(f"{what} has no shared Gram matrix: use the methods that take X")
-        check_is_fitted(self, "dual_coef_")
-        return DualLearners(self.dual_coef_, self.intercept_, self.alpha_at_bound_).scores(gram)
-
-    def decision_function_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """`decision_function` for scalar products (m, n) with the training rows."""
-        return self._decision(self.binary_scores_gram(gram))
-
-    def predict_gram(self, gram: npt.ArrayLike) -> npt.NDArray[Any]:
-        """`predict` for scalar products (m, n) with the training rows."""
-        return self._winners(self.binary_scores_gram(gram))
-
-    @available_if(has_posterior)  # type: ignore[untyped-decorator]
-    def predict_proba_gram(self, gram: npt.ArrayLike) -> FloatArray:
-        """`predict_proba` for scalar products (m, n) with the training rows."""
-        return self._probabilities(self.binary_scores_gram(gram))
-
-
-def gram_scorer(
-    gram: FloatArray, codes: IntArray, matrix: CodingMatrix, options: dict[str, Any]
-) -> Callable[[IntArray, IntArray], FloatArray]:
-    """Train on some rows of a Gram matrix and score others, for `granular_id.ecoc.posterior.cross_fitted`."""
-
-    def fit_and_score(train: IntArray, test: IntArray) -> FloatArray:
-        weights = options["sample_weight"]
-        own = {**options, "sample_weight": None if weights is None else weights[train]}
-        learned = fit_dual(gram[np.ix_(train, train)], codes[train], matrix, **own)
-        return learned.scores(gram[np.ix_(test, train)])
-
-    return fit_and_score
-
-
-class ECOCClassifier(GramMethods):
+class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """Error-correcting output codes: K classes are told apart by L learners of two sides each.
 
     By default the learners are linear support vector machines, one for each pair of classes. The Gram matrix of
@@ -298,15 +78,15 @@ class ECOCClassifier(GramMethods):
         (code +1). Its score is `decision_function` where it has one, else the probability of 1. Default: the
         linear support vector machine described above, the paper's, much faster here than as an `estimator`.
     coding : str or array-like, shape (K, L), default "onevsone"
-        Which learner sees which classes on which side, a key of `granular_id.ecoc.codings.CODINGS`:
+        Which learner sees which classes on which side, a key of `granular_id.ecoc.CODINGS`:
         "onevsone" with K (K - 1) / 2 learners (the paper), "onevsall" K, "ordinal" K - 1, "binarycomplete"
         2^(K-1) - 1, "ternarycomplete" (3^K - 2^(K+1) + 1) / 2, "denserandom" about 10 log2 K, "sparserandom"
         about 15 log2 K; or codes -1, 0, +1 of one's own, a row for each of the sorted classes.
     decoding : {"loss_weighted", "loss_based"}, default "loss_weighted"
-        By what the summed loss of a class is divided; see `granular_id.ecoc.decoding.decode`. For one-vs-one both
+        By what the summed loss of a class is divided; see `granular_id.ecoc.decode`. For one-vs-one both
         name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
     loss : str, default "auto"
-        Binary loss, a key of `granular_id.ecoc.decoding.LOSSES`. "hinge" belongs to support vector machines and is
+        Binary loss, a key of `granular_id.ecoc.LOSSES`. "hinge" belongs to support vector machines and is
         what the paper uses; "hamming" counts votes, "root", which takes the root of a score first, is half way between
         the two; "linear", "exponential", "logit", "binodeviance". "quadratic" is for learners whose score is a
         probability, and the only one for them. "auto": the hinge or, for probabilities, "quadratic".
@@ -388,7 +168,39 @@ class ECOCClassifier(GramMethods):
     array([0, 0])
     """
 
+    classes_: npt.NDArray[Any]
+    coding_matrix_: CodingMatrix
     coef_: FloatArray
+    intercept_: FloatArray
+    dual_coef_: FloatArray
+    alpha_at_bound_: float
+    _estimators: EstimatorLearners
+    _posterior: Posterior
+
+    def __init__(
+        self,
+        estimator: Any = None,
+        *,
+        coding: str | npt.ArrayLike = "onevsone",
+        decoding: str = "loss_weighted",
+        loss: str = "auto",
+        C: float = 1.0,
+        hard_margin: bool = False,
+        standardize: bool = False,
+        posterior: str | None = None,
+        n_jobs: int | None = None,
+        random_state: int | np.random.RandomState | None = None,
+    ) -> None:
+        self.estimator = estimator
+        self.coding = coding
+        self.decoding = decoding
+        self.loss = loss
+        self.C = C
+        self.hard_margin = hard_margin
+        self.standardize = standardize
+        self.posterior = posterior
+        self.n_jobs = n_jobs
+        self.random_state = random_state
 
     def fit(
         self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
@@ -413,58 +225,46 @@ class ECOCClassifier(GramMethods):
         self._check_parameters(weighted=sample_weight is not None)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         weights = None if sample_weight is None else checked_weights(sample_weight, len(rows))
-        codes, fold_seed, learner_seed = self._start(labels, weights)
+        task, fold_seed, learner_seed = self._start(labels, weights)
+        learned: PrimalLearners | EstimatorLearners
         if self.supports_gram:
             with np.errstate(over="ignore", invalid="ignore"):  # `linear_gram` refuses what follows from it
                 origin = rows.mean(axis=0)
-            gram = linear_gram(rows, center=origin)
-            options = self._machine_options(weights)
-            self._keep_lines(fit_shared(rows, origin, gram, codes, self.coding_matrix_, **options))
-            scorer = gram_scorer(gram, codes, self.coding_matrix_, options)
+            gram = checked_gram(linear_gram(rows, center=origin))
+            moments = [(origin, np.ones(1))] * task.n_learners
+            learned = in_features(self._fit_dual(gram, task), rows, moments)
+            scorer = self._gram_scorer(gram, task)
         else:
-            every = np.arange(len(rows))
-            learned = self._fit_rows(rows, codes, weights, learner_seed, every)
-            if isinstance(learned, EstimatorLearners):
-                self._keep_estimators(learned)
-            else:
-                self._keep_lines(learned)
+            rows = np.ascontiguousarray(rows)  # products round by the layout of the rows
+            learned = self._fit_rows(rows, task, learner_seed)
 
             def scorer(train: IntArray, test: IntArray) -> FloatArray:
-                return self._fit_rows(rows, codes, weights, learner_seed, train).scores(rows[test])
+                return self._fit_rows(rows[train], task.of_rows(train), learner_seed).scores(rows[test])
 
-        if self.posterior is not None:
-            self._learn_posterior(scorer, rows, codes, weights, fold_seed)
-        return self
-
-    def _fit_rows(
-        self, rows: FloatArray, codes: IntArray, weights: FloatArray | None, seed: int, members: IntArray
-    ) -> PrimalLearners | EstimatorLearners:
-        """Train on some of the rows, where learners do not share a Gram matrix."""
-        own, own_codes = rows[members], codes[members]
-        own_weights = None if weights is None else weights[members]
-        if self.estimator is None:
-            return fit_standardized(own, own_codes, self.coding_matrix_, **self._machine_options(own_weights))
-        return fit_estimators(
-            self.estimator,
-            own,
-            own_codes,
-            self.coding_matrix_,
-            classes=self.classes_.tolist(),
-            standardize=bool(self.standardize),
-            sample_weight=own_weights,
-            seed=seed,
-            n_jobs=self.n_jobs,
-        )
-
-    def _keep_lines(self, learned: PrimalLearners) -> None:
-        self._keep(learned.dual)
-        self.coef_, self.intercept_ = learned.coef, learned.intercept
-
-    def _keep_estimators(self, learned: EstimatorLearners) -> None:
-        fitting_loss(self.loss, learned.score_range)  # some estimators show only now what score they have
-        self._estimators = learned
+        if isinstance(learned, EstimatorLearners):
+            fitting_loss(self.loss, learned.score_range)  # some estimators show only now what score they have
+            self._estimators = learned
+        else:
+            self._keep_dual(learned.dual)
         if learned.coef is not None and learned.intercept is not None:
             self.coef_, self.intercept_ = learned.coef, learned.intercept
+        if self.posterior is not None:
+            self._fit_posterior(scorer, rows, task, fold_seed)
+        return self
+
+    @property
+    def learners_(self) -> tuple[LinearLearner, ...] | tuple[EstimatorLearner, ...]:
+        """The binary learners, in the order of the columns of `coding_matrix_`."""
+        check_is_fitted(self, ["dual_coef_", "_estimators"], all_or_any=any)
+        if hasattr(self, "_estimators"):
+            return self._estimators.each
+
+        def learner(codes: CodingMatrix, dual_coef: FloatArray, intercept: float) -> LinearLearner:
+            positive, negative = (tuple(self.classes_[codes == side].tolist()) for side in (1, -1))
+            support = np.flatnonzero(dual_coef)
+            return LinearLearner(positive, negative, support, dual_coef[support], intercept)
+
+        return tuple(map(learner, self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist()))
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:
         """Scores (n, L) of the binary learners for features (n, D); positive speaks for the code +1.
@@ -497,7 +297,7 @@ class ECOCClassifier(GramMethods):
         """Label of each row of features (n, D); of tied classes the first in `classes_`."""
         return self._winners(self.binary_scores(X))
 
-    @available_if(has_posterior)  # type: ignore[untyped-decorator]
+    @available_if(_has_posterior)  # type: ignore[untyped-decorator]
     def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
         """Probability (n, K) of each class for features (n, D); rows sum to 1. Exists when `posterior` is set."""
         return self._probabilities(self.binary_scores(X))
@@ -525,3 +325,169 @@ class ECOCClassifier(GramMethods):
         others = np.where(is_true, -np.inf, values).max(axis=1)
         margins: FloatArray = values[is_true] - others
         return margins
+
+    @property
+    def supports_gram(self) -> bool:
+        """Whether `fit_gram` and its kin serve these parameters: the built-in machine, not standardised."""
+        return self.estimator is None and not self.standardize
+
+    def fit_gram(
+        self, gram: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
+    ) -> ECOCClassifier:
+        """Train all learners on scalar products instead of features.
+
+        Parameters
+        ----------
+        gram : array-like, shape (n, n)
+            Scalar products of the training rows (`granular_id.gram.linear_gram`), for instance a slice of
+            the matrix of all rows of an evaluation. Any origin serves: results are the same.
+        y, sample_weight
+            As in `fit`.
+
+        Returns
+        -------
+        ECOCClassifier
+            This estimator, for the methods that end in `_gram`. It has no `coef_`, `predict` needs `fit`.
+
+        Raises
+        ------
+        ValueError
+            As `fit`; also with `standardize=True`, as each learner then has scalar products of its own, or with
+            an `estimator`, which needs the features.
+        """
+        self._check_parameters(weighted=sample_weight is not None)
+        if not self.supports_gram:
+            what = "standardize=True" if self.standardize else "estimator"
+            raise ValueError(f"{what} needs the features: use fit(X, y) instead of fit_gram")
+        labels = column_or_1d(y, warn=True)
+        products = float_array("gram", gram)
+        if products.ndim == 0 or len(products) != len(labels):
+            raise ValueError(f"gram has shape {products.shape}, but y has {len(labels)} labels")
+        weights = None if sample_weight is None else checked_weights(sample_weight, len(products))
+        task, fold_seed, _ = self._start(labels, weights)
+        for of_features in ("n_features_in_", "feature_names_in_"):
+            if hasattr(self, of_features):
+                delattr(self, of_features)
+        self._keep_dual(self._fit_dual(checked_gram(products), task))
+        if self.posterior is not None:
+            kinds = first_equal(products)[:, None]
+            self._fit_posterior(self._gram_scorer(products, task), kinds, task, fold_seed)
+        return self
+
+    def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
+        """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
+        if not self.supports_gram:
+            what = "an estimator" if self.estimator is not None else "standardize=True"
+            raise ValueError(f"{what} has no shared Gram matrix: use the methods that take X")
+        check_is_fitted(self, "dual_coef_")
+        products = float_array("gram", gram)
+        if products.ndim != 2 or products.shape[1] != self.dual_coef_.shape[1]:
+            raise ValueError(
+                f"gram must have shape (m, {self.dual_coef_.shape[1]}), one column per training row, "
+                f"got shape {products.shape}"
+            )
+        return line_scores("gram", products, self.dual_coef_, self.intercept_)
+
+    def decision_function_gram(self, gram: npt.ArrayLike) -> FloatArray:
+        """`decision_function` for scalar products (m, n) with the training rows."""
+        return self._decision(self.binary_scores_gram(gram))
+
+    def predict_gram(self, gram: npt.ArrayLike) -> npt.NDArray[Any]:
+        """`predict` for scalar products (m, n) with the training rows."""
+        return self._winners(self.binary_scores_gram(gram))
+
+    @available_if(_has_posterior)  # type: ignore[untyped-decorator]
+    def predict_proba_gram(self, gram: npt.ArrayLike) -> FloatArray:
+        """`predict_proba` for scalar products (m, n) with the training rows."""
+        return self._probabilities(self.binary_scores_gram(gram))
+
+    def _check_parameters(self, *, weighted: bool) -> None:
+        named(DECODINGS, "decoding", self.decoding)
+        cost = real_number("C", self.C)
+        if not 0 < cost < math.inf:
+            raise ValueError(f"C must be positive and finite, got {cost!r}; for no limit hard_margin=True")
+        checked_flag("hard_margin", self.hard_margin)
+        checked_flag("standardize", self.standardize)
+        checked_n_jobs(self.n_jobs)
+        if self.posterior is not None:
+            named(POSTERIORS, "posterior", self.posterior)
+        if self.estimator is not None:
+            check_estimator(self.estimator, weighted=weighted)
+            if self.hard_margin or self.C != 1.0:
+                raise ValueError(
+                    "C and hard_margin belong to the built-in support vector machine: set what the estimator has "
+                    f"of them on the estimator, got C={self.C!r}, hard_margin={self.hard_margin!r}"
+                )
+        fitting_loss(self.loss, "real" if self.estimator is None else score_range(self.estimator))
+
+    def _start(self, labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[Task, int, int]:
+        """Forget an earlier fit, learn classes and codes; return the task, seeds of the folds and of the learners."""
+        base = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
+        coding_seed, fold_seed, learner_seed = np.random.SeedSequence(base).generate_state(3).tolist()
+        classes, codes = class_indices(labels, weights)
+        matrix = design(self.coding, len(classes), np.random.default_rng(coding_seed))
+        if self.posterior is not None:
+            check_posterior(self.posterior, matrix)
+        for name in _CONDITIONAL:
+            if hasattr(self, name):
+                delattr(self, name)
+        self.classes_, self.coding_matrix_ = classes, matrix
+        return Task.of(matrix, codes, weights, classes.tolist()), fold_seed, learner_seed
+
+    def _fit_dual(self, gram: FloatArray, task: Task) -> DualLearners:
+        return fit_dual(gram, task, self._cost(), self.n_jobs)
+
+    def _fit_rows(self, rows: FloatArray, task: Task, seed: int) -> PrimalLearners | EstimatorLearners:
+        """Train where learners do not share a Gram matrix."""
+        if self.estimator is None:
+            return fit_standardized(rows, task, self._cost(), self.n_jobs)
+        standardize = bool(self.standardize)
+        return fit_estimators(
+            self.estimator, rows, task, standardize=standardize, seed=seed, n_jobs=self.n_jobs
+        )
+
+    def _cost(self) -> float | None:
+        return None if self.hard_margin else float(self.C)
+
+    def _keep_dual(self, learned: DualLearners) -> None:
+        self.dual_coef_, self.intercept_ = learned.dual_coef, learned.intercept
+        self.alpha_at_bound_ = learned.alpha_at_bound
+
+    def _gram_scorer(self, gram: FloatArray, task: Task) -> Callable[[IntArray, IntArray], FloatArray]:
+        def scorer(train: IntArray, test: IntArray) -> FloatArray:
+            learned = self._fit_dual(gram[np.ix_(train, train)], task.of_rows(train))
+            return learned.scores(gram[np.ix_(test, train)])
+
+        return scorer
+
+    def _fit_posterior(
+        self,
+        fit_and_score: Callable[[IntArray, IntArray], FloatArray],
+        rows: npt.NDArray[Any],
+        task: Task,
+        seed: int,
+    ) -> None:
+        """Fit sigmoids on scores of rows that the learners have not seen; `rows` (n, m) tells which are equal."""
+        scores = cross_fitted(fit_and_score, folds_of(rows, task, seed), task.n_learners)
+        self._posterior = fit_posterior(str(self.posterior), scores, task)
+
+    def _class_values(self, scores: FloatArray) -> FloatArray:
+        """Decision values (n, K) for scores (n, L); loss and decoding may have been set anew after the fit."""
+        named(DECODINGS, "decoding", self.decoding)
+        scores_are = self._estimators.score_range if hasattr(self, "_estimators") else "real"
+        loss = fitting_loss(self.loss, scores_are)
+        return class_values(scores, self.coding_matrix_, loss, self.decoding)
+
+    def _decision(self, scores: FloatArray) -> FloatArray:
+        values = self._class_values(scores)
+        return values[:, 1] - values[:, 0] if values.shape[1] == 2 else values
+
+    def _winners(self, scores: FloatArray) -> npt.NDArray[Any]:
+        labels: npt.NDArray[Any] = self.classes_[self._class_values(scores).argmax(axis=1)]
+        return labels
+
+    def _probabilities(self, scores: FloatArray) -> FloatArray:
+        check_is_fitted(
+            self, "_posterior", msg="This %(name)s was fitted with posterior=None: call fit again"
+        )
+        return self._posterior.probabilities(scores, self.coding_matrix_)

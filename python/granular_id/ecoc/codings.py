@@ -1,7 +1,6 @@
-"""Coding matrices of error-correcting output codes: which learner is shown which classes, on which side.
+"""Coding matrices: which binary learner is shown which classes, and on which side.
 
-A coding matrix has one row per class and one column per binary learner. Its entry says what a learner
-makes of a class: +1 positive, -1 negative, 0 not shown to this learner.
+A matrix has a row for each class and a column for each learner: +1 positive, -1 negative, 0 not shown.
 
 Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141; Dietterich, Bakiri
 (1995), "Solving multiclass learning problems via error-correcting output codes", JAIR 2:263-286. Names and sizes
@@ -22,157 +21,14 @@ import numpy.typing as npt
 from granular_id._checks import named
 from granular_id._parallel import single_threaded_blas
 
+CodingMatrix = npt.NDArray[np.int8]
+
 MAX_LEARNERS = 100_000
 """More columns than this are refused. It admits all ternary columns of 11 classes (86,526)."""
 
-
-def onevsone(n_classes: int) -> CodingMatrix:
-    """One learner for each pair of classes.
-
-    Parameters
-    ----------
-    n_classes : int
-        Number of classes K, at least 2.
-
-    Returns
-    -------
-    ndarray of int8, shape (K, K (K - 1) / 2)
-        Columns in the order (0, 1), (0, 2), ..., (1, 2), ...: +1 for the lower class index, -1 for the
-        higher.
-
-    Raises
-    ------
-    ValueError
-        `n_classes` is below 2.
-
-    Examples
-    --------
-    >>> from granular_id.ecoc.codings import onevsone
-    >>> onevsone(3)
-    array([[ 1,  1,  0],
-           [-1,  0,  1],
-           [ 0, -1, -1]], dtype=int8)
-    """
-    _at_least_two(n_classes)
-    low, high = np.triu_indices(n_classes, 1)
-    matrix = np.zeros((n_classes, len(low)), dtype=np.int8)
-    learner = np.arange(len(low))
-    matrix[low, learner] = 1
-    matrix[high, learner] = -1
-    return matrix
-
-
-def onevsall(n_classes: int) -> CodingMatrix:
-    """One learner for each class against all others, shape (K, K): +1 on the diagonal, -1 elsewhere."""
-    _at_least_two(n_classes)
-    return np.where(np.eye(n_classes, dtype=bool), 1, -1).astype(np.int8)
-
-
-def ordinal(n_classes: int) -> CodingMatrix:
-    """One learner for each cut of the sorted classes, shape (K, K - 1): -1 up to the cut, +1 beyond it.
-
-    Examples
-    --------
-    >>> from granular_id.ecoc.codings import ordinal
-    >>> ordinal(3)
-    array([[-1, -1],
-           [ 1, -1],
-           [ 1,  1]], dtype=int8)
-    """
-    _at_least_two(n_classes)
-    return np.where(np.arange(n_classes)[:, None] > np.arange(n_classes - 1), 1, -1).astype(np.int8)
-
-
-def binarycomplete(n_classes: int) -> CodingMatrix:
-    """Every division of all classes into two sides, shape (K, 2^(K-1) - 1); class 0 is always on the + side.
-
-    Examples
-    --------
-    >>> from granular_id.ecoc.codings import binarycomplete
-    >>> binarycomplete(3)
-    array([[ 1,  1,  1],
-           [ 1, -1, -1],
-           [-1,  1, -1]], dtype=int8)
-    """
-    _at_least_two(n_classes)
-    number = np.arange(1, 2 ** (n_classes - 1))
-    bits = (number >> np.arange(n_classes - 1)[::-1, None]) & 1
-    first = np.ones((1, len(number)), dtype=np.int8)
-    return np.concatenate((first, np.where(bits == 1, -1, 1).astype(np.int8)))
-
-
-def ternarycomplete(n_classes: int) -> CodingMatrix:
-    """Every column with both signs, shape (K, (3^K - 2^(K+1) + 1) / 2); the first entry that is not 0 is +1."""
-    _at_least_two(n_classes)
-    number = np.arange(3**n_classes)
-    # Digits 0, 1, 2 stand for +1, -1, 0, the first class in the highest place.
-    digits = (number // 3 ** np.arange(n_classes)[::-1, None]) % 3
-    columns = np.array([1, -1, 0], dtype=np.int8)[digits]
-    leading = columns[(columns != 0).argmax(axis=0), np.arange(len(number))]
-    return np.ascontiguousarray(columns[:, (leading == 1) & (columns == -1).any(axis=0)])
-
-
-def _dense(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
-    """Random columns of +1 and -1; where all columns are no more than wanted, all of them."""
-    n_learners = CODINGS["denserandom"].n_learners(n_classes)
-    if n_learners == _n_binary(n_classes):
-        return binarycomplete(n_classes)
-    return best_random(n_classes, n_learners, rng, zeros=False)
-
-
-def _sparse(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
-    """Random columns of 0, +1 and -1; where all columns are no more than wanted, all of them."""
-    n_learners = CODINGS["sparserandom"].n_learners(n_classes)
-    if n_learners == _n_ternary(n_classes):
-        return ternarycomplete(n_classes)
-    return best_random(n_classes, n_learners, rng, zeros=True)
-
-
-def _n_binary(n_classes: int) -> int:
-    return int(2 ** (n_classes - 1) - 1)
-
-
-def _n_ternary(n_classes: int) -> int:
-    return int((3**n_classes - 2 ** (n_classes + 1) + 1) // 2)
-
-
-@dataclass(frozen=True)
-class Coding:
-    """A named design.
-
-    Attributes
-    ----------
-    formula : str
-        Number of learners for K classes, as text.
-    n_learners : callable
-        The same as a function of K.
-    matrix : callable
-        From K and a random generator, which only random designs use, to the coding matrix.
-    """
-
-    formula: str
-    n_learners: Callable[[int], int]
-    matrix: Callable[[int, np.random.Generator], CodingMatrix]
-
-
-CODINGS: Mapping[str, Coding] = MappingProxyType(
-    {
-        "onevsone": Coding("K (K - 1) / 2", lambda k: k * (k - 1) // 2, lambda k, _: onevsone(k)),
-        "onevsall": Coding("K", lambda k: k, lambda k, _: onevsall(k)),
-        "ordinal": Coding("K - 1", lambda k: k - 1, lambda k, _: ordinal(k)),
-        "binarycomplete": Coding("2^(K-1) - 1", _n_binary, lambda k, _: binarycomplete(k)),
-        "ternarycomplete": Coding("(3^K - 2^(K+1) + 1) / 2", _n_ternary, lambda k, _: ternarycomplete(k)),
-        "denserandom": Coding(
-            "10 log2 K rounded up, at most 2^(K-1) - 1", lambda k: min(n_dense(k), _n_binary(k)), _dense
-        ),
-        "sparserandom": Coding(
-            "15 log2 K rounded up, at most (3^K - 2^(K+1) + 1) / 2",
-            lambda k: min(n_sparse(k), _n_ternary(k)),
-            _sparse,
-        ),
-    }
-)
-"""Designs by name."""
+_DRAWS = 10_000
+# Entries drawn at a time: large enough for numpy to be fast, small enough for a few tens of megabytes.
+_BLOCK_ENTRIES = 1_000_000
 
 
 def design(coding: object, n_classes: int, rng: np.random.Generator) -> CodingMatrix:
@@ -199,14 +55,16 @@ def design(coding: object, n_classes: int, rng: np.random.Generator) -> CodingMa
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.ecoc.codings import design
-    >>> design("sparserandom", 11, np.random.default_rng(0)).shape
-    (11, 52)
+    >>> from granular_id.ecoc import design
+    >>> design("ordinal", 3, np.random.default_rng(0))
+    array([[-1, -1],
+           [ 1, -1],
+           [ 1,  1]], dtype=int8)
     """
     if not isinstance(coding, str):
         return own_coding(coding, n_classes)
     entry: Coding = named(CODINGS, "coding", coding)
-    _at_least_two(n_classes)
+    _check_at_least_two(n_classes)
     n_learners = entry.n_learners(n_classes)
     if n_learners > MAX_LEARNERS:
         count = f"{n_learners:,}" if n_learners < 10**12 else f"{Decimal(n_learners):.2e}"
@@ -217,51 +75,135 @@ def design(coding: object, n_classes: int, rng: np.random.Generator) -> CodingMa
     return entry.matrix(n_classes, rng)
 
 
-def _at_least_two(n_classes: int) -> None:
-    if n_classes < 2:
-        raise ValueError(f"n_classes must be at least 2, got {n_classes}")
-
-
-# Random coding matrices: of 10,000 draws the one whose closest two rows are farthest apart.
-#
-# Source: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141, section 6: dense matrices
-# of about 10 log2 K columns of +1 and -1, sparse ones of about 15 log2 K columns in which half of the entries are 0.
-
-CodingMatrix = npt.NDArray[np.int8]
-
-_DRAWS = 10_000
-# Entries drawn at a time: large enough for numpy to be fast, small enough for a few tens of megabytes.
-_BLOCK_ENTRIES = 1_000_000
-
-
-def n_dense(n_classes: int) -> int:
-    """Columns of a dense random matrix for K classes: 10 log2 K, rounded up."""
-    return math.ceil(10 * math.log2(n_classes))
-
-
-def n_sparse(n_classes: int) -> int:
-    """Columns of a sparse random matrix for K classes: 15 log2 K, rounded up."""
-    return math.ceil(15 * math.log2(n_classes))
-
-
-def best_random(n_classes: int, n_learners: int, rng: np.random.Generator, *, zeros: bool) -> CodingMatrix:
-    """Draw coding matrices and keep the one with the largest smallest distance between two rows.
-
-    A column without both signs, and one equal to an earlier column or to its negative, is drawn again.
+def onevsone(n_classes: int) -> CodingMatrix:
+    """One learner for each pair of classes.
 
     Parameters
     ----------
-    n_classes, n_learners : int
-        K and L; fewer columns than there are different ones.
-    rng : numpy.random.Generator
-        Same state, same matrix.
-    zeros : bool
-        Entries 0 with probability 1/2, +1 and -1 with 1/4 each; without zeros +1 and -1 with 1/2 each.
+    n_classes : int
+        Number of classes K, at least 2.
 
     Returns
     -------
-    ndarray of int8, shape (K, L)
-        Of equally good draws the first.
+    ndarray of int8, shape (K, K (K - 1) / 2)
+        Columns in the order (0, 1), (0, 2), ..., (1, 2), ...: +1 for the lower class index, -1 for the
+        higher.
+
+    Raises
+    ------
+    ValueError
+        `n_classes` is below 2.
+
+    Examples
+    --------
+    >>> from granular_id.ecoc import onevsone
+    >>> onevsone(3)
+    array([[ 1,  1,  0],
+           [-1,  0,  1],
+           [ 0, -1, -1]], dtype=int8)
+    """
+    _check_at_least_two(n_classes)
+    low, high = np.triu_indices(n_classes, 1)
+    matrix = np.zeros((n_classes, len(low)), dtype=np.int8)
+    learner = np.arange(len(low))
+    matrix[low, learner] = 1
+    matrix[high, learner] = -1
+    return matrix
+
+
+def onevsall(n_classes: int) -> CodingMatrix:
+    """One learner for each class against all others, shape (K, K): +1 on the diagonal, -1 elsewhere."""
+    return np.where(np.eye(n_classes, dtype=bool), 1, -1).astype(np.int8)
+
+
+def ordinal(n_classes: int) -> CodingMatrix:
+    """One learner for each cut of the sorted classes, shape (K, K - 1): -1 up to the cut, +1 beyond it."""
+    return np.where(np.arange(n_classes)[:, None] > np.arange(n_classes - 1), 1, -1).astype(np.int8)
+
+
+def binarycomplete(n_classes: int) -> CodingMatrix:
+    """Every division of all classes into two sides, shape (K, 2^(K-1) - 1); class 0 is always on the + side."""
+    number = np.arange(1, 2 ** (n_classes - 1))
+    bits = (number >> np.arange(n_classes - 1)[::-1, None]) & 1
+    first = np.ones((1, len(number)), dtype=np.int8)
+    return np.concatenate((first, np.where(bits == 1, -1, 1).astype(np.int8)))
+
+
+def ternarycomplete(n_classes: int) -> CodingMatrix:
+    """Every column with both signs, shape (K, (3^K - 2^(K+1) + 1) / 2); the first entry that is not 0 is +1."""
+    number = np.arange(3**n_classes)
+    # Digits 0, 1, 2 stand for +1, -1, 0, the first class in the highest place.
+    digits = (number // 3 ** np.arange(n_classes)[::-1, None]) % 3
+    columns = np.array([1, -1, 0], dtype=np.int8)[digits]
+    leading = columns[(columns != 0).argmax(axis=0), np.arange(len(number))]
+    return np.ascontiguousarray(columns[:, (leading == 1) & (columns == -1).any(axis=0)])
+
+
+def _n_binary(n_classes: int) -> int:
+    return int(2 ** (n_classes - 1) - 1)
+
+
+def _n_ternary(n_classes: int) -> int:
+    return int((3**n_classes - 2 ** (n_classes + 1) + 1) // 2)
+
+
+def _n_dense(n_classes: int) -> int:
+    return min(math.ceil(10 * math.log2(n_classes)), _n_binary(n_classes))
+
+
+def _n_sparse(n_classes: int) -> int:
+    return min(math.ceil(15 * math.log2(n_classes)), _n_ternary(n_classes))
+
+
+# Where all columns are no more than wanted, a random design takes all of them.
+
+
+def denserandom(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
+    """Random columns of +1 and -1, far apart in their rows."""
+    n_learners = _n_dense(n_classes)
+    if n_learners == _n_binary(n_classes):
+        return binarycomplete(n_classes)
+    return best_random(n_classes, n_learners, rng, zeros=False)
+
+
+def sparserandom(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
+    """Random columns of 0, +1 and -1, far apart in their rows."""
+    n_learners = _n_sparse(n_classes)
+    if n_learners == _n_ternary(n_classes):
+        return ternarycomplete(n_classes)
+    return best_random(n_classes, n_learners, rng, zeros=True)
+
+
+@dataclass(frozen=True)
+class Coding:
+    """A named design: its number of learners for K classes, as text and as a function, and its matrix."""
+
+    formula: str
+    n_learners: Callable[[int], int]
+    matrix: Callable[[int, np.random.Generator], CodingMatrix]
+
+
+CODINGS: Mapping[str, Coding] = MappingProxyType(
+    {
+        "onevsone": Coding("K (K - 1) / 2", lambda k: k * (k - 1) // 2, lambda k, _: onevsone(k)),
+        "onevsall": Coding("K", lambda k: k, lambda k, _: onevsall(k)),
+        "ordinal": Coding("K - 1", lambda k: k - 1, lambda k, _: ordinal(k)),
+        "binarycomplete": Coding("2^(K-1) - 1", _n_binary, lambda k, _: binarycomplete(k)),
+        "ternarycomplete": Coding("(3^K - 2^(K+1) + 1) / 2", _n_ternary, lambda k, _: ternarycomplete(k)),
+        "denserandom": Coding("10 log2 K rounded up, at most 2^(K-1) - 1", _n_dense, denserandom),
+        "sparserandom": Coding(
+            "15 log2 K rounded up, at most (3^K - 2^(K+1) + 1) / 2", _n_sparse, sparserandom
+        ),
+    }
+)
+"""Designs by name."""
+
+
+def best_random(n_classes: int, n_learners: int, rng: np.random.Generator, *, zeros: bool) -> CodingMatrix:
+    """Of 10,000 random matrices (K, L) the first of those whose closest two rows are farthest apart.
+
+    With zeros, entries are 0 with probability 1/2, +1 and -1 with 1/4 each (Allwein et al., section 6). A column
+    without both signs, and one equal to an earlier column or to its negative, is drawn again.
     """
     values = np.array([0, 0, 1, -1] if zeros else [1, -1], dtype=np.int8)
     # Equal columns have equal sums, exact in float64. Other columns that meet by chance are drawn again too.
@@ -283,8 +225,7 @@ def best_random(n_classes: int, n_learners: int, rng: np.random.Generator, *, ze
 def smallest_distance(columns: CodingMatrix) -> npt.NDArray[np.float32]:
     """Smallest distance between two rows of each of B coding matrices, given as their columns (B, L, K).
 
-    The distance of rows a and b is half the sum of ``|m_al| |m_bl| |m_al - m_bl|``: the number of learners
-    that see both classes on different sides.
+    The distance of two rows is the number of learners that see both classes on different sides.
     """
     signs = columns.astype(np.float32)  # whole numbers below 2^24: exact
     shown = np.abs(signs)
@@ -323,28 +264,14 @@ def _replace_unusable(
         pending = pending[unusable.any(axis=1)]
 
 
-# A coding matrix, checked: its learners can be trained, and the classes told apart.
-
-
 def check_coding_matrix(coding_matrix: npt.ArrayLike) -> CodingMatrix:
-    """Return `coding_matrix` as int8 after checking that it can be learned and decoded.
-
-    Parameters
-    ----------
-    coding_matrix : array-like, shape (K, L)
-        Entries -1, 0, +1; each column with both signs, each row with at least one entry that is not 0.
-
-    Raises
-    ------
-    ValueError
-        Wrong rank, other entries, a column without both signs, an empty row.
-    """
+    """Return codes (K, L) as int8, or say in a ValueError why they cannot be learned and decoded."""
     given = np.asarray(coding_matrix)
     if given.ndim != 2 or given.shape[0] < 2 or given.shape[1] < 1:
         raise ValueError(
             f"coding_matrix must have shape (n_classes >= 2, n_learners >= 1), got shape {given.shape}"
         )
-    if given.dtype.kind not in "biuf" or not ((given == 1) | (given == 0) | (given == -1)).all():
+    if given.dtype.kind not in "biuf" or not np.isin(given, (-1, 0, 1)).all():
         raise ValueError("coding_matrix must hold -1, 0 and +1 only")
     matrix = given.astype(np.int8)
     one_sided = (matrix.max(axis=0) != 1) | (matrix.min(axis=0) != -1)
@@ -357,16 +284,7 @@ def check_coding_matrix(coding_matrix: npt.ArrayLike) -> CodingMatrix:
 
 
 def own_coding(coding: object, n_classes: int) -> CodingMatrix:
-    """Check a user's coding matrix against the number of classes; rows and columns must differ.
-
-    Raises
-    ------
-    TypeError
-        Not a matrix of numbers.
-    ValueError
-        As `check_coding_matrix`; another number of rows than classes; equal rows (classes that are never told
-        apart); columns that are equal, or the negative of each other (the same learner twice).
-    """
+    """Check a user's coding matrix: a row for each class, all rows and all learners different."""
     try:
         given = np.asarray(coding)
         is_matrix = given.dtype.kind in "biuf" and given.ndim > 0
@@ -383,15 +301,14 @@ def own_coding(coding: object, n_classes: int) -> CodingMatrix:
         ("rows", matrix, "these classes are never told apart"),
         ("columns", (matrix * leading).T, "the same learner twice, but for the sign"),
     ):
-        first, again = _first_repeated(lines)
-        if again >= 0:
-            raise ValueError(f"coding {what} {first} and {again} are alike: {why}")
+        seen: dict[bytes, int] = {}
+        for number, line in enumerate(lines):
+            first = seen.setdefault(line.tobytes(), number)
+            if first != number:
+                raise ValueError(f"coding {what} {first} and {number} are alike: {why}")
     return matrix
 
 
-def _first_repeated(lines: CodingMatrix) -> tuple[int, int]:
-    """Return the indices of a line and of its first repetition, (-1, -1) when all differ."""
-    _, first, inverse = np.unique(lines, axis=0, return_index=True, return_inverse=True)
-    original = first[inverse.ravel()]  # numpy 2.0.0 shaped the inverse differently
-    repeated = np.flatnonzero(original != np.arange(len(lines)))
-    return (int(original[repeated[0]]), int(repeated[0])) if len(repeated) else (-1, -1)
+def _check_at_least_two(n_classes: int) -> None:
+    if n_classes < 2:
+        raise ValueError(f"n_classes must be at least 2, got {n_classes}")

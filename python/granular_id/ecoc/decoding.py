@@ -1,8 +1,9 @@
-"""Decoding of error-correcting output codes: the scores of all learners against the codes of each class.
+"""Decoding: the scores of all learners against the codes of each class, by a binary loss.
 
 Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141 (loss-based decoding);
 Escalera, Pujol, Radeva (2010), "On the decoding process in ternary error-correcting output codes", IEEE TPAMI
-32:120-134 (loss-weighted decoding).
+32:120-134 (loss-weighted decoding). Names, scale and score ranges of the losses are those of MATLAB's `fitcecoc`,
+but for "root", which is ours: half way from votes (the power 0 of a score) to the hinge (the power 1).
 """
 
 from __future__ import annotations
@@ -21,21 +22,84 @@ FloatArray = npt.NDArray[np.float64]
 
 # Losses are made for as many rows at a time.
 _BLOCK_BYTES = 10_000_000
+# exp() is continued along its tangent from here on: exp(650) times any score of a float64 learner up to 1e6,
+# summed over a million learners, still is a finite number.
+_EXP_TANGENT_FROM = 650.0
+# ... as far as the sum over any allowed number of learners is finite, and level from there.
+_EXP_TANGENT_TO = 1e20
 
 
-def _weights_of_row(matrix: CodingMatrix) -> FloatArray:
-    weights: FloatArray = np.abs(matrix).sum(axis=1, dtype=np.float64)
-    return weights
+@dataclass(frozen=True)
+class BinaryLoss:
+    """What a score costs a class of code m: a function of the agreement z, 1/2 where the score says nothing.
+
+    z is m * s for real scores, m * (2 s - 1) for scores in [0, 1] ("unit").
+    """
+
+    name: str
+    of_agreement: Callable[[FloatArray], FloatArray]
+    scores: str = "real"
+
+    def __call__(self, code: int, scores: FloatArray) -> FloatArray:
+        """Loss of each of `scores` for the code +1 or -1."""
+        return self.of_agreement(code * (scores if self.scores == "real" else 2.0 * scores - 1.0))
 
 
-def _number_of_learners(matrix: CodingMatrix) -> FloatArray:
-    return np.full(matrix.shape[0], float(matrix.shape[1]))
+def _root(z: FloatArray) -> FloatArray:
+    graded: FloatArray = np.copysign(np.sqrt(np.abs(np.minimum(z, 1.0))), z)
+    return (1.0 - graded) / 2.0
 
+
+def _exponential(z: FloatArray) -> FloatArray:
+    """``exp(-z) / 2``, along its tangent below z = -650."""
+    beyond = np.clip(-z - _EXP_TANGENT_FROM, 0.0, _EXP_TANGENT_TO)
+    inside: FloatArray = np.exp(np.minimum(-z, _EXP_TANGENT_FROM))
+    return inside * (1.0 + beyond) / 2.0
+
+
+LOSSES: Mapping[str, BinaryLoss] = MappingProxyType(
+    {
+        loss.name: loss
+        for loss in (
+            BinaryLoss("hinge", lambda z: np.maximum(0.0, 1.0 - z) / 2.0),
+            BinaryLoss("hamming", lambda z: (1.0 - np.sign(z)) / 2.0),
+            BinaryLoss("root", _root),
+            BinaryLoss("linear", lambda z: (1.0 - z) / 2.0),
+            BinaryLoss("exponential", _exponential),
+            BinaryLoss("logit", lambda z: np.logaddexp(0.0, -z) / (2.0 * np.log(2.0))),
+            BinaryLoss("binodeviance", lambda z: np.logaddexp(0.0, -2.0 * z) / (2.0 * np.log(2.0))),
+            BinaryLoss("quadratic", lambda z: np.square(1.0 - z) / 2.0, scores="unit"),
+        )
+    }
+)
+"""Binary losses by name; each is finite for scores up to 1e6."""
+
+SCORE_RANGES: Mapping[str, str] = MappingProxyType(
+    {"real": "any real number, as decision_function gives", "unit": "a probability in [0, 1]"}
+)
+"""Ranges that scores of learners have, by the name in `BinaryLoss.scores`."""
 
 DECODINGS: Mapping[str, Callable[[CodingMatrix], FloatArray]] = MappingProxyType(
-    {"loss_weighted": _weights_of_row, "loss_based": _number_of_learners}
+    {
+        "loss_weighted": lambda matrix: np.abs(matrix).sum(axis=1, dtype=np.float64),
+        "loss_based": lambda matrix: np.full(matrix.shape[0], float(matrix.shape[1])),
+    }
 )
 """By what the summed loss of each class is divided, by the name of the decoding."""
+
+
+def fitting_loss(loss: object, scores: str | None) -> BinaryLoss:
+    """Loss of a name, if it fits the range of the scores (None: not known yet); "auto" is that range's default."""
+    if isinstance(loss, str) and loss == "auto":
+        return LOSSES["quadratic" if scores == "unit" else "hinge"]
+    rule: BinaryLoss = named({"auto": None, **LOSSES}, "loss", loss)
+    if scores is not None and rule.scores != scores:
+        fitting = ", ".join(repr(name) for name, other in LOSSES.items() if other.scores == scores)
+        raise ValueError(
+            f"loss={loss!r} does not fit the learners: their score is {SCORE_RANGES[scores]}; "
+            f"use 'auto' or one of {fitting}"
+        )
+    return rule
 
 
 def decode(
@@ -58,8 +122,8 @@ def decode(
     coding_matrix : array-like, shape (K, L)
         Codes -1, 0, +1.
     loss : str, default "hinge"
-        A key of `granular_id.ecoc.decoding.LOSSES`. The hinge belongs to support vector machines, and is what
-        the paper uses.
+        A key of `granular_id.ecoc.LOSSES`. The hinge belongs to support vector machines, and is what the paper
+        uses.
     decoding : {"loss_weighted", "loss_based"}, default "loss_weighted"
         Divide the summed loss of a class by the number of learners that saw it, or by that of all
         learners. Learners with code 0 count in neither sum. Where each class is seen by as many learners
@@ -76,8 +140,7 @@ def decode(
 
     Examples
     --------
-    >>> from granular_id.ecoc.codings import onevsone
-    >>> from granular_id.ecoc.decoding import decode
+    >>> from granular_id.ecoc import decode, onevsone
     >>> decode([[2.0, 0.5, -1.0]], onevsone(3))
     array([[-0.125, -1.25 , -0.375]])
     """
@@ -95,7 +158,7 @@ def decode(
 def class_values(
     scores: FloatArray, coding_matrix: CodingMatrix, loss: BinaryLoss, decoding: str
 ) -> FloatArray:
-    """`decode` for arguments whose names and shapes are checked already; looks at the scores only."""
+    """`decode` for arguments whose names and shapes are checked already; refuses scores out of range only."""
     _check_scores(scores, loss)
     n_classes, n_learners = coding_matrix.shape
     steps, divisor = _steps(coding_matrix), DECODINGS[decoding](coding_matrix)
@@ -130,141 +193,3 @@ def _check_scores(scores: FloatArray, loss: BinaryLoss) -> None:
         row, learner = np.argwhere(wrong)[0]
         wanted = "finite" if loss.scores == "real" else f"in [0, 1] for loss={loss.name!r}"
         raise ValueError(f"scores must be {wanted}: scores[{row}, {learner}] is {scores[row, learner]}")
-
-
-# Binary losses: what the score of one learner costs a class, by the code that the class has there.
-#
-# Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141 (loss-based decoding);
-# names, scale and score ranges are those of MATLAB's `fitcecoc`, but for "root", which is ours: half way from votes
-# (the power 0 of a score) to the hinge (the power 1).
-
-# exp() is continued along its tangent from here on: exp(650) times any score of a float64 learner up to 1e6,
-# summed over a million learners, still is a finite number.
-_EXP_TANGENT_FROM = 650.0
-# ... as far as the sum over any allowed number of learners is finite, and level from there.
-_EXP_TANGENT_TO = 1e20
-
-SCORE_RANGES: Mapping[str, str] = MappingProxyType(
-    {"real": "any real number, as decision_function gives", "unit": "a probability in [0, 1]"}
-)
-"""Ranges that scores of learners have, by the name in `BinaryLoss.scores`."""
-
-_DEFAULTS = {"real": "hinge", "unit": "quadratic"}
-
-
-@dataclass(frozen=True)
-class BinaryLoss:
-    """What a score costs a class whose code is `m`: `g(m, s)`, 1/2 where the score says nothing.
-
-    Attributes
-    ----------
-    name : str
-        Name in `LOSSES`.
-    formula : str
-        The definition, with z = m * s (real scores) or z = m * (2 s - 1) (scores in [0, 1]).
-    of_agreement : callable
-        The loss as a function of the agreement z.
-    scores : {"real", "unit"}
-        Range of the scores that it takes, a key of `SCORE_RANGES`.
-    """
-
-    name: str
-    formula: str
-    of_agreement: Callable[[FloatArray], FloatArray]
-    scores: str = "real"
-
-    def __call__(self, code: int, scores: FloatArray) -> FloatArray:
-        """Loss of each of `scores` for the code +1 or -1."""
-        return self.of_agreement(code * (scores if self.scores == "real" else 2.0 * scores - 1.0))
-
-
-def _hamming(z: FloatArray) -> FloatArray:
-    return (1.0 - np.sign(z)) / 2.0
-
-
-def _root(z: FloatArray) -> FloatArray:
-    graded: FloatArray = np.copysign(np.sqrt(np.abs(np.minimum(z, 1.0))), z)
-    return (1.0 - graded) / 2.0
-
-
-def _linear(z: FloatArray) -> FloatArray:
-    return (1.0 - z) / 2.0
-
-
-def _hinge(z: FloatArray) -> FloatArray:
-    return np.maximum(0.0, 1.0 - z) / 2.0
-
-
-def _exponential(z: FloatArray) -> FloatArray:
-    beyond = np.clip(-z - _EXP_TANGENT_FROM, 0.0, _EXP_TANGENT_TO)
-    inside: FloatArray = np.exp(np.minimum(-z, _EXP_TANGENT_FROM))
-    return inside * (1.0 + beyond) / 2.0
-
-
-def _logit(z: FloatArray) -> FloatArray:
-    loss: FloatArray = np.logaddexp(0.0, -z) / (2.0 * np.log(2.0))
-    return loss
-
-
-def _binodeviance(z: FloatArray) -> FloatArray:
-    loss: FloatArray = np.logaddexp(0.0, -2.0 * z) / (2.0 * np.log(2.0))
-    return loss
-
-
-def _quadratic(z: FloatArray) -> FloatArray:
-    return np.square(1.0 - z) / 2.0
-
-
-LOSSES: Mapping[str, BinaryLoss] = MappingProxyType(
-    {
-        loss.name: loss
-        for loss in (
-            BinaryLoss("hinge", "max(0, 1 - z) / 2", _hinge),
-            BinaryLoss("hamming", "(1 - sign(z)) / 2", _hamming),
-            BinaryLoss("root", "(1 - sign(z) sqrt(|min(1, z)|)) / 2", _root),
-            BinaryLoss("linear", "(1 - z) / 2", _linear),
-            BinaryLoss("exponential", "exp(-z) / 2, along its tangent below z = -650", _exponential),
-            BinaryLoss("logit", "log(1 + exp(-z)) / (2 log 2)", _logit),
-            BinaryLoss("binodeviance", "log(1 + exp(-2 z)) / (2 log 2)", _binodeviance),
-            BinaryLoss("quadratic", "(1 - z)^2 / 2", _quadratic, scores="unit"),
-        )
-    }
-)
-"""Binary losses by name; each is finite for scores up to 1e6."""
-
-
-def fitting_loss(loss: object, scores: str | None) -> BinaryLoss:
-    """Return the loss that a name asks for, if it fits the scores.
-
-    Parameters
-    ----------
-    loss : str
-        A key of `LOSSES`, or "auto": the hinge for real scores, the quadratic loss for scores in [0, 1].
-    scores : {"real", "unit"} or None
-        Range of the learners' scores; None when it is not known yet ("auto" then is the hinge).
-
-    Returns
-    -------
-    BinaryLoss
-
-    Raises
-    ------
-    ValueError
-        Unknown name, or a loss for another range: the message says which ones fit.
-
-    Examples
-    --------
-    >>> from granular_id.ecoc.decoding import fitting_loss
-    >>> fitting_loss("auto", "unit").name
-    'quadratic'
-    """
-    if isinstance(loss, str) and loss == "auto":
-        return LOSSES[_DEFAULTS[scores or "real"]]
-    rule: BinaryLoss = named({"auto": None, **LOSSES}, "loss", loss)
-    if scores is not None and rule.scores != scores:
-        fitting = ", ".join(repr(name) for name, other in LOSSES.items() if other.scores == scores)
-        raise ValueError(
-            f"loss={loss!r} does not fit the learners: their score is {SCORE_RANGES[scores]}; "
-            f"use 'auto' or one of {fitting}"
-        )
-    return rule

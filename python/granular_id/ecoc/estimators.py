@@ -12,14 +12,10 @@ from sklearn.base import is_classifier
 from sklearn.utils.validation import has_fit_parameter
 
 from granular_id._estimators import seeded_clone
-from granular_id.ecoc.codings import CodingMatrix
 from granular_id.ecoc.learners import line_scores, mean_and_deviation
-from granular_id.ecoc.training import Task, checked_task, over_learners
-
-__all__ = ["EstimatorLearner", "EstimatorLearners", "check_estimator", "fit_estimators", "score_range"]
+from granular_id.ecoc.task import Task, over_learners
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 # Rows on which a learner with coef_ must give the scores of coef_ before it is taken for linear.
 _PROBES = 8
@@ -46,7 +42,7 @@ class EstimatorLearner:
     deviation: FloatArray | None = None
 
     def scores(self, rows: FloatArray) -> FloatArray:
-        """Scores (m,) of features (m, D) in their own units: real, or in [0, 1] (see `score_range`)."""
+        """Scores (m,) of features (m, D) in their own units: real, or in [0, 1] for probabilities of the code +1."""
         own = _moved(rows, self.mean, self.deviation)
         if score_range(self.estimator) == "unit":
             probabilities = np.asarray(self.estimator.predict_proba(own), dtype=np.float64)
@@ -77,15 +73,7 @@ class EstimatorLearner:
 
 @dataclass(frozen=True)
 class EstimatorLearners:
-    """All learners.
-
-    Attributes
-    ----------
-    each : tuple of EstimatorLearner
-        In the order of the columns.
-    coef, intercept : ndarray, shapes (L, D) and (L,), or None
-        The same learners as lines; None unless all of them are linear.
-    """
+    """All learners in the order of the columns, and as lines (L, D) and (L,) where all of them are linear."""
 
     each: tuple[EstimatorLearner, ...]
     coef: FloatArray | None
@@ -93,7 +81,7 @@ class EstimatorLearners:
 
     @property
     def score_range(self) -> str | None:
-        """Range of the scores, see `score_range`; the learners are clones and all have the same."""
+        """Range of the scores; the learners are clones and all have the same."""
         return score_range(self.each[0].estimator)
 
     def scores(self, rows: FloatArray, n_jobs: int | None = None) -> FloatArray:
@@ -104,16 +92,8 @@ class EstimatorLearners:
         return np.column_stack(columns)
 
 
-def check_estimator(estimator: object, *, weighted: bool = False) -> None:
-    """Raise a TypeError unless `estimator` is a classifier that can be cloned, and weighted where asked for.
-
-    Parameters
-    ----------
-    estimator : classifier
-        Unfitted or fitted.
-    weighted : bool, default False
-        `fit` must take `sample_weight`.
-    """
+def check_estimator(estimator: object, *, weighted: bool) -> None:
+    """Raise a TypeError unless `estimator` is a classifier that can be cloned, and weighted where that is wanted."""
     is_instance = not isinstance(estimator, type) and hasattr(estimator, "get_params")
     if not is_instance or not is_classifier(estimator):
         raise TypeError(
@@ -133,53 +113,9 @@ def score_range(estimator: object) -> str | None:
 
 
 def fit_estimators(
-    estimator: Any,
-    rows: FloatArray,
-    codes: IntArray,
-    coding_matrix: CodingMatrix,
-    *,
-    classes: Sequence[object],
-    standardize: bool = False,
-    sample_weight: FloatArray | None = None,
-    seed: int = 0,
-    n_jobs: int | None = None,
+    estimator: Any, rows: FloatArray, task: Task, *, standardize: bool, seed: int, n_jobs: int | None
 ) -> EstimatorLearners:
-    """Train a clone of an estimator on each column of a coding matrix.
-
-    Parameters
-    ----------
-    estimator : classifier
-        Cloned for each learner.
-    rows : ndarray, shape (n, D)
-        Features, finite.
-    codes : ndarray of int, shape (n,)
-        Class index of each row.
-    coding_matrix : ndarray of int8, shape (K, L)
-        Codes -1, 0, +1.
-    classes : sequence
-        K labels.
-    standardize : bool
-        Centre and scale the features within the rows of each learner.
-    sample_weight : ndarray, shape (n,), or None
-        Passed on; rows of weight 0 are left out.
-    seed : int
-        Spread over the ``random_state`` of the learners that is None.
-    n_jobs : int, optional
-        Threads over learners, as in joblib; the numbers do not depend on it.
-
-    Returns
-    -------
-    EstimatorLearners
-
-    Raises
-    ------
-    TypeError
-        Not a classifier, no score, or weights that it does not take.
-    ValueError
-        What an estimator says of its data, with the classes of the learner.
-    """
-    check_estimator(estimator, weighted=sample_weight is not None)
-    task = checked_task(len(rows), codes, coding_matrix, sample_weight, classes)
+    """Train a clone of an estimator for each learner; `seed` spreads over each ``random_state`` that is None."""
 
     def train(learner: int) -> EstimatorLearner:
         return _fit_one(estimator, rows, task, learner, standardize=standardize, seed=seed)
@@ -192,8 +128,7 @@ def _fit_one(
     estimator: Any, rows: FloatArray, task: Task, learner: int, *, standardize: bool, seed: int
 ) -> EstimatorLearner:
     members = task.rows(learner)
-    own = rows[members]
-    weights = None if task.weights is None else task.weights[members]
+    own, weights = rows[members], task.weights_of(members)
     mean, deviation = mean_and_deviation(own, weights) if standardize else (None, None)
     fresh = seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=(learner,)))
     targets = (task.targets(learner, members) > 0).astype(np.intp)

@@ -1,9 +1,17 @@
-"""Posterior probabilities: a sigmoid for each learner, then one distribution over the classes."""
+"""Posterior probabilities: a sigmoid for each learner, then one distribution over the classes.
+
+Sources: Platt (1999), "Probabilistic outputs for support vector machines" (sigmoid, softened targets); Lin, Lin, Weng
+(2007), "A note on Platt's probabilistic outputs for support vector machines", Machine Learning 68:267-276 (its
+Newton's method). Coupling by divergence: Hastie, Tibshirani (1998), "Classification by pairwise coupling", Annals of
+Statistics 26:451-471 (pairs), Zadrozny (2002), "Reducing multiclass to binary by coupling probability estimates",
+NIPS 14 (any coding matrix). Coupling by squares: Wu, Lin, Weng (2004), "Probability estimates for multi-class
+classification by pairwise coupling", JMLR 5:975-1005, second method.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -16,9 +24,10 @@ from sklearn.exceptions import ConvergenceWarning
 from granular_id._checks import named
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc.codings import CodingMatrix
-from granular_id.ecoc.training import Task
+from granular_id.ecoc.task import Task
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 
 POSTERIORS: Mapping[str, str] = MappingProxyType(
     {
@@ -27,6 +36,29 @@ POSTERIORS: Mapping[str, str] = MappingProxyType(
     }
 )
 """How probabilities of learners are coupled, by name."""
+
+N_FOLDS = 5
+"""Folds of the cross-fit: four fifths of the rows train, close to the learners that are used in the end."""
+
+KEPT = N_FOLDS
+"""Number of the fold that always trains."""
+
+# Coupling.
+_LEAST = 1e-12  # a learner that is certain would make the divergence infinite
+_TOLERANCE = 1e-11  # of the gradient, for weights that sum to 1
+_ACCEPTED = 1e-8  # of the gradient where the steps ran out: the probabilities are right to many digits
+_MAX_STEPS = 500
+_LONGEST_STEP = 5.0  # of a log-probability: past it the quadratic model says nothing
+_LEAST_CURVATURE = 1e-14
+_MAX_HALVINGS = 40
+_ENOUGH_DESCENT = 1e-4
+_ROUNDING = 1e-15
+_BLOCK_BYTES = 20_000_000
+# Sigmoid.
+_MAX_STEPS_SIGMOID = 100
+_GRADIENT_TOLERANCE = 1e-9  # relative to the sum of weights
+_RIDGE = 1e-12
+_SMALLEST_STEP = 1e-10
 
 
 @dataclass(frozen=True)
@@ -72,73 +104,122 @@ def fit_posterior(method: str, scores: FloatArray, task: Task) -> Posterior:
     slope, offset, weights = (np.empty(task.n_learners) for _ in range(3))
     for learner in range(task.n_learners):
         rows = task.rows(learner)
-        own = None if task.weights is None else task.weights[rows]
+        own = task.weights_of(rows)
         slope[learner], offset[learner] = fit_sigmoid(scores[rows, learner], task.targets(learner, rows), own)
         weights[learner] = len(rows) if own is None else own.sum()
     return Posterior(method, slope, offset, weights)
 
 
-# From the probabilities of all learners to those of all classes.
-#
-# Sources: Hastie, Tibshirani (1998), "Classification by pairwise coupling", Annals of Statistics 26:451-471, and
-# Zadrozny
-# (2002), "Reducing multiclass to binary by coupling probability estimates", NIPS 14, for the divergence, of pairs
-# and of
-# any coding matrix; Wu, Lin, Weng (2004), "Probability estimates for multi-class classification by pairwise coupling",
-# JMLR 5:975-1005, second method.
+# A support vector machine with more features than rows puts every training row on its margin or beyond: the scores
+# of its own rows say nothing of how sure it is. Each row is scored by learners trained on the other folds instead.
 
-IntArray = npt.NDArray[np.intp]
 
-_LEAST = 1e-12  # a learner that is certain would make the divergence infinite
-_TOLERANCE = 1e-11  # of the gradient, for weights that sum to 1
-_ACCEPTED = 1e-8  # of the gradient where the steps ran out: the probabilities are right to many digits
-_MAX_STEPS = 500
-_LONGEST_STEP = 5.0  # of a log-probability: past it the quadratic model says nothing
-_LEAST_CURVATURE = 1e-14
-_MAX_HALVINGS = 40
-_ENOUGH_DESCENT = 1e-4
-_ROUNDING = 1e-15
-_BLOCK_BYTES = 20_000_000
+def folds_of(rows: npt.NDArray[np.generic], task: Task, seed: int) -> IntArray:
+    """Deal the rows (n, m) of each class out to `N_FOLDS` folds; -1 for rows that do not count.
+
+    Equal rows of a class stay together. A fold would otherwise be scored by learners that know some of its rows, and a
+    weight of 2 would not mean the same as a row given twice. Within a class different rows are put in order, shuffled
+    and dealt out in turn, going on in the next class with the next fold: same seed, same folds, in whatever order the
+    rows come. The one row of a class cannot be held out: it goes to the fold `KEPT`, which always trains, and a
+    warning says that learners which know it score it. How sure they are of it is bounded by the softened target of the
+    sigmoid, 2/3 for one row.
+    """
+    rng = np.random.default_rng(seed)
+    folds = np.full(len(task.index), -1)
+    next_fold, single = 0, []
+    for k, name in enumerate(task.names):
+        own = task.counted[task.index[task.counted] == k]
+        different, inverse = np.unique(rows[own], axis=0, return_inverse=True)
+        if len(different) < 2:
+            folds[own] = KEPT
+            single.append(repr(str(name)))
+            continue
+        order = rng.permutation(len(different))
+        folds[own] = (next_fold + order[inverse.ravel()]) % N_FOLDS
+        next_fold += len(different)
+    if single:
+        warnings.warn(
+            "posterior needs 2 different rows of a class, to score each by learners trained on the other; "
+            f"scored by learners that know it: the one row of {', '.join(single)}",
+            UserWarning,
+            stacklevel=2,
+        )
+    return folds
+
+
+def cross_fitted(
+    fit_and_score: Callable[[IntArray, IntArray], FloatArray], folds: IntArray, n_learners: int
+) -> FloatArray:
+    """Scores (n, L) of all rows that count, each from learners trained on the other folds; 0 for other rows.
+
+    `fit_and_score` takes the indices of the rows to train on and of the rows to score.
+    """
+    scores = np.zeros((len(folds), n_learners))
+    for fold in np.unique(folds[folds >= 0]):
+        trains = (folds >= 0) & ((folds != fold) | (folds == KEPT))
+        scored = np.flatnonzero(folds == fold)
+        scores[scored] = fit_and_score(np.flatnonzero(trains), scored)
+    return scores
+
+
+def sigmoid(scores: FloatArray, slope: FloatArray, offset: FloatArray) -> FloatArray:
+    """Probability 1 / (1 + exp(slope * score + offset)) of the code +1; shapes that broadcast."""
+    probability: FloatArray = expit(-(slope * scores + offset))
+    return probability
+
+
+def fit_sigmoid(scores: FloatArray, targets: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
+    """Slope and offset of Platt's sigmoid by maximum likelihood, from scores of rows that were not trained on.
+
+    Targets +1.0 and -1.0 are softened to (N+ + 1) / (N+ + 2) and 1 / (N- + 2), so that scores that separate the sides
+    do not give certainty. A whole weight equals as many repetitions.
+    """
+    counts = np.ones(len(scores)) if weights is None else weights
+    positive = targets > 0
+    n_positive, n_negative = float(counts[positive].sum()), float(counts[~positive].sum())
+    wanted = np.where(positive, (n_positive + 1.0) / (n_positive + 2.0), 1.0 / (n_negative + 2.0))
+    unit = float(np.abs(scores).max()) or 1.0  # scores of any size, one ridge and one tolerance
+    features = np.stack((scores / unit, np.ones(len(scores))))
+    point = np.array([0.0, np.log((n_negative + 1.0) / (n_positive + 1.0))])
+    cost = _cost(point @ features, wanted, counts)
+    for _ in range(_MAX_STEPS_SIGMOID):
+        probability = expit(-(point @ features))
+        gradient = features @ (counts * (wanted - probability))
+        if np.abs(gradient).max() <= _GRADIENT_TOLERANCE * counts.sum():
+            break
+        hessian = (features * (counts * probability * (1.0 - probability))) @ features.T + _RIDGE * np.eye(2)
+        direction = -np.linalg.solve(hessian, gradient)
+        slope_along = float(gradient @ direction)
+        step = 1.0
+        while step >= _SMALLEST_STEP:
+            moved = point + step * direction
+            moved_cost = _cost(moved @ features, wanted, counts)
+            if moved_cost < cost + _ENOUGH_DESCENT * step * slope_along:
+                point, cost = moved, moved_cost
+                break
+            step /= 2.0
+        else:
+            break  # no lower cost in floating point: this is the minimum
+    return float(point[0]) / unit, float(point[1])
+
+
+def _cost(exponent: FloatArray, wanted: FloatArray, counts: FloatArray) -> float:
+    """Negative log-likelihood; `wanted` is the target for 1 / (1 + exp(exponent))."""
+    losses = wanted * np.logaddexp(0.0, exponent) + (1.0 - wanted) * np.logaddexp(0.0, -exponent)
+    return float(counts @ losses)
 
 
 def couple_kullback_leibler(
     probabilities: FloatArray, coding_matrix: CodingMatrix, weights: FloatArray
 ) -> FloatArray:
-    """Class probabilities whose consequences for the learners diverge least from what the learners say.
+    """Class probabilities (n, K) whose consequences for the learners diverge least from what the learners say (n, L).
 
     Minimises the sum over learners of ``w (r log(r / s) + (1 - r) log((1 - r) / (1 - s)))``, in which r is the
     probability that a learner gives to its positive side, and s the share of its positive classes in the probability
     of all classes that it was shown. By Newton's method in the logarithms of the probabilities, from equal ones, so
     that the same input always ends in the same place; with an update of one factor per class, as first published,
-    designs other than one-vs-one need thousands of steps where a class tends to 0.
-
-    Parameters
-    ----------
-    probabilities : ndarray, shape (n, L)
-        Of the code +1.
-    coding_matrix : ndarray of int8, shape (K, L)
-        Codes -1, 0, +1.
-    weights : ndarray, shape (L,)
-        Positive; how much each learner counts (its rows in training).
-
-    Returns
-    -------
-    ndarray, shape (n, K)
-        Rows sum to 1. A row alone gives the bits that it gives in any batch.
-
-    Warns
-    -----
-    ConvergenceWarning
-        Rows for which the minimum was not reached; they hold the best point found.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.ecoc.codings import onevsone
-    >>> from granular_id.ecoc.posterior import couple_kullback_leibler
-    >>> pairs = np.array([[0.6 / 0.9, 0.6 / 0.7, 0.3 / 0.4]])
-    >>> couple_kullback_leibler(pairs, onevsone(3), np.ones(3)).round(9)
-    array([[0.6, 0.3, 0.1]])
+    designs other than one-vs-one need thousands of steps where a class tends to 0. A row alone gives the bits that
+    it gives in any batch.
     """
     n_classes = coding_matrix.shape[0]
     divergence = _Divergence(coding_matrix, weights)
@@ -286,29 +367,7 @@ def pairs_of(coding_matrix: CodingMatrix) -> tuple[IntArray, IntArray] | None:
 
 
 def couple_wu_lin_weng(probabilities: FloatArray, pairs: tuple[IntArray, IntArray]) -> FloatArray:
-    """Class probabilities p with r_ji p_i as near to r_ij p_j as can be, in squares, over all pairs.
-
-    Parameters
-    ----------
-    probabilities : ndarray, shape (n, K (K - 1) / 2)
-        Of the positive class of each pair: r_ij.
-    pairs : tuple of two ndarrays of int
-        From `pairs_of`.
-
-    Returns
-    -------
-    ndarray, shape (n, K)
-        Rows sum to 1.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.ecoc.codings import onevsone
-    >>> from granular_id.ecoc.posterior import couple_wu_lin_weng, pairs_of
-    >>> pairs = np.array([[0.6 / 0.9, 0.6 / 0.7, 0.3 / 0.4]])
-    >>> couple_wu_lin_weng(pairs, pairs_of(onevsone(3))).round(9)
-    array([[0.6, 0.3, 0.1]])
-    """
+    """Class probabilities (n, K) with r_ji p_i as near to r_ij p_j as can be, in squares, over all `pairs_of`."""
     positive, negative = pairs
     n_classes = int(max(positive.max(), negative.max())) + 1
     given = np.clip(probabilities, _LEAST, 1.0 - _LEAST)
@@ -332,178 +391,3 @@ def couple_wu_lin_weng(probabilities: FloatArray, pairs: tuple[IntArray, IntArra
         coupled[start : start + step] = np.maximum(solved, 0.0)  # below 0 by rounding only
     coupled /= coupled.sum(axis=1, keepdims=True)
     return coupled
-
-
-# From the score of a learner to a probability: Platt's sigmoid.
-#
-# Sources: Platt (1999), "Probabilistic outputs for support vector machines" (sigmoid, softened targets); Lin, Lin, Weng
-# (2007), "A note on Platt's probabilistic outputs for support vector machines", Machine Learning 68:267-276 (Newton's
-# method with a line search, forms that do not overflow).
-
-_MAX_STEPS_SIGMOID = 100
-_GRADIENT_TOLERANCE = 1e-9  # relative to the sum of weights
-_RIDGE = 1e-12
-_SMALLEST_STEP = 1e-10
-
-
-def sigmoid(scores: FloatArray, slope: FloatArray, offset: FloatArray) -> FloatArray:
-    """Probability 1 / (1 + exp(slope * score + offset)) of the code +1; shapes that broadcast."""
-    probability: FloatArray = expit(-(slope * scores + offset))
-    return probability
-
-
-def fit_sigmoid(scores: FloatArray, targets: FloatArray, weights: FloatArray | None) -> tuple[float, float]:
-    """Fit the sigmoid of one learner by maximum likelihood.
-
-    Parameters
-    ----------
-    scores : ndarray, shape (n,)
-        Of rows that the learner was not trained on.
-    targets : ndarray, shape (n,)
-        +1.0 or -1.0, both present. They are softened to (N+ + 1) / (N+ + 2) and 1 / (N- + 2), as in Platt's paper,
-        so that scores that separate the sides do not give certainty.
-    weights : ndarray, shape (n,), or None
-        Positive; a whole number equals as many repetitions.
-
-    Returns
-    -------
-    slope, offset : float
-        Of `sigmoid`; the slope is negative where a higher score speaks for +1.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.ecoc.posterior import fit_sigmoid, sigmoid
-    >>> slope, offset = fit_sigmoid(np.array([-1.0, -0.5, 0.5, 1.0]), np.array([-1.0, -1.0, 1.0, 1.0]), None)
-    >>> sigmoid(np.array([-1.0, 0.0, 1.0]), slope, offset).round(3)
-    array([0.206, 0.5  , 0.794])
-    """
-    counts = np.ones(len(scores)) if weights is None else weights
-    positive = targets > 0
-    n_positive, n_negative = float(counts[positive].sum()), float(counts[~positive].sum())
-    wanted = np.where(positive, (n_positive + 1.0) / (n_positive + 2.0), 1.0 / (n_negative + 2.0))
-    unit = float(np.abs(scores).max()) or 1.0  # scores of any size, one ridge and one tolerance
-    features = np.stack((scores / unit, np.ones(len(scores))))
-    point = np.array([0.0, np.log((n_negative + 1.0) / (n_positive + 1.0))])
-    cost = _cost(point @ features, wanted, counts)
-    for _ in range(_MAX_STEPS_SIGMOID):
-        probability = expit(-(point @ features))
-        gradient = features @ (counts * (wanted - probability))
-        if np.abs(gradient).max() <= _GRADIENT_TOLERANCE * counts.sum():
-            break
-        hessian = (features * (counts * probability * (1.0 - probability))) @ features.T + _RIDGE * np.eye(2)
-        direction = -np.linalg.solve(hessian, gradient)
-        slope_along = float(gradient @ direction)
-        step = 1.0
-        while step >= _SMALLEST_STEP:
-            moved = point + step * direction
-            moved_cost = _cost(moved @ features, wanted, counts)
-            if moved_cost < cost + _ENOUGH_DESCENT * step * slope_along:
-                point, cost = moved, moved_cost
-                break
-            step /= 2.0
-        else:
-            break  # no lower cost in floating point: this is the minimum
-    return float(point[0]) / unit, float(point[1])
-
-
-def _cost(exponent: FloatArray, wanted: FloatArray, counts: FloatArray) -> float:
-    """Negative log-likelihood; `wanted` is the target for 1 / (1 + exp(exponent))."""
-    losses = wanted * np.logaddexp(0.0, exponent) + (1.0 - wanted) * np.logaddexp(0.0, -exponent)
-    return float(counts @ losses)
-
-
-# Scores of training rows from learners that have not seen them.
-#
-# A support vector machine with more features than rows puts every training row on its margin or beyond: the scores
-# of its
-# own rows say nothing of how sure it is. Each row is scored by learners trained on the other folds instead.
-
-N_FOLDS = 5
-"""Folds of the cross-fit: four fifths of the rows train, close to the learners that are used in the end."""
-
-KEPT = N_FOLDS
-"""Number of the fold that always trains."""
-
-
-def folds_of(
-    rows: npt.NDArray[np.generic],
-    codes: IntArray,
-    counted: IntArray,
-    seed: int,
-    names: Sequence[object],
-) -> IntArray:
-    """Deal the rows of each class out to `N_FOLDS` folds.
-
-    Equal rows of a class stay together. A fold would otherwise be scored by learners that know some of its rows, and a
-    weight of 2 would not mean the same as a row given twice. Within a class different rows are put in order, shuffled
-    and dealt out in turn, going on in the next class with the next fold. The one row of a class cannot be held out:
-    it goes to the fold `KEPT`, which always trains, and is scored by learners that know it. How sure they are of it is
-    bounded by the softened target of the sigmoid, 2/3 for one row.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, m)
-        What tells rows apart.
-    codes : ndarray of int, shape (n,)
-        Class index of each row.
-    counted : ndarray of int
-        Rows with a weight above 0.
-    seed : int
-        Same seed, same folds, in whatever order the rows come.
-    names : sequence
-        Class names for the message.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Fold of each row; -1 for rows that do not count.
-
-    Warns
-    -----
-    UserWarning
-        Classes with a single row, by name.
-    """
-    rng = np.random.default_rng(seed)
-    folds = np.full(len(codes), -1)
-    next_fold, single = 0, []
-    for k, name in enumerate(names):
-        own = counted[codes[counted] == k]
-        different, inverse = np.unique(rows[own], axis=0, return_inverse=True)
-        if len(different) < 2:
-            folds[own] = KEPT
-            single.append(repr(str(name)))
-            continue
-        order = rng.permutation(len(different))
-        folds[own] = (next_fold + order[inverse.ravel()]) % N_FOLDS
-        next_fold += len(different)
-    if single:
-        warnings.warn(
-            "posterior needs 2 different rows of a class, to score each by learners trained on the other; "
-            f"scored by learners that know it: the one row of {', '.join(single)}",
-            UserWarning,
-            stacklevel=2,
-        )
-    return folds
-
-
-def cross_fitted(
-    fit_and_score: Callable[[IntArray, IntArray], FloatArray], folds: IntArray, n_learners: int
-) -> FloatArray:
-    """Scores (n, L) of all rows that count, each from learners trained on the other folds; 0 for other rows.
-
-    Parameters
-    ----------
-    fit_and_score : callable
-        From the indices of the rows to train on and of the rows to score (r,) to scores (r, L).
-    folds : ndarray of int, shape (n,)
-        From `folds_of`.
-    n_learners : int
-        L.
-    """
-    scores = np.zeros((len(folds), n_learners))
-    for fold in np.unique(folds[folds >= 0]):
-        trains = (folds >= 0) & ((folds != fold) | (folds == KEPT))
-        scored = np.flatnonzero(folds == fold)
-        scores[scored] = fit_and_score(np.flatnonzero(trains), scored)
-    return scores

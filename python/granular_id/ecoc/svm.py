@@ -16,13 +16,27 @@ from sklearn import config_context
 from sklearn.svm import SVC
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
 
+# libsvm needs to name the right rows only, its multipliers are computed anew: its own default does in nearly
+# all cases, the second value where it did not.
+_TOLERANCES = (1e-3, 1e-6)
 # libsvm's own limit. scikit-learn has none, and problems past the accuracy of float32 then never end.
 _MAX_STEPS = 10_000_000
 # With a margin that libsvm can resolve in float32 it ends far below this number of steps.
 _MAX_STEPS_HARD = 1_000_000
+# For a guess it does not pay to wait: pairs that need longer are solved on their own.
+_MAX_STEPS_GUESS = 100_000
+# Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
+# stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
+_HARD_BOUND = 1e10
+# What costs and weights far out of the ordinary are brought back to.
+_LARGEST_BOUND, _LEAST_BOUND = 1e300, 1e-300
 _KKT_TOLERANCE = 1e-8
 _MAX_ROUNDS = 20
+# Squared distance at which rows count as equal, on the scale of their mean squared distance from the centre: products
+# of equal rows can differ in their last bits.
+_SAME = 1e-10
 
 
 class NotSeparableError(ValueError):
@@ -33,16 +47,8 @@ class NotSeparableError(ValueError):
 class BinarySolution:
     """Solution of one two-class problem.
 
-    Attributes
-    ----------
-    dual_coef : ndarray, shape (n,)
-        Target times multiplier of each row; 0 for rows that carry nothing.
-    intercept : float
-        Score at the origin of the Gram matrix.
-    at_bound : int
-        Number of multipliers at their upper bound.
-    converged : bool
-        False when the solver gave up before its tolerance was met.
+    `dual_coef` (n,) is target times multiplier, `intercept` the score at the origin of the Gram matrix, `at_bound`
+    the number of multipliers at their upper bound; not `converged` where the solver gave up before its tolerance.
     """
 
     dual_coef: FloatArray
@@ -60,46 +66,27 @@ def solve_binary(
 ) -> BinarySolution:
     """Maximise the margin between the rows with target +1 and those with target -1.
 
-    Parameters
-    ----------
-    gram : ndarray, shape (n, n)
-        Scalar products of the rows, finite and symmetric. The origin does not matter: rows are centred here,
-        as an intercept that is not penalised allows. Without this a common offset of 1000 standard deviations
-        makes the scores of libsvm (float32) meaningless.
-    targets : ndarray, shape (n,)
-        +1.0 or -1.0, both present.
-    bounds : ndarray, shape (n,), or None
-        Upper bound of each multiplier (C times the weight of the row), positive. None asks for the hard
-        margin.
-    guess : ndarray, shape (n,), optional
-        Multipliers of an earlier solution near enough to tell free, bound and idle rows apart. Used when they
-        lead to the solution, forgotten otherwise.
-
-    Returns
-    -------
-    BinarySolution
-
-    Raises
-    ------
-    NotSeparableError
-        `bounds` is None and the classes overlap, or lie too close for the solver.
+    `bounds` (n,) are upper bounds of the multipliers (C times the weight of the row), None asks for the hard margin.
+    `guess` (n,) holds multipliers near enough to tell free, bound and idle rows apart; it is forgotten where it does
+    not lead to the solution. The origin of the Gram matrix does not matter: rows are centred here, as an intercept
+    that is not penalised allows. Else an offset of 1000 standard deviations makes libsvm's scores meaningless.
     """
-    centred, row_mean, scale = centred_gram(gram)
+    centred, row_mean, scale = _centred_gram(gram)
     hard = bounds is None
-    upper = upper_bounds(bounds, len(targets), scale)
+    upper = _upper_bounds(bounds, len(targets), scale)
 
     dual, intercept, converged = np.zeros(len(targets)), 0.0, False
     exact = None if guess is None else _active_set_solution(centred, targets, upper, targets * guess * scale)
-    for tolerance in TOLERANCES:
+    for tolerance in _TOLERANCES:
         if exact is not None:
             break
-        machine = run_libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
+        machine = _run_libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
         if converged and machine.fit_status_ != 0:
             break  # the looser tolerance was met, the tighter one is out of reach
         converged = machine.fit_status_ == 0
         dual = np.zeros(len(targets))
         dual[machine.support_] = machine.dual_coef_[0]
-        dual = snapped(dual, upper)
+        dual = _snapped(dual, upper)
         intercept = float(machine.intercept_[0])
         exact = _active_set_solution(centred, targets, upper, dual)
         if not converged:
@@ -207,24 +194,12 @@ def _middle_intercept(targets: FloatArray, at_bound: FloatArray, scores: FloatAr
 
 def _check_separated(margins: FloatArray, at_bound: int, converged: bool) -> None:
     smallest = float(margins.min())
-    if converged and not at_bound and smallest >= 1.0 - 2.0 * TOLERANCES[0]:
+    if converged and not at_bound and smallest >= 1.0 - 2.0 * _TOLERANCES[0]:
         return
     wrong = int((margins <= 0).sum())
     if wrong:
         raise NotSeparableError(f"no hyperplane with a usable margin found ({wrong} rows on the wrong side)")
     raise NotSeparableError("the gap between them is too narrow for the solver")
-
-
-# libsvm on a Gram matrix: what it needs to stay exact in its float32, and a call that says nothing by itself.
-
-# libsvm needs to name the right rows only, its multipliers are computed anew: its own default does in nearly
-# all cases, the second value where it did not.
-TOLERANCES = (1e-3, 1e-6)
-# Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
-# stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
-HARD_BOUND = 1e10
-# What costs and weights far out of the ordinary are brought back to.
-_LARGEST_BOUND, _LEAST_BOUND = 1e300, 1e-300
 
 
 class _QuietSVC(SVC):  # type: ignore[misc]
@@ -237,7 +212,7 @@ class _QuietSVC(SVC):  # type: ignore[misc]
         pass
 
 
-def centred_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def _centred_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Gram matrix of the rows about their mean in units of their spread; mean of each row before; the unit.
 
     The unit is a power of two, so that it scales without rounding; it keeps kernels in the range of float32.
@@ -252,10 +227,10 @@ def centred_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     return centred, row_mean, scale
 
 
-def upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatArray:
-    """Bounds (n,) of the multipliers in units of 1 / `scale`, `HARD_BOUND` for None; none overflows or vanishes."""
+def _upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatArray:
+    """Bounds (n,) of the multipliers in units of 1 / `scale`, `_HARD_BOUND` for None; none overflows or vanishes."""
     if bounds is None:
-        return np.full(n_rows, HARD_BOUND)
+        return np.full(n_rows, _HARD_BOUND)
     with np.errstate(over="ignore"):
         scaled = bounds * scale
     # libsvm drops rows of weight 0, and with them a class.
@@ -263,7 +238,7 @@ def upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatA
     return upper
 
 
-def run_libsvm(
+def _run_libsvm(
     gram: FloatArray, labels: npt.NDArray[Any], upper: FloatArray, tolerance: float, max_steps: int
 ) -> SVC:
     """Fit libsvm to labels with an upper bound (n,) for the multiplier of each row, in at most `max_steps` steps."""
@@ -280,36 +255,24 @@ def run_libsvm(
         return machine.fit(gram, labels, sample_weight=weights)
 
 
-def snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
+def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
     """Multipliers within rounding of their bound, put on it: libsvm multiplies C and weight on its own."""
     return np.where(np.abs(dual) >= upper * (1 - 1e-12), np.copysign(upper, dual), dual)
-
-
-# All pairs of classes in one call of libsvm: where the exact solution of each pair starts from.
-
-# For a guess it does not pay to wait: pairs that need longer are solved on their own.
-_MAX_STEPS_GUESS = 100_000
 
 
 @dataclass(frozen=True)
 class OneVsOneGuess:
     """Multipliers of all pairs of classes, kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
 
-    Attributes
-    ----------
-    by_opponent : ndarray, shape (K - 1, n)
-        Multipliers of each row against each other class: the classes below its own first, then those above.
-    codes : ndarray of int, shape (n,)
-        Class index of each row.
-    pairs : tuple of two ndarrays of int, shape (K (K - 1) / 2,)
-        Lower and higher class of each learner.
+    `by_opponent` (K - 1, n) holds those of each row against each other class: the classes below its own first, then
+    those above. `codes` (n,) are class indices, `pairs` the lower and the higher class of each learner.
     """
 
     by_opponent: FloatArray
-    codes: npt.NDArray[np.intp]
-    pairs: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]
+    codes: IntArray
+    pairs: tuple[IntArray, IntArray]
 
-    def of_rows(self, learner: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+    def of_rows(self, learner: int, rows: IntArray) -> FloatArray:
         """Multipliers of the rows of one learner, to start `solve_binary` from."""
         low, high = self.pairs[0][learner], self.pairs[1][learner]
         opponent = np.where(self.codes[rows] == low, high - 1, low)
@@ -317,62 +280,21 @@ class OneVsOneGuess:
         return multipliers
 
 
-def one_vs_one_guess(
-    gram: FloatArray, codes: npt.NDArray[np.intp], bounds: FloatArray | None
-) -> OneVsOneGuess:
-    """Multipliers of all pairs of classes from a single call of libsvm.
-
-    Parameters
-    ----------
-    gram : ndarray, shape (n, n)
-        Scalar products of the rows of all classes.
-    codes : ndarray of int, shape (n,)
-        Class index of each row; every index from 0 to K - 1 occurs.
-    bounds : ndarray, shape (n,), or None
-        As for `solve_binary`.
-
-    Returns
-    -------
-    OneVsOneGuess
-        Pairs in the order of `granular_id.ecoc.codings.onevsone`.
-    """
-    centred, _, scale = centred_gram(gram)
-    upper = upper_bounds(bounds, len(codes), scale)
-    machine = run_libsvm(centred, codes, upper, TOLERANCES[0], _MAX_STEPS_GUESS)
+def one_vs_one_guess(gram: FloatArray, codes: IntArray, bounds: FloatArray | None) -> OneVsOneGuess:
+    """Multipliers of all pairs, in the order of `onevsone`, from one call of libsvm; every class index occurs."""
+    centred, _, scale = _centred_gram(gram)
+    upper = _upper_bounds(bounds, len(codes), scale)
+    machine = _run_libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
     by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
     by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)
     low, high = np.triu_indices(len(machine.classes_), 1)
-    return OneVsOneGuess(snapped(by_opponent, upper) / scale, codes, (low, high))
-
-
-# Which rows are repetitions of one another, told by their scalar products.
-
-IntArray = npt.NDArray[np.intp]
-
-# Squared distance at which rows count as equal, on the scale of their mean squared distance from the centre: products
-# of equal rows can differ in their last bits.
-_SAME = 1e-10
+    return OneVsOneGuess(_snapped(by_opponent, upper) / scale, codes, (low, high))
 
 
 def first_equal(gram: FloatArray, labels: npt.NDArray[np.generic] | None = None) -> IntArray:
-    """For each row the index of the first row that equals it.
+    """For each row the index of the first row that equals it, told by scalar products; other labels differ.
 
-    Parameters
-    ----------
-    gram : ndarray, shape (n, n)
-        Scalar products of the rows, about any origin.
-    labels : ndarray, shape (n,), optional
-        Rows with other labels differ.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-
-    Examples
-    --------
-    >>> from granular_id.ecoc.svm import first_equal
-    >>> from granular_id.gram import linear_gram
-    >>> first_equal(linear_gram([[1.0, 2.0], [0.0, 5.0], [1.0, 2.0]]))
+    >>> first_equal(np.array([[5.0, 10.0, 5.0], [10.0, 25.0, 10.0], [5.0, 10.0, 5.0]]))
     array([0, 1, 0])
     """
     squares = np.diag(gram)
