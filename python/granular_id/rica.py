@@ -10,214 +10,29 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 from sklearn.base import BaseEstimator, ClassNamePrefixFeaturesOutMixin, TransformerMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import float_array, real_number, whole_number
+from granular_id._checks import checked_flag, float_array, named, real_number, whole_number
 from granular_id._parallel import in_threads, single_threaded_blas
-
-# What RICA minimises: reconstruction and contrast, each with its gradient.
 
 FloatArray = npt.NDArray[np.float64]
 Contrast = Callable[[FloatArray, FloatArray], FloatArray]
 
 # A product of so many factors from 1 to 2 stays in the range of float64.
 _FACTORS = 1000
-
-
-def _logcosh(projections: FloatArray, work: FloatArray) -> FloatArray:
-    """``log(cosh(2 z)) / 2`` with slope ``tanh(2 z)``, from one exponential which cannot overflow.
-
-    With e = exp(-4 |z|) the value is ``|z| + log(1 + e) / 2 - log(2) / 2``, and the slope ``2 / (1 + e) - 1`` with
-    the sign of z. The logarithms of a column are taken together, as that of a product: each costs as much as
-    all the rest.
-    """
-    np.abs(projections, out=work)
-    sums: FloatArray = work.sum(axis=0)
-    work *= -4.0
-    np.exp(work, out=work)
-    work += 1.0
-    products = np.multiply.reduceat(work, np.arange(0, len(work), _FACTORS), axis=0)
-    sums += 0.5 * np.log(products).sum(axis=0) - 0.5 * math.log(2.0) * len(work)
-    np.divide(2.0, work, out=work)
-    work -= 1.0
-    np.copysign(work, projections, out=projections)
-    return sums
-
-
-def _exp(projections: FloatArray, work: FloatArray) -> FloatArray:
-    """``-exp(-z**2 / 2)`` with slope ``z * exp(-z**2 / 2)``."""
-    np.square(projections, out=work)
-    work *= -0.5
-    np.exp(work, out=work)
-    projections *= work
-    sums: FloatArray = -work.sum(axis=0)
-    return sums
-
-
-def _sqrt(projections: FloatArray, work: FloatArray) -> FloatArray:
-    """``sqrt(z**2 + 1e-8)``, an absolute value with a round corner, with slope ``z / sqrt(z**2 + 1e-8)``."""
-    np.square(projections, out=work)
-    work += 1e-8
-    np.sqrt(work, out=work)
-    projections /= work
-    sums: FloatArray = work.sum(axis=0)
-    return sums
-
-
-CONTRASTS: dict[str, Contrast] = {"logcosh": _logcosh, "exp": _exp, "sqrt": _sqrt}
-"""Each takes projections (n, p), returns their sums (p,) over rows, and leaves slopes in their place.
-
-The second array, of the same shape, is room to work in: to ask for new memory takes longer than to fill it.
-"""
-
-
-class Objective:
-    """``alpha * ||X W W' - X||^2 + sum of signs * g(X W)`` for W of unit columns.
-
-    The reconstruction needs the rows only through S = X' X: it is ``<W'W, W'SW> - 2 trace(W'SW) + trace(S)``, which
-    never makes the n x D residual. With more features than rows S would be the larger, and S W is made from X W.
-    It holds room for its work: one for each thread.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, D)
-        X.
-    alpha : float
-        Weight of the reconstruction.
-    contrast : str
-        Key of `CONTRASTS`.
-    signs : ndarray, shape (p,)
-        +1 or -1 per component.
-
-    Raises
-    ------
-    ValueError
-        X is so large that its fourth powers overflow.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.rica import Objective
-    >>> value, gradient = Objective(np.eye(2), 1.0, "exp", np.ones(2))(np.eye(2))
-    >>> round(value, 4), gradient.shape
-    (-3.2131, (2, 2))
-    """
-
-    def __init__(self, rows: FloatArray, alpha: float, contrast: str, signs: FloatArray) -> None:
-        with np.errstate(over="ignore"):
-            self._total = float(np.einsum("ij,ij->", rows, rows))
-        # The search squares gradients, which are as large as the total.
-        if not self._total < 1e-10 * math.sqrt(np.finfo(np.float64).max):
-            raise ValueError(
-                f"X is too large (up to {np.abs(rows).max():.3g}): the search would overflow; use other units"
-            )
-        self._rows = rows
-        self._scatter = rows.T @ rows if rows.shape[1] <= len(rows) else None
-        self._alpha = alpha
-        self._contrast = CONTRASTS[contrast]
-        self._signs = signs
-        self._projections = np.empty((len(rows), len(signs)))
-        self._work = np.empty_like(self._projections)
-
-    def __call__(self, units: FloatArray) -> tuple[float, FloatArray]:
-        """Value, and gradient (D, p) with respect to W as if its columns were free."""
-        projections = np.matmul(self._rows, units, out=self._projections)
-        image = self._rows.T @ projections if self._scatter is None else self._scatter @ units
-        between = units.T @ units
-        energy = units.T @ image
-        rebuilt = float(np.vdot(between, energy)) - 2.0 * float(np.trace(energy)) + self._total
-        between.flat[:: len(between) + 1] -= 2.0
-        gradient: FloatArray = image @ between
-        gradient += units @ energy
-        gradient *= 2.0 * self._alpha
-        contrasts = self._contrast(projections, self._work)
-        slopes = np.multiply(projections, self._signs, out=projections)
-        gradient += self._rows.T @ slopes
-        return self._alpha * rebuilt + float(contrasts @ self._signs), gradient
-
-
-# How RICA looks for a minimum: L-BFGS over free vectors, whose directions are the components.
-
-REACHED_MAX_ITER = 1
-"""Status of scipy's L-BFGS-B."""
-
-
-@dataclass(frozen=True)
-class End:
-    """Where one start led.
-
-    Attributes
-    ----------
-    components : ndarray, shape (p, D)
-        Unit rows.
-    value : float
-        Of the objective.
-    n_iter : int
-        Iterations taken.
-    status : int
-        Of L-BFGS-B: 0 converged, `REACHED_MAX_ITER`, or 2 where its line search found nothing lower.
-    """
-
-    components: FloatArray
-    value: float
-    n_iter: int
-    status: int
-
-
-def descend(objective: Objective, start: FloatArray, options: dict[str, float]) -> End:
-    """Follow an objective downhill.
-
-    Parameters
-    ----------
-    objective : Objective
-    start : ndarray, shape (D, p)
-        Free vectors as columns.
-    options : dict
-        Of scipy's L-BFGS-B: ``maxiter``, ``gtol``, ``ftol``.
-    """
-    shape = start.shape
-
-    def of_free_vectors(flat: FloatArray) -> tuple[float, FloatArray]:
-        vectors = flat.reshape(shape)
-        norms = np.linalg.norm(vectors, axis=0)
-        units = vectors / norms
-        value, gradient = objective(units)
-        gradient -= units * np.einsum("ij,ij->j", units, gradient)
-        gradient /= norms
-        return value, gradient.ravel()
-
-    # Each iteration asks for about one value; the limit on values must never be the one that stops.
-    found = minimize(
-        of_free_vectors,
-        start.ravel(),
-        jac=True,
-        method="L-BFGS-B",
-        options={**options, "maxfun": 100 * int(options["maxiter"]) + 100},
-    )
-    components = np.ascontiguousarray(unit_columns(found.x.reshape(shape)).T)
-    return End(components, float(found.fun), max(1, int(found.nit)), int(found.status))
-
-
-def unit_columns(vectors: FloatArray) -> FloatArray:
-    """Columns (D, p) divided by their length; none may be zero."""
-    # By the largest element first: squares neither overflow nor vanish.
-    scaled = vectors / np.abs(vectors).max(axis=0)
-    columns: FloatArray = scaled / np.linalg.norm(scaled, axis=0)
-    return columns
-
-
+# Sums of squares of larger numbers overflow.
 _LARGEST_SQUARED = 1e150
-"""Sums of squares of larger numbers overflow."""
+# Status of scipy's L-BFGS-B.
+_REACHED_MAX_ITER = 1
 
 
 class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -374,12 +189,14 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         with single_threaded_blas():
             terms = (float(self.alpha), self.contrast, signs)
             ends = in_threads(lambda start: descend(Objective(rows, *terms), start, options), starts, None)
-        self.objectives_ = np.array([end.value for end in ends])
+        self.objectives_ = np.array([float(end.fun) for end in ends])
         best = ends[int(np.argmin(self.objectives_))]
-        self.components_, self.objective_ = best.components, best.value
-        self.n_iter_, self.converged_ = best.n_iter, best.status == 0
+        vectors = best.x.reshape(rows.shape[1], n_components)
+        self.components_ = np.ascontiguousarray(unit_columns(vectors).T)
+        self.objective_, self.n_iter_ = float(best.fun), max(1, int(best.nit))
+        self.converged_ = best.status == 0
         if not self.converged_:
-            _warn(best)
+            warnings.warn(_early_end(self.n_iter_, best.status), ConvergenceWarning, stacklevel=2)
         return self
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
@@ -410,10 +227,8 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
             number = real_number(name, getattr(self, name))
             if not 0 <= number < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {number!r}")
-        if not isinstance(self.standardize, (bool, np.bool_)):
-            raise TypeError(f"standardize must be True or False, got {self.standardize!r}")
-        if not isinstance(self.contrast, str) or self.contrast not in CONTRASTS:
-            raise ValueError(f"contrast must be one of {', '.join(CONTRASTS)}, got {self.contrast!r}")
+        checked_flag("standardize", self.standardize)
+        named(CONTRASTS, "contrast", self.contrast)
         return {"maxiter": int(self.max_iter), "gtol": float(self.gtol), "ftol": float(self.tol)}
 
     def _starts(self, n_components: int, n_features: int) -> list[FloatArray]:
@@ -434,6 +249,125 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         return [unit_columns(vectors.T)]
 
 
+def _logcosh(projections: FloatArray, work: FloatArray) -> FloatArray:
+    """``log(cosh(2 z)) / 2`` with slope ``tanh(2 z)``, from one exponential which cannot overflow.
+
+    With e = exp(-4 |z|) the value is ``|z| + log(1 + e) / 2 - log(2) / 2``, and the slope ``2 / (1 + e) - 1`` with
+    the sign of z. The logarithms of a column are taken together, as that of a product: each costs as much as
+    all the rest.
+    """
+    np.abs(projections, out=work)
+    sums: FloatArray = work.sum(axis=0)
+    work *= -4.0
+    np.exp(work, out=work)
+    work += 1.0
+    products = np.multiply.reduceat(work, np.arange(0, len(work), _FACTORS), axis=0)
+    sums += 0.5 * np.log(products).sum(axis=0) - 0.5 * math.log(2.0) * len(work)
+    np.divide(2.0, work, out=work)
+    work -= 1.0
+    np.copysign(work, projections, out=projections)
+    return sums
+
+
+def _exp(projections: FloatArray, work: FloatArray) -> FloatArray:
+    """``-exp(-z**2 / 2)`` with slope ``z * exp(-z**2 / 2)``."""
+    np.square(projections, out=work)
+    work *= -0.5
+    np.exp(work, out=work)
+    projections *= work
+    sums: FloatArray = -work.sum(axis=0)
+    return sums
+
+
+def _sqrt(projections: FloatArray, work: FloatArray) -> FloatArray:
+    """``sqrt(z**2 + 1e-8)``, an absolute value with a round corner, with slope ``z / sqrt(z**2 + 1e-8)``."""
+    np.square(projections, out=work)
+    work += 1e-8
+    np.sqrt(work, out=work)
+    projections /= work
+    sums: FloatArray = work.sum(axis=0)
+    return sums
+
+
+CONTRASTS: dict[str, Contrast] = {"logcosh": _logcosh, "exp": _exp, "sqrt": _sqrt}
+"""Each takes projections (n, p), returns their sums (p,) over rows, and leaves slopes in their place.
+
+The second array, of the same shape, is room to work in: to ask for new memory takes longer than to fill it.
+"""
+
+
+class Objective:
+    """``alpha * ||X W W' - X||^2 + sum of signs * g(X W)`` for W of unit columns, and its gradient.
+
+    The reconstruction needs the rows only through S = X' X: it is ``<W'W, W'SW> - 2 trace(W'SW) + trace(S)``, which
+    never makes the n x D residual. With more features than rows S would be the larger, and S W is made from X W.
+    It holds room for its work: one for each thread.
+    """
+
+    def __init__(self, rows: FloatArray, alpha: float, contrast: str, signs: FloatArray) -> None:
+        with np.errstate(over="ignore"):
+            self._total = float(np.einsum("ij,ij->", rows, rows))
+        # The search squares gradients, which are as large as the total.
+        if not self._total < 1e-10 * math.sqrt(np.finfo(np.float64).max):
+            raise ValueError(
+                f"X is too large (up to {np.abs(rows).max():.3g}): the search would overflow; use other units"
+            )
+        self._rows = rows
+        self._scatter = rows.T @ rows if rows.shape[1] <= len(rows) else None
+        self._alpha = alpha
+        self._contrast = CONTRASTS[contrast]
+        self._signs = signs
+        self._projections = np.empty((len(rows), len(signs)))
+        self._work = np.empty_like(self._projections)
+
+    def __call__(self, units: FloatArray) -> tuple[float, FloatArray]:
+        """Value, and gradient (D, p) with respect to W as if its columns were free."""
+        projections = np.matmul(self._rows, units, out=self._projections)
+        image = self._rows.T @ projections if self._scatter is None else self._scatter @ units
+        between = units.T @ units
+        energy = units.T @ image
+        rebuilt = float(np.vdot(between, energy)) - 2.0 * float(np.trace(energy)) + self._total
+        between.flat[:: len(between) + 1] -= 2.0
+        gradient: FloatArray = image @ between
+        gradient += units @ energy
+        gradient *= 2.0 * self._alpha
+        contrasts = self._contrast(projections, self._work)
+        slopes = np.multiply(projections, self._signs, out=projections)
+        gradient += self._rows.T @ slopes
+        return self._alpha * rebuilt + float(contrasts @ self._signs), gradient
+
+
+def descend(objective: Objective, start: FloatArray, options: dict[str, float]) -> OptimizeResult:
+    """Follow an objective downhill by L-BFGS, from free vectors (D, p) whose directions are the components."""
+    shape = start.shape
+
+    def of_free_vectors(flat: FloatArray) -> tuple[float, FloatArray]:
+        vectors = flat.reshape(shape)
+        norms = np.linalg.norm(vectors, axis=0)
+        units = vectors / norms
+        value, gradient = objective(units)
+        gradient -= units * np.einsum("ij,ij->j", units, gradient)
+        gradient /= norms
+        return value, gradient.ravel()
+
+    # Each iteration asks for about one value; the limit on values must never be the one that stops.
+    return minimize(
+        of_free_vectors,
+        start.ravel(),
+        jac=True,
+        method="L-BFGS-B",
+        options={**options, "maxfun": 100 * int(options["maxiter"]) + 100},
+    )
+
+
+def unit_columns(vectors: FloatArray) -> FloatArray:
+    """Columns (D, p) divided by their length; none may be zero."""
+    # By the largest element first: squares neither overflow nor vanish.
+    scaled = vectors / np.abs(vectors).max(axis=0)
+    columns: FloatArray = scaled / np.linalg.norm(scaled, axis=0)
+    return columns
+
+
 def _signs(non_gaussianity: float | Sequence[float] | None, n_components: int) -> FloatArray:
     if non_gaussianity is None:
         return np.ones(n_components)
@@ -447,9 +381,7 @@ def _signs(non_gaussianity: float | Sequence[float] | None, n_components: int) -
     return np.broadcast_to(given, n_components).astype(np.float64)
 
 
-def _warn(end: End) -> None:
-    if end.status == REACHED_MAX_ITER:
-        what = f"RICA reached max_iter ({end.n_iter}) before it converged: raise max_iter or tol"
-    else:
-        what = f"RICA stopped after {end.n_iter} iterations where rounding hides any descent: raise tol"
-    warnings.warn(what, ConvergenceWarning, stacklevel=3)
+def _early_end(n_iter: int, status: int) -> str:
+    if status == _REACHED_MAX_ITER:
+        return f"RICA reached max_iter ({n_iter}) before it converged: raise max_iter or tol"
+    return f"RICA stopped after {n_iter} iterations where rounding hides any descent: raise tol"
