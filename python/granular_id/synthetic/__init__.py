@@ -21,15 +21,9 @@ from granular_id.synthetic.fluctuations import (
 )
 from granular_id.synthetic.generate import FRAME, SIGN, draw_push, push_meta, synthesize
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
-from granular_id.synthetic.push import (
-    PARTS,
-    Conditions,
-    Nuisance,
-    Sensor,
-    random_stream,
-    simulate_push,
-    tool_resonance,
-)
+from granular_id.synthetic.nuisance import Conditions, Nuisance
+from granular_id.synthetic.push import PARTS, random_stream, simulate_push
+from granular_id.synthetic.sensor import Sensor, tool_resonance
 
 __all__ = [
     "FRAME",

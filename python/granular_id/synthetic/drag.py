@@ -3,15 +3,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.synthetic import _checks
+from granular_id._checks import non_negative_number, positive_number
 from granular_id.synthetic.materials import Material
 
-# The tool, its bed and its motion: everything that is the same whatever the material.
+FloatArray = NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.81
+# Broms' factor 3 for a pile in sand under lateral load: a wedge of three tool widths is mobilised. With
+# the pressure's integral over depth, H^2/2, it gives the 1.5 of the formula.
+WEDGE_WIDTHS = 3.0
+# Three mobilised widths times the factor 2 of Rankine's passive cohesion term, 2 c sqrt(Kp).
+COHESION_FACTOR = 6.0
+# Depth layers that slip independently. Force chains end within a few tool widths of each other: 76 mm of
+# a 17 mm tool is about four.
+N_LAYERS = 4
+# Load-bearing contacts: 60 % of the grains that fit on the front half of the submerged cylinder's surface.
+CONTACT_FRACTION = 0.6
+# Travel over which the heap and the back-flow build up, tool diameters: a surcharge forms over the first
+# few tool widths, the hole behind the tool closes within about one.
+HEAP_DIAMETERS = 2.0
+BACK_FLOW_DIAMETERS = 1.0
+# Reach of the end wall's influence, tool diameters (Rankine's passive wedge is about 2 widths long).
+WALL_REACH_DIAMETERS = 1.3
 
 
 @dataclass(frozen=True)
@@ -51,22 +69,15 @@ class Rig:
     sensor_to_tool_m: float = 0.040
 
     def __post_init__(self) -> None:
-        for field in (
-            "tool_diameter_m",
-            "tool_length_m",
-            "depth_m",
-            "speed_m_s",
-            "acceleration_m_s2",
-            "wall_distance_m",
-        ):
-            _checks.positive(field, getattr(self, field))
-        _checks.non_negative("sensor_to_tool_m", self.sensor_to_tool_m)
+        for field in fields(self):
+            check = non_negative_number if field.name == "sensor_to_tool_m" else positive_number
+            check(field.name, getattr(self, field.name))
         if self.depth_m > self.tool_length_m:
             raise ValueError(
                 f"depth_m must not exceed tool_length_m = {self.tool_length_m:g}, got {self.depth_m:g}"
             )
 
-    def travel_m(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    def travel_m(self, time_s: FloatArray) -> FloatArray:
         """Distance moved at times counted from the start of the motion (0 before it), m."""
         ramp_s = self.speed_m_s / self.acceleration_m_s2
         moving = np.maximum(time_s, 0.0)
@@ -78,36 +89,13 @@ class Rig:
         return self.sensor_to_tool_m + self.tool_length_m - self.depth_m
 
 
-GRAVITY_M_S2 = 9.81
-# Broms' factor 3 for a pile in sand under lateral load: a wedge of three tool widths is mobilised. With
-# the pressure's integral over depth, H^2/2, it gives the 1.5 of the formula.
-WEDGE_WIDTHS = 3.0
-# Three mobilised widths times the factor 2 of Rankine's passive cohesion term, 2 c sqrt(Kp).
-COHESION_FACTOR = 6.0
-# Depth layers that slip independently. Force chains end within a few tool widths of each other: 76 mm of
-# a 17 mm tool is about four.
-N_LAYERS = 4
-# Load-bearing contacts: 60 % of the grains that fit on the front half of the submerged cylinder's surface.
-CONTACT_FRACTION = 0.6
-# Travel over which the heap and the back-flow build up, tool diameters: a surcharge forms over the first
-# few tool widths, the hole behind the tool closes within about one.
-HEAP_DIAMETERS = 2.0
-BACK_FLOW_DIAMETERS = 1.0
-# Reach of the end wall's influence, tool diameters (Rankine's passive wedge is about 2 widths long).
-WALL_REACH_DIAMETERS = 1.3
-
-
-def _passive_pressure_coefficient(friction_angle_deg: float) -> float:
-    return math.tan(math.radians(45.0 + friction_angle_deg / 2.0)) ** 2
-
-
 def _effective_diameter_m(material: Material, rig: Rig) -> float:
     # The tool cannot pass between grains: half a grain on either side moves with it (Albert 1999).
     return rig.tool_diameter_m + material.grain_diameter_m
 
 
 def _friction_and_cohesion_n(material: Material, rig: Rig) -> tuple[float, float]:
-    passive = _passive_pressure_coefficient(material.friction_angle_deg)
+    passive = math.tan(math.radians(45.0 + material.friction_angle_deg / 2.0)) ** 2
     width_m = _effective_diameter_m(material, rig)
     weight_n_m3 = material.bulk_density_kg_m3 * GRAVITY_M_S2
     friction_n = 0.5 * WEDGE_WIDTHS * passive * weight_n_m3 * width_m * rig.depth_m**2
@@ -178,7 +166,7 @@ def contact_count(material: Material, rig: Rig | None = None) -> float:
     return max(1.0, CONTACT_FRACTION * front_m2 / material.grain_diameter_m**2)
 
 
-def layers(material: Material, rig: Rig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def layers(material: Material, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """Share of the mean drag and lever arm (m, to the sensor's origin) of each depth layer.
 
     Frictional pressure grows with depth, cohesion does not, so the shares run between a triangle
@@ -193,9 +181,7 @@ def layers(material: Material, rig: Rig) -> tuple[NDArray[np.float64], NDArray[n
     return force_n / force_n.sum(), rig.surface_to_sensor_m() + centre_m
 
 
-def drag_profile(
-    material: Material, travel_m: NDArray[np.float64], rig: Rig
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def drag_profile(material: Material, travel_m: FloatArray, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """Course of the drag along the push, in units of the mean drag.
 
     Parameters

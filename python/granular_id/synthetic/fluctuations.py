@@ -1,4 +1,4 @@
-"""Noise of single contacts that break in front of the tool."""
+"""What rides on the mean drag: breaking contacts, stick-slip, and slow structure along the push."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from scipy.signal import lfilter
 
 from granular_id.synthetic.drag import N_LAYERS, Rig, contact_count, layers
 from granular_id.synthetic.materials import Material
+
+FloatArray = NDArray[np.float64]
 
 # Distance over which a broken contact's load is taken up again, grain diameters: the gap to the next
 # grain, a tenth of a diameter in a dense bed.
@@ -28,8 +30,8 @@ def contact_break_rate_hz(material: Material, rig: Rig | None = None) -> float:
 
 
 def contact_breaks(
-    material: Material, rig: Rig, travel_m: NDArray[np.float64], step_s: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+    material: Material, rig: Rig, travel_m: FloatArray, step_s: float, rng: np.random.Generator
+) -> FloatArray:
     """Draw the contact-break noise of every depth layer on the three force axes.
 
     Shot noise: at rate ``Nc v / d`` a contact drops a force that is exponentially distributed about its
@@ -71,8 +73,8 @@ def contact_breaks(
     # Mean of the decaying force over one step: contacts that recover within it weigh less.
     seen = recovery_s / step_s * (1.0 - decay)
     jumps = np.stack([along, sideways, vertical])
-    noise: NDArray[np.float64] = lfilter([seen], [1.0, -decay], jumps, axis=-1)
-    return noise * (material.sharpness / per_layer)
+    noise: FloatArray = lfilter([seen], [1.0, -decay], jumps, axis=-1) * (material.sharpness / per_layer)
+    return noise
 
 
 # Stick-slip: force chains in front of the tool load up, let go, and load up again.
@@ -104,9 +106,7 @@ def relative_fluctuation(material: Material, rig: Rig | None = None) -> float:
     return material.fluctuation / math.sqrt(contact_count(material, rig))
 
 
-def stick_slip(
-    material: Material, rig: Rig, travel_m: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def stick_slip(material: Material, rig: Rig, travel_m: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draw the stick-slip of every depth layer on the three force axes.
 
     A sawtooth per layer: load rises linearly over a random slip length, then drops within some
@@ -187,8 +187,8 @@ GRID_DIAMETERS = 0.05
 
 
 def heterogeneity(
-    travel_diameters: NDArray[np.float64], correlation_diameters: float, rng: np.random.Generator, n: int
-) -> NDArray[np.float64]:
+    travel_diameters: FloatArray, correlation_diameters: float, rng: np.random.Generator, n: int
+) -> FloatArray:
     """Draw ``n`` smooth Gaussian fields of zero mean and unit variance along the push.
 
     Parameters
@@ -214,7 +214,7 @@ def heterogeneity(
     return np.stack([np.interp(travel_diameters, grid, row) for row in field])
 
 
-def shear_band_wave(travel_diameters: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+def shear_band_wave(travel_diameters: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draw the periodic force of successive shear bands: unit amplitude, wandering wavelength.
 
     Notes
@@ -226,5 +226,5 @@ def shear_band_wave(travel_diameters: NDArray[np.float64], rng: np.random.Genera
     field = heterogeneity(travel_diameters, WANDER_DIAMETERS, rng, 1)[0]
     wander = PHASE_WANDER_RAD * (field - field[0])
     phase = 2.0 * math.pi * travel_diameters / SHEAR_BAND_DIAMETERS + start + wander
-    wave: NDArray[np.float64] = np.sin(phase - WAVE_SKEW * np.sin(phase))
+    wave: FloatArray = np.sin(phase - WAVE_SKEW * np.sin(phase))
     return wave

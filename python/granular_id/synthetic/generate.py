@@ -5,20 +5,19 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from granular_id._checks import whole_number
+from granular_id._checks import positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.synthetic import _checks
 from granular_id.synthetic.drag import Rig
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
-from granular_id.synthetic.push import CUT_SD, Conditions, Nuisance, Sensor, random_stream, simulate_push
-
-__all__ = ["draw_push", "push_meta", "synthesize"]
+from granular_id.synthetic.nuisance import CUT_SD, Conditions, Nuisance
+from granular_id.synthetic.push import random_stream, simulate_push
+from granular_id.synthetic.sensor import Sensor
 
 # Rest before the motion, s: drawn evenly between these ("a fraction of a second").
 LEAD_S = (0.10, 0.25)
@@ -106,8 +105,8 @@ def synthesize(
         raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
     seed = whole_number("seed", seed, least=0)
     rig, nuisance, sensor = rig or Rig(), nuisance or Nuisance(), sensor or Sensor()
-    rate_hz = _checks.rate("rate_hz", rate_hz)
-    duration_s = _checks.positive("duration_s", duration_s)
+    rate_hz = sampling_rate("rate_hz", rate_hz)
+    duration_s = positive_number("duration_s", duration_s)
     _check_extremes(rig, nuisance, rate_hz, duration_s)
 
     block = np.empty((len(chosen) * n_per_class, round(duration_s * rate_hz), 6))
@@ -137,13 +136,13 @@ def synthesize(
                     "meta": push_meta(material, rig, conditions, lead_s) | {"seed": seed},
                 }
             )
-    full_scale = np.asarray(sensor.full_scale)
-    saturated: np.ndarray[Any, np.dtype[np.bool_]] = np.any(np.abs(block) >= full_scale, axis=2)
+    saturated = np.any(np.abs(block) >= np.asarray(sensor.full_scale), axis=2)
+    flags = saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED)
     block.flags.writeable = False  # recordings share it: no second copy of the samples
     return Dataset(
         [
-            Recording(wrench, rate_hz=rate_hz, flags=_flags(over), **row)
-            for wrench, over, row in zip(block, saturated, drawn, strict=True)
+            Recording(wrench, rate_hz=rate_hz, flags=own if own.any() else None, **row)
+            for wrench, own, row in zip(block, flags, drawn, strict=True)
         ]
     )
 
@@ -170,16 +169,7 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
 def draw_push(
     material: Material, k: int, session: int, seed: int | np.random.SeedSequence, nuisance: Nuisance
 ) -> tuple[Conditions, float, np.random.SeedSequence]:
-    """Draw what push `k` through a material meets in a session.
-
-    Returns
-    -------
-    conditions : Conditions
-    lead_s : float
-        Rest before the motion.
-    stream : numpy.random.SeedSequence
-        Seed of the push itself.
-    """
+    """Draw what push `k` through a material meets in a session: its conditions, its rest in s, its own seed."""
     # The name, not the position in the list: the same recordings whichever materials stand beside.
     key = int.from_bytes(hashlib.blake2b(material.name.encode(), digest_size=4).digest(), "big")
     recording = random_stream(seed, _RECORDING, key, k)
@@ -198,12 +188,8 @@ def push_meta(material: Material, rig: Rig, conditions: Conditions, lead_s: floa
         "frame": FRAME,
         "sign": SIGN,
         "lead_s": lead_s,
-        "rig": {field.name: getattr(set_up, field.name) for field in fields(set_up)},
+        "rig": asdict(set_up),
         "material": asdict(packed),
         "conditions": asdict(conditions),
         "gain": math.exp(conditions.gain_log),
     }
-
-
-def _flags(saturated: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.uint8]] | None:
-    return saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED) if saturated.any() else None

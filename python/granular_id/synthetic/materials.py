@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from granular_id.synthetic import _checks
+from granular_id._checks import finite_number, non_negative_number, positive_number
 
-__all__ = ["PAPER_MATERIALS", "Material", "resolve_materials"]
-
-# Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
-MIN_GRAIN_M, MAX_GRAIN_M = 1e-6, 0.1
+_RANGES = {
+    # Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
+    "grain_diameter_m": (1e-6, 0.1),
+    "aspect_ratio": (1.0, math.inf),
+    "friction_angle_deg": (0.0, 60.0),
+}
 
 
 @dataclass(frozen=True)
@@ -83,12 +86,15 @@ class Material:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise ValueError(f"name must be a non-empty string, got {self.name!r}")
-        grain = _checks.real(self._where("grain_diameter_m"), self.grain_diameter_m)
-        if not MIN_GRAIN_M <= grain <= MAX_GRAIN_M:
-            wanted = f"must lie in [{MIN_GRAIN_M:g}, {MAX_GRAIN_M:g}]"
-            raise ValueError(f"{self._where('grain_diameter_m')} {wanted}, got {grain:g}")
+        for field, (least, most) in _RANGES.items():
+            number = finite_number(self._where(field), getattr(self, field))
+            if not least <= number <= most:
+                wanted = (
+                    f"must lie in [{least:g}, {most:g}]" if most < math.inf else f"must be at least {least:g}"
+                )
+                raise ValueError(f"{self._where(field)} {wanted}, got {number:g}")
         for field in ("overshoot_at_diameters", "sharpness", "mobilisation_diameters"):
-            _checks.positive(self._where(field), getattr(self, field))
+            positive_number(self._where(field), getattr(self, field))
         for field in (
             "bulk_density_kg_m3",
             "cohesion_pa",
@@ -99,12 +105,7 @@ class Material:
             "shear_band_wave",
             "fluctuation",
         ):
-            _checks.non_negative(self._where(field), getattr(self, field))
-        if _checks.real(self._where("aspect_ratio"), self.aspect_ratio) < 1:
-            raise ValueError(f"{self._where('aspect_ratio')} must be at least 1, got {self.aspect_ratio:g}")
-        angle = _checks.real(self._where("friction_angle_deg"), self.friction_angle_deg)
-        if not 0 <= angle <= 60:
-            raise ValueError(f"{self._where('friction_angle_deg')} must lie in [0, 60], got {angle:g}")
+            non_negative_number(self._where(field), getattr(self, field))
         if self.bulk_density_kg_m3 == 0 and self.cohesion_pa == 0:
             raise ValueError(f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0")
 

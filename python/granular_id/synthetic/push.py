@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
-from granular_id._checks import whole_number
+from granular_id._checks import non_negative_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
-from granular_id.synthetic import _checks
 from granular_id.synthetic.drag import N_LAYERS, Rig, drag_profile, layers, mean_drag_n
 from granular_id.synthetic.fluctuations import (
     contact_breaks,
@@ -22,283 +19,10 @@ from granular_id.synthetic.fluctuations import (
     stick_slip,
 )
 from granular_id.synthetic.materials import Material
+from granular_id.synthetic.nuisance import Conditions
+from granular_id.synthetic.sensor import Sensor, tool_resonance
 
-# From the force on the tool to the numbers of the instrument: arm resonances and an ATI Mini45.
-
-# Bending modes of tool, sensor and arm: natural frequency (Hz) and damping ratio. Light arms with a
-# stiff tool ring between 30 and 100 Hz; a bed of grains damps them well.
-MODES = ((34.0, 0.20), (40.0, 0.18), (70.0, 0.16), (90.0, 0.15))
-# Share of each axis (fx fy fz tx ty tz) that passes through each mode; what is left of 1 goes straight
-# through. Bending torques follow their forces, the stiff vertical axis mostly follows directly.
-MODE_SHARE = np.array(
-    [
-        [0.45, 0.10, 0.25, 0.10],
-        [0.10, 0.45, 0.10, 0.25],
-        [0.05, 0.05, 0.20, 0.20],
-        [0.10, 0.45, 0.10, 0.25],
-        [0.45, 0.10, 0.25, 0.10],
-        [0.05, 0.05, 0.30, 0.40],
-    ]
-)
-
-
-def tool_resonance(wrench: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
-    """Pass a wrench through the vibration of tool and arm; steady loads come out unchanged.
-
-    Each mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, brought to discrete time by the bilinear transform
-    with its frequency kept.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (6, n)
-        Load on the tool, N and N m.
-    step_s : float
-        Time step, s; below 5 ms, or the highest mode could not be represented.
-
-    Returns
-    -------
-    ndarray, shape (6, n)
-    """
-    result: NDArray[np.float64] = (1.0 - MODE_SHARE.sum(axis=1, keepdims=True)) * wrench
-    for (frequency_hz, damping), share in zip(MODES, MODE_SHARE.T, strict=True):
-        omega = 2.0 * math.pi * frequency_hz
-        warp = omega / math.tan(0.5 * omega * step_s)
-        gain = np.array([1.0, 2.0, 1.0]) * omega**2
-        poles = np.array(
-            [
-                warp**2 + 2.0 * damping * omega * warp + omega**2,
-                2.0 * (omega**2 - warp**2),
-                warp**2 - 2.0 * damping * omega * warp + omega**2,
-            ]
-        )
-        result += share[:, np.newaxis] * lfilter(gain, poles, wrench, axis=-1)
-    return result
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """Noise, resolution and range of a 6-axis force-torque sensor; default: ATI Mini45 (SI-145-5).
-
-    Parameters
-    ----------
-    noise_rms : tuple of 6 float
-        White noise per axis (fx fy fz in N, tx ty tz in N m).
-    full_scale : tuple of 6 float
-        Calibrated range, N and N m; readings saturate there.
-    bits : int, default 16
-        Of the converter, over plus and minus the full scale.
-
-    Examples
-    --------
-    >>> from granular_id.synthetic import Sensor
-    >>> (1000 * Sensor().resolution()[:3]).round(2).tolist()          # mN
-    [4.43, 4.43, 8.85]
-    """
-
-    noise_rms: tuple[float, ...] = (0.020, 0.019, 0.050, 0.53e-3, 0.53e-3, 0.50e-3)
-    full_scale: tuple[float, ...] = (145.0, 145.0, 290.0, 5.0, 5.0, 5.0)
-    bits: int = 16
-
-    def __post_init__(self) -> None:
-        for field, low in (("noise_rms", 0.0), ("full_scale", np.finfo(float).tiny)):
-            values = np.asarray(getattr(self, field), dtype=np.float64)
-            if values.shape != (6,) or not np.all(np.isfinite(values)) or np.any(values < low):
-                wanted = "6 finite numbers, " + ("at least 0" if low == 0 else "positive")
-                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
-        if isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 2 <= self.bits <= 32:
-            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
-
-    def resolution(self) -> NDArray[np.float64]:
-        """Step of the converter per axis, shape (6,), N and N m."""
-        return np.asarray(self.full_scale, dtype=np.float64) / float(2 ** (self.bits - 1))
-
-    def read(self, wrench: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return what the sensor reports for a true wrench of shape (n, 6)."""
-        noisy = wrench + rng.standard_normal(wrench.shape) * np.asarray(self.noise_rms)
-        step = self.resolution()
-        limit = np.asarray(self.full_scale)
-        read: NDArray[np.float64] = np.clip(np.rint(noisy / step) * step, -limit, limit)
-        return read
-
-
-# What differs between two pushes through the same material: fill, packing, mounting, zero point.
-
-# Draws beyond this many standard deviations are cut: a bed a centimetre too deep would be seen and redone.
-CUT_SD = 2.5
-# Response to one per cent of packing fraction: friction angle (deg) and overshoot (factor, logarithm).
-# Dense beds dilate: angle and peak grow together (Gravish 2010).
-ANGLE_PER_PERCENT = 0.8
-OVERSHOOT_PER_PERCENT = 0.12
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """State of bed, mounting and sensor in one push; the default is nominal everywhere.
-
-    Parameters
-    ----------
-    depth_offset_m : float
-        Fill height against the rig's `depth_m`; the tool's length is the limit.
-    packing_percent : float
-        Packing fraction against the nominal one, per cent: density, friction angle and overshoot follow.
-    overshoot_log, heap_log, back_flow_log : float
-        Logarithms of factors on these terms of the profile.
-    wall_offset_m : float
-        Where the push starts: distance to the wall against the rig's.
-    lift_ratio : float
-        Fz over Fx.
-    lateral_ratio : float
-        Mean Fy over Fx, from an uneven bed.
-    off_axis_x_m, off_axis_y_m : float
-        Eccentricity of the tool against the sensor's axis, m.
-    roll_rad, pitch_rad, yaw_rad : float
-        Tilt of the sensor against the frame of the push.
-    gain_log : float
-        Logarithm of the sensor's gain error.
-    tare : tuple of 6 float
-        Zero-point error per axis, N and N m.
-    drift_per_s : tuple of 6 float
-        Drift per axis, N/s and N m/s.
-    """
-
-    depth_offset_m: float = 0.0
-    packing_percent: float = 0.0
-    overshoot_log: float = 0.0
-    heap_log: float = 0.0
-    back_flow_log: float = 0.0
-    wall_offset_m: float = 0.0
-    lift_ratio: float = 0.55
-    lateral_ratio: float = 0.0
-    off_axis_x_m: float = 0.0
-    off_axis_y_m: float = 0.0
-    roll_rad: float = 0.0
-    pitch_rad: float = 0.0
-    yaw_rad: float = 0.0
-    gain_log: float = 0.0
-    tare: tuple[float, ...] = (0.0,) * 6
-    drift_per_s: tuple[float, ...] = (0.0,) * 6
-
-    def material(self, nominal: Material) -> Material:
-        """Return the material in this state of packing."""
-        angle = nominal.friction_angle_deg + ANGLE_PER_PERCENT * self.packing_percent
-        overshoot_log = self.overshoot_log + OVERSHOOT_PER_PERCENT * self.packing_percent
-        return replace(
-            nominal,
-            bulk_density_kg_m3=nominal.bulk_density_kg_m3 * (1.0 + self.packing_percent / 100.0),
-            friction_angle_deg=min(max(angle, 0.0), 60.0),
-            overshoot=nominal.overshoot * math.exp(overshoot_log),
-            heap=nominal.heap * math.exp(self.heap_log),
-            back_flow=nominal.back_flow * math.exp(self.back_flow_log),
-        )
-
-    def rig(self, nominal: Rig) -> Rig:
-        """Return the rig with this fill height and starting point."""
-        return replace(
-            nominal,
-            depth_m=min(nominal.depth_m + self.depth_offset_m, nominal.tool_length_m),
-            wall_distance_m=nominal.wall_distance_m + self.wall_offset_m,
-        )
-
-    def rotation(self) -> NDArray[np.float64]:
-        """Return the rotation from the frame of the push to the sensor's, shape (3, 3)."""
-        cr, sr = math.cos(self.roll_rad), math.sin(self.roll_rad)
-        cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
-        cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
-        about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
-        about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
-        rotation: NDArray[np.float64] = about_z @ about_y @ about_x
-        return rotation
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """Standard deviations of what varies, each split into recording, fill and session.
-
-    A *fill* is one material poured in one session. Each field is ``(per recording, per fill, per session)``.
-
-    Parameters
-    ----------
-    depth_m : fill height; together about 3 mm, read off a scale on the container.
-    packing_percent : packing fraction; pouring and levelling by hand repeat to about one per cent.
-    overshoot_log, heap_log, back_flow_log : shape of the profile, logarithm of a factor.
-    wall_m : starting point of the push.
-    lift_ratio, lateral_ratio : direction of the mean force.
-    off_axis_m : eccentricity of the mounted tool.
-    tilt_deg : tilt of the sensor, each of roll, pitch and yaw.
-    gain_log : gain error of the calibration.
-    tare_n, tare_n_m : zero-point error of each force and torque axis.
-    drift_n_s, drift_n_m_s : drift of each force and torque axis.
-
-    Examples
-    --------
-    >>> from granular_id.synthetic import Nuisance
-    >>> Nuisance().scaled(0).tare_n
-    (0.0, 0.0, 0.0)
-    """
-
-    depth_m: tuple[float, float, float] = (0.0020, 0.0020, 0.0010)
-    packing_percent: tuple[float, float, float] = (1.0, 0.8, 0.5)
-    overshoot_log: tuple[float, float, float] = (0.20, 0.12, 0.0)
-    heap_log: tuple[float, float, float] = (0.15, 0.10, 0.0)
-    back_flow_log: tuple[float, float, float] = (0.06, 0.05, 0.0)
-    wall_m: tuple[float, float, float] = (0.0008, 0.0005, 0.0005)
-    lift_ratio: tuple[float, float, float] = (0.02, 0.02, 0.01)
-    lateral_ratio: tuple[float, float, float] = (0.03, 0.02, 0.01)
-    off_axis_m: tuple[float, float, float] = (0.0, 0.0, 0.0005)
-    tilt_deg: tuple[float, float, float] = (0.1, 0.0, 0.6)
-    gain_log: tuple[float, float, float] = (0.0, 0.0, 0.01)
-    tare_n: tuple[float, float, float] = (0.05, 0.0, 0.10)
-    tare_n_m: tuple[float, float, float] = (0.002, 0.0, 0.005)
-    drift_n_s: tuple[float, float, float] = (0.004, 0.0, 0.004)
-    drift_n_m_s: tuple[float, float, float] = (0.0001, 0.0, 0.0001)
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            levels = getattr(self, field.name)
-            if not isinstance(levels, tuple) or len(levels) != 3:
-                raise ValueError(
-                    f"{field.name} must be (per recording, per fill, per session), got {levels!r:.60}"
-                )
-            for level in levels:
-                _checks.non_negative(field.name, level)
-
-    def scaled(self, factor: float) -> Nuisance:
-        """Return the same nuisance with every level times `factor`; 0 switches it off."""
-        factor = _checks.non_negative("factor", factor)
-        return Nuisance(**{f.name: tuple(factor * s for s in getattr(self, f.name)) for f in fields(self)})
-
-    def draw(self, *rngs: np.random.Generator) -> Conditions:
-        """Draw the conditions of one push from the generators of recording, fill and session, in this order.
-
-        The same generators give the same draws in units of the levels, whatever the levels are.
-        """
-        names = [field.name for field in fields(self)]
-        draws = np.stack([rng.standard_normal((len(names), 6)) for rng in rngs])
-        levels = np.array([getattr(self, name) for name in names])
-        total = np.einsum("nk,knj->nj", levels, np.clip(draws, -CUT_SD, CUT_SD))
-        drawn = dict(zip(names, total, strict=True))
-        tilt = np.radians(drawn["tilt_deg"])
-        nominal = Conditions()
-        return Conditions(
-            depth_offset_m=float(drawn["depth_m"][0]),
-            packing_percent=float(drawn["packing_percent"][0]),
-            overshoot_log=float(drawn["overshoot_log"][0]),
-            heap_log=float(drawn["heap_log"][0]),
-            back_flow_log=float(drawn["back_flow_log"][0]),
-            wall_offset_m=float(drawn["wall_m"][0]),
-            lift_ratio=nominal.lift_ratio + float(drawn["lift_ratio"][0]),
-            lateral_ratio=float(drawn["lateral_ratio"][0]),
-            off_axis_x_m=float(drawn["off_axis_m"][0]),
-            off_axis_y_m=float(drawn["off_axis_m"][1]),
-            roll_rad=float(tilt[0]),
-            pitch_rad=float(tilt[1]),
-            yaw_rad=float(tilt[2]),
-            gain_log=float(drawn["gain_log"][0]),
-            tare=(*map(float, drawn["tare_n"][:3]), *map(float, drawn["tare_n_m"][3:])),
-            drift_per_s=(*map(float, drawn["drift_n_s"][:3]), *map(float, drawn["drift_n_m_s"][3:])),
-        )
-
+FloatArray = NDArray[np.float64]
 
 PARTS = ("texture", "slip", "contacts", "resonance")
 """Parts of the model that `simulate_push` can leave out; what remains is the mean course."""
@@ -342,7 +66,7 @@ def simulate_push(
     sensor: Sensor | None = None,
     conditions: Conditions | None = None,
     seed: int | np.random.SeedSequence = 0,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Simulate the wrench of one push; the physics behind `synthesize`, with every knob in reach.
 
     Parameters
@@ -388,9 +112,9 @@ def simulate_push(
     True
     """
     conditions = conditions or Conditions()
-    rate_hz = _checks.rate("rate_hz", rate_hz)
-    duration_s = _checks.positive("duration_s", duration_s)
-    lead_s = _checks.non_negative("lead_s", lead_s)
+    rate_hz = sampling_rate("rate_hz", rate_hz)
+    duration_s = positive_number("duration_s", duration_s)
+    lead_s = non_negative_number("lead_s", lead_s)
     unknown = sorted(set(parts) - set(PARTS))
     if unknown:
         raise ValueError(f"parts has no part {unknown[0]!r}; known: {', '.join(PARTS)}")
@@ -425,12 +149,12 @@ def _wrench_on_tool(
     material: Material,
     rig: Rig,
     conditions: Conditions,
-    travel_m: NDArray[np.float64],
+    travel_m: FloatArray,
     *,
     step_s: float,
     parts: Collection[str],
     seed: int | np.random.SeedSequence,
-) -> NDArray[np.float64]:
+) -> FloatArray:
     """Load in the frame of the push about the sensor's origin, shape (6, n)."""
     drag, measured = drag_profile(material, travel_m, rig)
     course = np.zeros((3, travel_m.size))
@@ -458,9 +182,7 @@ def _wrench_on_tool(
     return np.stack([fx, fy, fz, tx, ty, tz])
 
 
-def _texture(
-    material: Material, rig: Rig, travel_m: NDArray[np.float64], rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _texture(material: Material, rig: Rig, travel_m: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Slow relative course on x, y, z, shape (3, n)."""
     travel = travel_m / rig.tool_diameter_m
     size = HETEROGENEITY + HETEROGENEITY_OF_FLUCTUATION * relative_fluctuation(material, rig)
@@ -469,11 +191,11 @@ def _texture(
     return np.stack([along, LATERAL_SHARE * sideways, VERTICAL_SHARE * vertical])
 
 
-def _mounted(load: NDArray[np.float64], conditions: Conditions, step_s: float) -> NDArray[np.float64]:
+def _mounted(load: FloatArray, conditions: Conditions, step_s: float) -> FloatArray:
     """Load (6, n) as a tilted sensor with gain and zero-point errors would feel it, shape (n, 6)."""
     rotation = conditions.rotation()
     felt = np.concatenate([rotation @ load[:3], rotation @ load[3:]]).T * math.exp(conditions.gain_log)
     time_s = np.arange(felt.shape[0])[:, np.newaxis] * step_s
     zero_point = np.asarray(conditions.tare) + time_s * np.asarray(conditions.drift_per_s)
-    wrench: NDArray[np.float64] = felt + zero_point
+    wrench: FloatArray = felt + zero_point
     return wrench
