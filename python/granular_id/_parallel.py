@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from threading import Event, Lock
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -16,25 +15,7 @@ Result = TypeVar("Result")
 
 
 def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: int | None) -> list[Result]:
-    """Do some work for each item, as `spread` does, each thread with the caller's configuration of scikit-learn.
-
-    Parameters
-    ----------
-    work : callable
-        From an item to a result.
-    items : iterable
-    n_jobs : int or None
-        Threads, as in joblib: None is 1, -1 all cores. One thread is the caller's own.
-
-    Returns
-    -------
-    list
-
-    Examples
-    --------
-    >>> in_threads(abs, [-2, 1], n_jobs=2)
-    [2, 1]
-    """
+    """`spread` over `n_jobs` threads as in joblib, each with the caller's configuration of scikit-learn."""
     # slow to import, and reading recordings does without
     from joblib import effective_n_jobs
     from sklearn import config_context, get_config
@@ -49,17 +30,12 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: in
 
 
 def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int) -> list[Result]:
-    """Do some work for each item; results in the order of the items.
+    """Do some work for each item; results in the order of the items. One thread is the caller's own.
 
     When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
     several items that fail the first in order is told.
     joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
     back from compiled code into an interpreter that is no more.
-
-    Examples
-    --------
-    >>> spread(abs, [-2, 1], n_threads=2)
-    [2, 1]
     """
     every = list(items)
     n_threads = min(n_threads, len(every))
@@ -68,7 +44,7 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
     results: dict[int, Result] = {}
     errors: dict[int, BaseException] = {}
     places = iter(range(len(every)))
-    next_place, stopped = Lock(), Event()
+    next_place, stopped = threading.Lock(), threading.Event()
 
     def work_on() -> None:
         while not stopped.is_set():
@@ -100,8 +76,6 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
     return [results[place] for place in range(len(every))]
 
 
-# One thread for linear algebra, where the last bit of a product would otherwise depend on their number.
-
 _lock = threading.Lock()
 _inside = 0
 _limits: threadpool_limits | None = None
@@ -111,17 +85,9 @@ _limits: threadpool_limits | None = None
 def single_threaded_blas() -> Iterator[None]:
     """Keep BLAS to one thread inside the block.
 
-    An iterative method that rounds differently with two threads than with one ends elsewhere. The limit
-    belongs to the process, so the first thread that enters sets it and the last that leaves takes it back:
-    a limit of its own for each thread would be lifted under the feet of those still at work, or stay for ever.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id._parallel import single_threaded_blas
-    >>> with single_threaded_blas():
-    ...     float(np.ones((2, 2)).dot(np.ones(2)).sum())
-    4.0
+    The last bit of a product depends on the number of threads, and an iterative method that rounds differently ends
+    elsewhere. The limit belongs to the process, so the first thread that enters sets it and the last that leaves takes
+    it back: a limit of its own for each thread would be lifted under those still at work, or stay for ever.
     """
     global _inside, _limits  # noqa: PLW0603 - what they count belongs to the process
     with _lock:

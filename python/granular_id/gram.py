@@ -1,8 +1,7 @@
 """Scalar products of many rows, made once.
 
 With 10,200 features and 550 rows all the work of a linear support vector machine sits in its scalar products.
-They are computed once here; every binary learner (`granular_id.ecoc.learners`) trains on a slice. An evaluation
-over many partitions slices the same matrix again and again.
+Every binary learner trains on a slice of them, and an evaluation over many partitions slices them again and again.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import float_array
-
-__all__ = ["check_symmetric", "linear_gram"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -86,13 +83,7 @@ def linear_gram(
 
 
 def check_symmetric(gram: FloatArray) -> None:
-    """Refuse scalar products, shape (n, n), that are no more alike across the diagonal than rounding leaves them.
-
-    Raises
-    ------
-    ValueError
-        Two of them differ by more than 1e-9 of the largest.
-    """
+    """Raise a ValueError where scalar products (n, n) differ across the diagonal by more than 1e-9 of the largest."""
     # Products from `linear_gram` are equal to the last bit and need no tolerance, nor the copies that it takes.
     if not np.array_equal(gram, gram.T) and np.abs(gram - gram.T).max() > 1e-9 * np.abs(gram).max():
         raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")

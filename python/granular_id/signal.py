@@ -30,8 +30,6 @@ from granular_id._text import fixed
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
 
     FloatArray: TypeAlias = NDArray[np.float64]
 
@@ -45,7 +43,6 @@ _BANDS = {
     "bandpass": ("band", "pass", "bp", "bandpass"),
     "bandstop": ("bands", "stop", "bs", "bandstop"),
 }
-_BAND_OF = {alias: band for band, aliases in _BANDS.items() for alias in aliases}
 
 
 def butter(
@@ -108,7 +105,8 @@ def butter(
     if analog:
         raise ValueError(f"analog must be False, only digital filters are made here, got {analog!r}")
     order = _order(N)
-    band = _BAND_OF.get(btype.lower()) if isinstance(btype, str) else None
+    short = btype.lower() if isinstance(btype, str) else None
+    band = next((name for name, forms in _BANDS.items() if short in forms), None)
     if band is None:
         wanted = ", ".join(repr(name) for name in _BANDS)
         raise ValueError(f"btype must be one of {wanted} or a short form of these, got {btype!r}")
@@ -260,46 +258,6 @@ def sosfiltfilt(
     return _core.sosfiltfilt(sos, x, axis, padtype, padlen)
 
 
-def _order(N: Any) -> int:
-    try:
-        order = int(N) if isinstance(N, float) and N.is_integer() else operator.index(N)
-    except TypeError:
-        kind = ValueError if isinstance(N, float) else TypeError
-        raise kind(f"N must be an integer from 1 to {_MAX_ORDER}, got {N!r:.60}") from None
-    if not 1 <= order <= _MAX_ORDER:
-        raise ValueError(f"N must be an integer from 1 to {_MAX_ORDER}, got {fixed(order)}")
-    return order
-
-
-def _rate(fs: Any) -> tuple[float, str]:
-    try:
-        rate = float(fs)
-    except (TypeError, ValueError):
-        raise TypeError(f"fs must be a number of hertz or None, got {fs!r}") from None
-    if not (math.isfinite(rate) and rate > 0):
-        raise ValueError(f"fs must be positive and finite, got {fs!r}")
-    return rate, f"fs/2 = {rate / 2:g}"
-
-
-def _edges(Wn: Any, band: str, rate: float, limit: str) -> list[float]:
-    wanted = 1 if band in {"lowpass", "highpass"} else 2
-    frequencies = np.asarray(Wn)
-    if frequencies.dtype.kind not in "fiu":
-        raise TypeError(f"Wn must be real, got {Wn!r:.60}")
-    if frequencies.size != wanted or frequencies.ndim > 1:
-        count = "a single frequency" if wanted == 1 else "two frequencies, low and high,"
-        raise ValueError(f"Wn must be {count} for btype {band!r}, got {Wn!r}")
-    edges = [float(f) for f in frequencies.ravel()]
-    if not all(0 < f < rate / 2 for f in edges):
-        raise ValueError(f"Wn must lie strictly between 0 and {limit}, got {Wn!r}")
-    if wanted == 2 and not edges[0] < edges[1]:
-        raise ValueError(f"Wn must be ascending, low before high, got {Wn!r}")
-    return edges
-
-
-# Counting into uniform bins, as ``numpy.histogram`` does.
-
-
 def histogram(
     a: ArrayLike,
     bins: SupportsIndex = 10,
@@ -359,24 +317,19 @@ def histogram(
     """
     if weights is not None:
         raise ValueError("weights must be None: every value counts once")
-    values = _values(a)
+    try:
+        values = np.asanyarray(a)
+    except (TypeError, ValueError) as error:
+        raise type(error)(f"a must be an array of real numbers, got {type(a).__name__}: {error}") from error
     low, high = _outer_edges(values, range)
     try:
         counted, edges = _core.histogram(values, bins, low, high)
     except ValueError as error:
         raise ValueError(f"bins and range do not fit together: {error}") from None
     counts = np.array(counted)
-    total = counts.sum()
     if not density:
         return counts.astype(np.int64), np.array(edges)
-    return counts / np.diff(edges) / max(total, 1.0), np.array(edges)
-
-
-def _values(a: Any) -> NDArray[Any]:
-    try:
-        return np.asanyarray(a)
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"a must be an array of real numbers, got {type(a).__name__}: {error}") from error
+    return counts / np.diff(edges) / max(counts.sum(), 1.0), np.array(edges)
 
 
 def _outer_edges(values: NDArray[Any], given: Any) -> tuple[float, float]:
@@ -398,3 +351,40 @@ def _outer_edges(values: NDArray[Any], given: Any) -> tuple[float, float]:
     if high < low:
         raise ValueError(f"max must be larger than min in range, got ({low}, {high})")
     return (low - 0.5, high + 0.5) if low == high else (low, high)
+
+
+def _order(N: Any) -> int:
+    try:
+        order = int(N) if isinstance(N, float) and N.is_integer() else operator.index(N)
+    except TypeError:
+        kind = ValueError if isinstance(N, float) else TypeError
+        raise kind(f"N must be an integer from 1 to {_MAX_ORDER}, got {N!r:.60}") from None
+    if not 1 <= order <= _MAX_ORDER:
+        raise ValueError(f"N must be an integer from 1 to {_MAX_ORDER}, got {fixed(order)}")
+    return order
+
+
+def _rate(fs: Any) -> tuple[float, str]:
+    try:
+        rate = float(fs)
+    except (TypeError, ValueError):
+        raise TypeError(f"fs must be a number of hertz or None, got {fs!r}") from None
+    if not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"fs must be positive and finite, got {fs!r}")
+    return rate, f"fs/2 = {rate / 2:g}"
+
+
+def _edges(Wn: Any, band: str, rate: float, limit: str) -> list[float]:
+    wanted = 1 if band in {"lowpass", "highpass"} else 2
+    frequencies = np.asarray(Wn)
+    if frequencies.dtype.kind not in "fiu":
+        raise TypeError(f"Wn must be real, got {Wn!r:.60}")
+    if frequencies.size != wanted or frequencies.ndim > 1:
+        count = "a single frequency" if wanted == 1 else "two frequencies, low and high,"
+        raise ValueError(f"Wn must be {count} for btype {band!r}, got {Wn!r}")
+    edges = [float(f) for f in frequencies.ravel()]
+    if not all(0 < f < rate / 2 for f in edges):
+        raise ValueError(f"Wn must lie strictly between 0 and {limit}, got {Wn!r}")
+    if wanted == 2 and not edges[0] < edges[1]:
+        raise ValueError(f"Wn must be ascending, low before high, got {Wn!r}")
+    return edges
