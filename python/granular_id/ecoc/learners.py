@@ -12,13 +12,7 @@ import numpy.typing as npt
 from sklearn.exceptions import ConvergenceWarning
 
 from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.svm import (
-    BinarySolution,
-    NotSeparableError,
-    OneVsOneGuess,
-    one_vs_one_guess,
-    solve_binary,
-)
+from granular_id.ecoc.svm import NotSeparableError, one_vs_one_guess, solve_binary
 from granular_id.ecoc.task import Task, over_learners
 from granular_id.gram import linear_gram
 
@@ -164,7 +158,7 @@ def _train(
     task: Task,
     bounds: FloatArray | None,
     gram_of: Callable[[int, IntArray], FloatArray],
-    guess: OneVsOneGuess | None,
+    guess: Callable[[int, IntArray], FloatArray] | None,
     n_jobs: int | None,
 ) -> DualLearners:
     """Train each learner on the scalar products that `gram_of` gives for its number and its rows."""
@@ -173,42 +167,28 @@ def _train(
 
     def train(learner: int) -> tuple[int, int]:
         rows = task.rows(learner)
-        solution = _solve(
-            gram_of(learner, rows),
-            task.targets(learner, rows),
-            None if bounds is None else bounds[rows],
-            None if guess is None else guess.of_rows(learner, np.searchsorted(task.counted, rows)),
-            lambda: task.sides(learner),
-        )
+        own_bounds = None if bounds is None else bounds[rows]
+        start = None if guess is None else guess(learner, np.searchsorted(task.counted, rows))
+        try:
+            solution = solve_binary(
+                gram_of(learner, rows), task.targets(learner, rows), own_bounds, guess=start
+            )
+        except NotSeparableError as reason:
+            positive, negative = task.sides(learner)
+            raise NotSeparableError(
+                f"hard_margin=True, but classes {positive} and {negative} cannot be separated: {reason}; "
+                "use hard_margin=False"
+            ) from None
+        if not solution.converged:
+            positive, negative = task.sides(learner)
+            warnings.warn(
+                f"the learner of {positive} against {negative} did not converge; scale the features or lower C",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
         dual_coef[learner, rows] = solution.dual_coef
         intercept[learner] = solution.intercept
         return solution.at_bound, len(rows)
 
     bounded, trained = np.sum(over_learners(train, task.n_learners, n_jobs), axis=0)
     return DualLearners(dual_coef, intercept, float(bounded / trained))
-
-
-def _solve(
-    gram: FloatArray,
-    targets: FloatArray,
-    bounds: FloatArray | None,
-    guess: FloatArray | None,
-    sides: Callable[[], tuple[str, str]],
-) -> BinarySolution:
-    """Train one learner; errors and warnings name its classes."""
-    try:
-        solution = solve_binary(gram, targets, bounds, guess=guess)
-    except NotSeparableError as reason:
-        positive, negative = sides()
-        raise NotSeparableError(
-            f"hard_margin=True, but classes {positive} and {negative} cannot be separated: {reason}; "
-            "use hard_margin=False"
-        ) from None
-    if not solution.converged:
-        positive, negative = sides()
-        warnings.warn(
-            f"the learner of {positive} against {negative} did not converge; scale the features or lower C",
-            ConvergenceWarning,
-            stacklevel=2,
-        )
-    return solution

@@ -7,6 +7,7 @@ the origin lies and on whether a row was repeated or weighted. The solution of t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -260,35 +261,29 @@ def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
     return np.where(np.abs(dual) >= upper * (1 - 1e-12), np.copysign(upper, dual), dual)
 
 
-@dataclass(frozen=True)
-class OneVsOneGuess:
-    """Multipliers of all pairs of classes, kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
+def one_vs_one_guess(
+    gram: FloatArray, codes: IntArray, bounds: FloatArray | None
+) -> Callable[[int, IntArray], FloatArray]:
+    """Train all pairs of classes by one call of libsvm; every class index occurs in `codes`.
 
-    `by_opponent` (K - 1, n) holds those of each row against each other class: the classes below its own first, then
-    those above. `codes` (n,) are class indices, `pairs` the lower and the higher class of each learner.
+    Returns a function from a learner (in the order of `onevsone`) and its rows to multipliers that `solve_binary` can
+    start from. They are kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
     """
-
-    by_opponent: FloatArray
-    codes: IntArray
-    pairs: tuple[IntArray, IntArray]
-
-    def of_rows(self, learner: int, rows: IntArray) -> FloatArray:
-        """Multipliers of the rows of one learner, to start `solve_binary` from."""
-        low, high = self.pairs[0][learner], self.pairs[1][learner]
-        opponent = np.where(self.codes[rows] == low, high - 1, low)
-        multipliers: FloatArray = self.by_opponent[opponent, rows]
-        return multipliers
-
-
-def one_vs_one_guess(gram: FloatArray, codes: IntArray, bounds: FloatArray | None) -> OneVsOneGuess:
-    """Multipliers of all pairs, in the order of `onevsone`, from one call of libsvm; every class index occurs."""
     centred, _, scale = _centred_gram(gram)
     upper = _upper_bounds(bounds, len(codes), scale)
     machine = _run_libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
+    # Of each row against each other class: the classes below its own first, then those above.
     by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))
     by_opponent[:, machine.support_] = np.abs(machine.dual_coef_)
-    low, high = np.triu_indices(len(machine.classes_), 1)
-    return OneVsOneGuess(_snapped(by_opponent, upper) / scale, codes, (low, high))
+    by_opponent = _snapped(by_opponent, upper) / scale
+    lower, higher = np.triu_indices(len(machine.classes_), 1)
+
+    def multipliers(learner: int, rows: IntArray) -> FloatArray:
+        low, high = lower[learner], higher[learner]
+        found: FloatArray = by_opponent[np.where(codes[rows] == low, high - 1, low), rows]
+        return found
+
+    return multipliers
 
 
 def first_equal(gram: FloatArray, labels: npt.NDArray[np.generic] | None = None) -> IntArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from granular_id._checks import finite_number, non_negative_number, positive_number
 
@@ -14,6 +14,7 @@ _RANGES = {
     "aspect_ratio": (1.0, math.inf),
     "friction_angle_deg": (0.0, 60.0),
 }
+_POSITIVE = {"overshoot_at_diameters", "sharpness", "mobilisation_diameters"}
 
 
 @dataclass(frozen=True)
@@ -86,31 +87,19 @@ class Material:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise ValueError(f"name must be a non-empty string, got {self.name!r}")
-        for field, (least, most) in _RANGES.items():
-            number = finite_number(self._where(field), getattr(self, field))
-            if not least <= number <= most:
-                wanted = (
-                    f"must lie in [{least:g}, {most:g}]" if most < math.inf else f"must be at least {least:g}"
-                )
-                raise ValueError(f"{self._where(field)} {wanted}, got {number:g}")
-        for field in ("overshoot_at_diameters", "sharpness", "mobilisation_diameters"):
-            positive_number(self._where(field), getattr(self, field))
-        for field in (
-            "bulk_density_kg_m3",
-            "cohesion_pa",
-            "overshoot",
-            "heap",
-            "wall",
-            "back_flow",
-            "shear_band_wave",
-            "fluctuation",
-        ):
-            non_negative_number(self._where(field), getattr(self, field))
+        for field in fields(self)[1:]:
+            where, value = f"{field.name} of material {self.name!r}", getattr(self, field.name)
+            if field.name in _POSITIVE:
+                positive_number(where, value)
+            elif field.name in _RANGES:
+                number, (least, most) = finite_number(where, value), _RANGES[field.name]
+                if not least <= number <= most:
+                    wanted = f"lie in [{least:g}, {most:g}]" if most < math.inf else f"be at least {least:g}"
+                    raise ValueError(f"{where} must {wanted}, got {number:g}")
+            else:
+                non_negative_number(where, value)
         if self.bulk_density_kg_m3 == 0 and self.cohesion_pa == 0:
             raise ValueError(f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0")
-
-    def _where(self, field: str) -> str:
-        return f"{field} of material {self.name!r}"
 
 
 def _paper_materials() -> tuple[Material, ...]:
