@@ -155,23 +155,18 @@ def _n_sparse(n_classes: int) -> int:
     return min(math.ceil(15 * math.log2(n_classes)), _n_ternary(n_classes))
 
 
-# Where all columns are no more than wanted, a random design takes all of them.
-
-
 def denserandom(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
-    """Random columns of +1 and -1, far apart in their rows."""
-    n_learners = _n_dense(n_classes)
-    if n_learners == _n_binary(n_classes):
+    """Random columns of +1 and -1, far apart in their rows; all there are, where no more are wanted."""
+    if _n_dense(n_classes) == _n_binary(n_classes):
         return binarycomplete(n_classes)
-    return best_random(n_classes, n_learners, rng, zeros=False)
+    return best_random(n_classes, _n_dense(n_classes), rng, zeros=False)
 
 
 def sparserandom(n_classes: int, rng: np.random.Generator) -> CodingMatrix:
-    """Random columns of 0, +1 and -1, far apart in their rows."""
-    n_learners = _n_sparse(n_classes)
-    if n_learners == _n_ternary(n_classes):
+    """Random columns of 0, +1 and -1, far apart in their rows; all there are, where no more are wanted."""
+    if _n_sparse(n_classes) == _n_ternary(n_classes):
         return ternarycomplete(n_classes)
-    return best_random(n_classes, n_learners, rng, zeros=True)
+    return best_random(n_classes, _n_sparse(n_classes), rng, zeros=True)
 
 
 @dataclass(frozen=True)
