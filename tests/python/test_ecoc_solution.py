@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
-from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc import svm as dual_svm
-from granular_id.ecoc import svm as one_vs_one
+from granular_id.ecoc import ECOCClassifier, svm
 from granular_id.ecoc.svm import NotSeparableError, solve_binary
 from granular_id.gram import linear_gram
 
@@ -146,7 +144,7 @@ class TestHardMargin:
         np.testing.assert_allclose(clf.intercept_, [1.0], rtol=1e-9)
 
     def test_overlapping_classes_are_named(self, monkeypatch):
-        monkeypatch.setattr(dual_svm, "_MAX_STEPS_HARD", 20_000)
+        monkeypatch.setattr(svm, "_MAX_STEPS_HARD", 20_000)
         rng = np.random.default_rng(0)
         X = rng.standard_normal((60, 2))
         X[:20, 0] += 20.0
@@ -182,7 +180,7 @@ def test_repetitions_are_one_row_of_their_common_weight(monkeypatch, bounded):
     gram = linear_gram(X[again])
     repeated = solve_binary(gram, targets[again], ones)
     # The way out when libsvm's split of multipliers among equal rows leads to no exact solution.
-    monkeypatch.setattr(dual_svm, "_active_set_solution", first_call_fails(dual_svm._active_set_solution))
+    monkeypatch.setattr(svm, "_active_set_solution", first_call_fails(svm._active_set_solution))
     merged = solve_binary(gram, targets[again], ones)
     for solution in (repeated, merged):
         np.testing.assert_allclose(
@@ -206,8 +204,8 @@ def first_call_fails(solve):
 
 
 def test_giving_up_is_a_warning_that_names_the_classes(monkeypatch):
-    monkeypatch.setattr(dual_svm, "_MAX_STEPS", 2)
-    monkeypatch.setattr(one_vs_one, "_MAX_STEPS_GUESS", 2)
+    monkeypatch.setattr(svm, "_MAX_STEPS", 2)
+    monkeypatch.setattr(svm, "_MAX_STEPS_GUESS", 2)
     X, targets = problem(0, 60, 3, distance=0.1)
     with pytest.warns(ConvergenceWarning, match="'rice' against 'sand' did not converge"):
         ECOCClassifier().fit(X, np.where(targets > 0, "rice", "sand"))
