@@ -6,8 +6,8 @@ import pytest
 
 from cli_cases import SMALL, ended_well, make, refused, saved
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
+from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
-from granular_id.evaluation.result import write_csv
 from granular_id.identifier import Batch, Identifier
 from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED
 from granular_id.io.formats import FORMATS
@@ -127,7 +127,7 @@ def test_what_commands_write_is_known_again_and_replaced_by_force(tmp_path):
     ("write", "own"),
     [
         (lambda path: write_json(path, {}), JSON),
-        (lambda path: write_csv(None, path), TABLES),
+        (lambda path: EvaluationResult.to_csv(None, path), TABLES),
         (lambda path: Batch.to_csv(None, path), TABLES),
         (lambda path: Identifier.save(None, path), MODELS),
     ],

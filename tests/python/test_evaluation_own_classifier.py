@@ -172,10 +172,6 @@ def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
     del wrong["spaces"][0]["protocols"]["session"]["chosen"][0]["note"]
     with pytest.raises(ValueError, match="a choice must hold note"):
         Chosen.from_dict(wrong["spaces"][0]["protocols"]["session"]["chosen"][0])
-    saved["spaces"][0]["protocols"]["session"]["chosen"].pop()
-    (tmp_path / "wrong.json").write_text(json.dumps(saved), encoding="utf-8")
-    with pytest.raises(ValueError, match="2 choices, wanted 3"):
-        EvaluationResult.from_json(tmp_path / "wrong.json")
 
 
 def test_only_a_choice_of_ours_is_one(data):

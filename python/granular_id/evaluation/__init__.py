@@ -3,8 +3,9 @@
 from granular_id.evaluation.candidates import DEFAULT_SPACES, refuse_own_classifiers
 from granular_id.evaluation.checkpoint import RUN, OtherEvaluationError
 from granular_id.evaluation.controls import Control
+from granular_id.evaluation.outcome import Prediction, SpaceSummary
 from granular_id.evaluation.report_data import HighPass, Portrait, WeightBlock, window_starts
-from granular_id.evaluation.result import EvaluationResult, Prediction, SpaceSummary
+from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import evaluate
 from granular_id.evaluation.scoring import in_paper_order
 from granular_id.evaluation.selection import Selection, select

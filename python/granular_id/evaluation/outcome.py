@@ -1,0 +1,259 @@
+"""What an evaluation measured: predictions of every partition, and the figures that follow from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.evaluation.compare import Comparison, compare
+from granular_id.evaluation.controls import Control
+from granular_id.evaluation.report_data import Portrait
+from granular_id.spaces import Chosen
+from granular_id.splits import Partition, are_blocks
+from granular_id.statistics import (
+    MIN_PARTITIONS,
+    confusion_counts,
+    corrected_interval,
+    macro_f1,
+    recall_per_class,
+    sample_sd,
+)
+
+
+@dataclass(frozen=True)
+class SpaceSummary:
+    """One feature space as it was evaluated.
+
+    Parameters
+    ----------
+    name : str
+        ``"raw"``, ``"hfmh"``, ``"raw+hfmh"`` or the caller's own name.
+    paper_accuracy : float or None
+        Accuracy that the paper reports for this space on its own recordings, in [0, 1]. Never measured here.
+    learns : bool
+        True when the features were fitted on the training rows of each partition.
+    n_features : int
+        Length of a feature vector.
+    seconds : mapping of str to float
+        Time spent in the stages ``features``, ``gram``, ``training`` and ``prediction``, controls left out. What
+        several spaces share is counted for each, as it would take alone, and with several threads the stages of
+        different partitions overlap: the sum exceeds the time that passed, which is `EvaluationResult.wall_s`.
+    settings : mapping
+        Parameters of the transformer.
+    """
+
+    name: str
+    paper_accuracy: float | None
+    learns: bool
+    n_features: int
+    seconds: Mapping[str, float]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What one partition said about one recording."""
+
+    protocol: str
+    partition: int
+    space: str
+    row: int
+    recording: str
+    session: str
+    label: str
+    predicted: str
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome:
+    """The numbers of an `EvaluationResult`, which says what the fields hold; tables are drawn from them."""
+
+    spaces: tuple[SpaceSummary, ...]
+    partitions: Mapping[str, tuple[Partition, ...]]
+    predicted: Mapping[tuple[str, str], tuple[NDArray[np.intp], ...]]
+    labels: tuple[str, ...]
+    truth: NDArray[np.intp]
+    names: tuple[str, ...]
+    sessions: tuple[str, ...]
+    settings: Mapping[str, Any]
+    data: Mapping[str, Any]
+    versions: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+    synthetic: bool = False
+    command: str = ""
+    controls: tuple[Control, ...] = ()
+    portrait: Portrait | None = None
+    chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
+    wall_s: float = math.nan
+
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Protocols that ran, in order."""
+        return tuple(self.partitions)
+
+    @property
+    def strictest(self) -> str | None:
+        """The strictest protocol that ran and held out a time or session of its own; None where none did.
+
+        Whole sessions, then halves in time order, then blocks in time that stood in for sessions.
+        """
+        order = ["session", "chronological"]
+        if "session" in self.partitions and are_blocks(self.partitions["session"]):
+            order.reverse()
+        return next((name for name in order if name in self.partitions), None)
+
+    @property
+    def random(self) -> str | None:
+        """The protocol with random draws that ran, against which the strictest is held; None where none did."""
+        return next((name for name in ("paper", "kfold") if name in self.partitions), None)
+
+    @property
+    def chance(self) -> float:
+        """Accuracy of guessing when every class is equally frequent: 1 / K."""
+        return 1 / len(self.labels)
+
+    def space(self, name: str) -> SpaceSummary:
+        """Return one space by name, or raise a ValueError that lists the names."""
+        named = {space.name: space for space in self.spaces}
+        if name not in named:
+            raise ValueError(f"space must be one of {', '.join(map(repr, named))}, got {name!r}")
+        return named[name]
+
+    def best_space(self, protocol: str | None = None) -> str:
+        """Name of the space with the highest mean accuracy; of equals that which the strictest protocol prefers.
+
+        The choice uses the tested recordings: good for picking what to look at, not for claiming its accuracy.
+        """
+        protocols = (protocol, self.strictest)
+        return max(self.spaces, key=lambda s: [self.mean_accuracy(s.name, p) for p in protocols]).name
+
+    def accuracies(self, space: str, protocol: str | None = None) -> NDArray[np.float64]:
+        """Share of tested recordings named rightly, one value per partition.
+
+        Parameters
+        ----------
+        space : str
+            Name of a feature space.
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Returns
+        -------
+        (n_partitions,) float array
+            In [0, 1].
+        """
+        partitions, predicted = self._runs(space, protocol)
+        return np.array(
+            [np.mean(self.truth[p.test] == said) for p, said in zip(partitions, predicted, strict=True)]
+        )
+
+    def mean_accuracy(self, space: str, protocol: str | None = None) -> float:
+        """Mean of `accuracies`, in [0, 1]."""
+        return float(self.accuracies(space, protocol).mean())
+
+    def sd_accuracy(self, space: str, protocol: str | None = None) -> float:
+        """Sample standard deviation of `accuracies` (divisor J - 1); NaN for one partition."""
+        return sample_sd(self.accuracies(space, protocol))
+
+    def interval(self, space: str, protocol: str | None = None) -> tuple[float, float]:
+        """95 % interval of `mean_accuracy`, corrected for the recordings that partitions share.
+
+        NaN with fewer than three partitions and where all agree: see
+        `granular_id.statistics.corrected_interval`.
+        """
+        partitions, _ = self._runs(space, protocol)
+        if len(partitions) < MIN_PARTITIONS:
+            return math.nan, math.nan
+        n_train, n_test = (float(np.mean(sizes)) for sizes in _sizes(partitions))
+        return corrected_interval(self.accuracies(space, protocol), n_train, n_test)
+
+    def comparison(self, protocol: str | None = None) -> Comparison:
+        """Compare every space with every other on the same partitions; ``print`` it for a table.
+
+        Parameters
+        ----------
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Raises
+        ------
+        ValueError
+            A protocol that did not run, or a single space.
+        """
+        names = [space.name for space in self.spaces]
+        partitions, _ = self._runs(names[0], protocol)
+        accuracies = {name: self.accuracies(name, protocol) for name in names}
+        return compare(names, accuracies, *_sizes(partitions), protocol=partitions[0].protocol)
+
+    def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
+        """Confusion matrix summed over the partitions of a protocol.
+
+        Parameters
+        ----------
+        space : str, optional
+            Default: `best_space`.
+        protocol : str, optional
+            Default: the first protocol that ran.
+
+        Returns
+        -------
+        (K, K) int array
+            Row: true class, column: predicted class, in the order of `labels`.
+        """
+        partitions, predicted = self._runs(space or self.best_space(protocol), protocol)
+        truth = np.concatenate([self.truth[partition.test] for partition in partitions])
+        return confusion_counts(truth, np.concatenate(predicted), len(self.labels))
+
+    def recall(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.float64]:
+        """Share of each class named rightly, over all partitions: (K,) in the order of `labels`."""
+        return recall_per_class(self.confusion(space, protocol))
+
+    def macro_f1(self, space: str | None = None, protocol: str | None = None) -> float:
+        """Mean F1 over classes, from the confusion matrix summed over partitions."""
+        return macro_f1(self.confusion(space, protocol))
+
+    def gap(self, space: str) -> float | None:
+        """Accuracy lost between random draws and the strictest protocol; None unless both ran.
+
+        Mean accuracy of `random` minus that of `strictest`, each over its partitions.
+        """
+        if self.random is None or self.strictest is None:
+            return None
+        return self.mean_accuracy(space, self.random) - self.mean_accuracy(space, self.strictest)
+
+    def predictions(self) -> Iterator[Prediction]:
+        """Every prediction: by protocol, space and partition, then row."""
+        for protocol, partitions in self.partitions.items():
+            for space in self.spaces:
+                for partition, said in zip(partitions, self.predicted[protocol, space.name], strict=True):
+                    for row, code in zip(partition.test.tolist(), said.tolist(), strict=True):
+                        yield Prediction(
+                            protocol=protocol,
+                            partition=partition.index,
+                            space=space.name,
+                            row=row,
+                            recording=self.names[row],
+                            session=self.sessions[row],
+                            label=self.labels[self.truth[row]],
+                            predicted=self.labels[code],
+                        )
+
+    def _runs(
+        self, space: str, protocol: str | None
+    ) -> tuple[tuple[Partition, ...], tuple[NDArray[np.intp], ...]]:
+        name = self.space(space).name
+        chosen = self.protocols[0] if protocol is None else protocol
+        if chosen not in self.partitions:
+            known = ", ".join(map(repr, self.partitions))
+            raise ValueError(f"protocol must be one of those that ran ({known}), got {protocol!r}")
+        return self.partitions[chosen], self.predicted[chosen, name]
+
+
+def _sizes(partitions: tuple[Partition, ...]) -> tuple[list[int], list[int]]:
+    """Count recordings that train and that are tested, per partition."""
+    return [p.train.size for p in partitions], [p.test.size for p in partitions]
