@@ -8,7 +8,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.report_data import Portrait, can_look, portrait, weight_blocks
+from granular_id.evaluation.report_data import Portrait, is_traceable, portrait, weight_blocks
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
 from granular_id.spaces.multiband import band_columns
@@ -70,7 +70,7 @@ def test_influence_equals_that_of_the_weights_themselves(data, whitened):
 def test_scaled_columns_keep_their_place(data):
     X, y = data
     scaled = make_pipeline(RawSignal(), StandardScaler()).fit(X)
-    assert can_look(scaled)
+    assert is_traceable(scaled)
     (block,) = weight_blocks(X, y, scaled)
     assert (block.name, block.kind) == ("raw", "time")
     assert block.weights.sum() > 0

@@ -11,7 +11,7 @@ from sklearn.decomposition import PCA
 
 from evaluation_cases import LABELS, make_data
 from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
-from granular_id.evaluation.report_data import POINTS, Portrait, portrait, rounded, thinned, weight_blocks
+from granular_id.evaluation.report_data import POINTS, Portrait, downsampled, portrait, rounded, weight_blocks
 
 SAMPLES = 450
 
@@ -81,8 +81,8 @@ def test_influence_equals_that_of_the_weights_themselves(data):
     for block, columns in zip(blocks, (slice(0, 6 * SAMPLES), slice(6 * SAMPLES, None)), strict=True):
         expected = share[columns].reshape(6, -1)
         np.testing.assert_allclose(block.shares, expected.sum(axis=1), rtol=1e-4)
-        np.testing.assert_allclose(block.influence, thinned(expected), rtol=1e-4, atol=1e-12)
-        means = thinned(size.mean(axis=0)[columns].reshape(6, -1))
+        np.testing.assert_allclose(block.influence, downsampled(expected), rtol=1e-4, atol=1e-12)
+        means = downsampled(size.mean(axis=0)[columns].reshape(6, -1))
         np.testing.assert_allclose(block.weights, means, rtol=1e-4, atol=1e-9)
         assert block.influence.shape[1] <= POINTS
     assert sum(block.shares.sum() for block in blocks) == pytest.approx(1.0, abs=1e-4)
@@ -105,6 +105,11 @@ def test_json_and_back_keeps_every_number(seen):
     assert again.to_dict() == seen.to_dict()
     assert again.weights[0].influence.dtype == np.float64
     assert len(text) < 1_000_000
+
+
+def test_short_curves_stay_as_they_are():
+    assert downsampled(np.array([1.0, 3.0, 5.0, 7.0]), most=2).tolist() == [2.0, 6.0]
+    assert downsampled(np.array([1.0, 3.0])).tolist() == [1.0, 3.0]
 
 
 def test_rounding_keeps_five_digits():
