@@ -34,7 +34,7 @@ class Page(HTMLParser):
         for name, value in attrs:
             if name == "id":
                 self.ids.append(value)
-            if name == "href" and value.startswith("#"):
+            if name in {"href", "xlink:href"} and value.startswith("#"):
                 self.references.append(value[1:])
             self.references += re.findall(r"url\(#([^)]+)\)", value or "")
         if tag not in VOID:

@@ -28,7 +28,7 @@ from granular_id.evaluation import (
 )
 from granular_id.plotting import AXIS_LINES
 from granular_id.recording import SEVERE, StepReport
-from granular_id.report.figures import Picture, pictures
+from granular_id.report.figures import Picture, inline_svg, pictures
 from granular_id.splits import protocol_name
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def html(result: EvaluationResult) -> str:
             space=space,
             warnings=warnings,
             notes=notes,
-            figures=_grouped(pictures(result, space, result.portrait)),
+            figures=_grouped(pictures(result, space)),
             accuracies=Table(
                 "", accuracies.header, accuracies.rows, (PAPER_NOTE,) if shows_paper(result) else ()
             ),
@@ -122,7 +122,9 @@ def _environment() -> Any:
         lstrip_blocks=True,
     )
     environment.filters["is_words"] = lambda cell: cell[:1].isalpha()
-    environment.filters["svg"] = lambda picture, key: Markup(picture.svg(key))  # escaped by the XML writer
+    environment.filters["svg"] = lambda picture, key: Markup(  # escaped by the XML writer
+        inline_svg(picture.figure, key, picture.alt)
+    )
     return environment
 
 
