@@ -1,8 +1,7 @@
 """What an interrupted evaluation had finished, kept on disk, one file for each space and partition.
 
-Files are written under another name and renamed, so that a process that is killed leaves whole files only. The
-folder knows what it belongs to: `run.json` holds a fingerprint of the recordings, the settings, the partitions
-and the versions. Anything else would mix numbers of two evaluations.
+`run.json` says what the folder belongs to, by a fingerprint of recordings, settings, partitions and versions: anything
+else would mix numbers of two evaluations.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ from granular_id.recording import Dataset
 from granular_id.spaces import Chosen
 from granular_id.splits import Partition
 
-__all__ = ["RUN", "Checkpoint", "OtherEvaluationError", "fingerprint"]
-
 FORMAT = "granular_id.checkpoint/3"
 RUN = "run.json"
 """Name of the file that says what a folder belongs to."""
@@ -34,23 +31,7 @@ class OtherEvaluationError(ValueError):
 
 
 def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequence[Partition]) -> str:
-    """Digest of all that has a say in the predictions.
-
-    Parameters
-    ----------
-    data : Dataset
-        Recordings of equal length and rate: samples, labels, sessions and times count, names do too.
-    described : mapping
-        Settings and versions, in types that JSON knows. Numbers of threads, at any depth, do not count.
-    partitions : sequence of Partition
-        Rows that train and that are tested.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
-    digest = hashlib.blake2b(digest_size=16)
+    """Digest of all that has a say in the predictions: recordings, settings and versions, rows of each partition."""
     plain = {
         **_what_counts(described),
         "shape": data.X.shape,
@@ -60,7 +41,7 @@ def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequenc
         ],
         "partitions": [[p.protocol, p.index, p.train.tolist(), p.test.tolist()] for p in partitions],
     }
-    digest.update(json.dumps(plain, sort_keys=True).encode())
+    digest = hashlib.blake2b(json.dumps(plain, sort_keys=True).encode(), digest_size=16)
     digest.update(np.ascontiguousarray(data.X, dtype="<f8").data)
     return digest.hexdigest()
 
@@ -76,30 +57,10 @@ def _what_counts(described: Any) -> Any:
 
 
 class Checkpoint:
-    """A folder of finished partitions.
+    """A folder of finished partitions; a ValueError where it belongs to another evaluation or holds something else.
 
-    Parameters
-    ----------
-    folder : path-like
-        Made where it is missing. A folder that holds anything but a checkpoint is refused.
-    mark : str
-        From `fingerprint`.
-    n_classes : int
-        Class numbers in files must be below this.
-
-    Attributes
-    ----------
-    n_loaded : int
-        Partitions of earlier runs that were used.
-    damaged : list of str
-        Files that could not be used; their partitions are computed anew, and the files replaced.
-
-    Raises
-    ------
-    ValueError
-        The folder belongs to another evaluation, or holds something else.
-    OSError
-        It cannot be made or written.
+    `mark` comes from `fingerprint`; class numbers lie below `n_classes`. `n_loaded` counts partitions of earlier
+    runs, `damaged` names files that could not be used: their partitions are computed anew, and the files replaced.
     """
 
     def __init__(self, folder: str | os.PathLike[str], mark: str, n_classes: int) -> None:
@@ -126,14 +87,9 @@ class Checkpoint:
         """Return what an earlier run said about a partition; None where there is nothing, or nothing usable."""
         path = self._path(task, partition)
         try:
-            text = path.read_text(encoding="utf-8")
+            answer = self._answer(json.loads(path.read_text(encoding="utf-8")), task, partition)
         except FileNotFoundError:
             return None
-        except UnicodeDecodeError:
-            self.damaged.append(path.name)
-            return None
-        try:
-            answer = self._answer(json.loads(text), task, partition)
         except (ValueError, KeyError, TypeError):
             # A disk that was full or lost power: computing one partition again beats giving up.
             self.damaged.append(path.name)
@@ -160,13 +116,12 @@ class Checkpoint:
 
     def notes(self) -> list[str]:
         """Lines for the reader of the result."""
-        lines = []
-        if self.n_loaded:
-            lines.append(f"resumed: {self.n_loaded} partitions were finished by an earlier run")
+        lines = (
+            [f"resumed: {self.n_loaded} partitions were finished by an earlier run"] if self.n_loaded else []
+        )
         if self.damaged:
-            lines.append(
-                f"{len(self.damaged)} damaged checkpoint files were computed anew, the first is {self.damaged[0]!r}"
-            )
+            count, first = len(self.damaged), self.damaged[0]
+            lines.append(f"{count} damaged checkpoint files were computed anew, the first is {first!r}")
         return lines
 
     def _path(self, task: str, partition: Partition) -> Path:
@@ -201,9 +156,11 @@ class Checkpoint:
             raise ValueError("not one class number for each tested recording")
         if predicted.min() < 0 or predicted.max() >= self._n_classes:
             raise ValueError("a class number out of range")
-        seconds, shared = (
-            {stage: float(saved[key][stage]) for stage in STAGES} for key in ("seconds", "shared_seconds")
+        return Answer(
+            predicted=predicted.astype(np.intp),
+            n_features=saved["n_features"],
+            seconds={stage: saved["seconds"][stage] for stage in STAGES},
+            shared_seconds={stage: saved["shared_seconds"][stage] for stage in STAGES},
+            chosen=None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"]),
+            has_weights=saved["has_weights"],
         )
-        chosen = None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"])
-        n_features, has_weights = int(saved["n_features"]), saved["has_weights"] is True
-        return Answer(predicted.astype(np.intp), n_features, seconds, shared, chosen, has_weights)

@@ -1,4 +1,4 @@
-"""``report``: one file of HTML that needs nothing else."""
+"""``report``: an evaluation as one file of HTML that needs nothing else."""
 
 from __future__ import annotations
 
@@ -28,11 +28,32 @@ from granular_id.evaluation import (
 )
 from granular_id.plotting import AXIS_LINES
 from granular_id.recording import SEVERE, StepReport
-from granular_id.report.figures import Picture, inline_svg, pictures
+from granular_id.report.figures import inline_svg, pictures
 from granular_id.splits import protocol_name
 
 if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
+
+_APART = {
+    "held-out sessions": "different sessions",
+    "blocks in time order": "different stretches of time",
+    "halves in time order": "different halves in time",
+}
+_VERDICTS = {
+    "lost": (
+        "{points} points do not survive {apart}. Recordings made together resemble each other in more than their "
+        "material, and random draws put them on both sides. For new recordings, count on the lower figure."
+    ),
+    "unsure": (
+        "{points} points less with {apart}, which lies within the uncertainty of the figure for random draws: "
+        "these recordings do not show a gap, and are too few to rule one out. For new recordings, count on the "
+        "lower figure."
+    ),
+    "kept": (
+        "Less than a point is lost between random draws and {apart}: these recordings give no sign that it is "
+        "their session that is recognised instead of their material."
+    ),
+}
 
 
 def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
@@ -76,23 +97,21 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
 
 def html(result: EvaluationResult) -> str:
     """Return the page that `report` writes."""
-    environment = _environment()
+    template = _template()
     space = result.best_space(result.random)
     warnings, notes = split_notes(result)
     accuracies = accuracy_table(result)
     judged = result.strictest or result.protocols[0]
     return str(
-        environment.get_template("page.html").render(
+        template.render(
             result=result,
             style=files(__package__).joinpath("style.css").read_text(encoding="utf-8"),
             gap=gap_of(result, space),
             space=space,
             warnings=warnings,
             notes=notes,
-            figures=_grouped(pictures(result, space)),
-            accuracies=Table(
-                "", accuracies.header, accuracies.rows, (PAPER_NOTE,) if shows_paper(result) else ()
-            ),
+            figures=pictures(result, space),
+            accuracies=replace(accuracies, notes=(PAPER_NOTE,) if shows_paper(result) else ()),
             controls=controls_table(result, space),
             comparisons=[_in_words(table, result) for table in comparison_tables(result, space)],
             choices=choice_tables(result),
@@ -108,7 +127,7 @@ def html(result: EvaluationResult) -> str:
     )
 
 
-def _environment() -> Any:
+def _template() -> Any:
     try:
         from jinja2 import Environment, PackageLoader, StrictUndefined  # an extra
         from markupsafe import Markup  # comes with jinja2
@@ -122,17 +141,16 @@ def _environment() -> Any:
         lstrip_blocks=True,
     )
     environment.filters["is_words"] = lambda cell: cell[:1].isalpha()
-    environment.filters["svg"] = lambda picture, key: Markup(  # escaped by the XML writer
-        inline_svg(picture.figure, key, picture.alt)
-    )
-    return environment
+    # matplotlib escapes what it writes.
+    environment.filters["svg"] = lambda one, key: Markup(inline_svg(one.figure, key, one.alt))
+    return environment.get_template("page.html")
 
 
-def _grouped(drawn: Sequence[Picture]) -> dict[str, list[Picture]]:
-    groups: dict[str, list[Picture]] = {}
-    for picture in drawn:
-        groups.setdefault(picture.group, []).append(picture)
-    return groups
+def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the warnings and the other notes, without the word that marks them."""
+    marked = (note for note in result.notes if note.startswith(SEVERE))
+    others = (note for note in result.notes if not note.startswith(SEVERE))
+    return tuple(note.partition(": ")[2] for note in marked), tuple(others)
 
 
 def _in_words(table: Table, result: EvaluationResult) -> Table:
@@ -164,33 +182,9 @@ def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-# The sentences of a report: headline, gap, what a reader has to know.
-
-_APART = {
-    "held-out sessions": "different sessions",
-    "blocks in time order": "different stretches of time",
-    "halves in time order": "different halves in time",
-}
-_VERDICTS = {
-    "lost": (
-        "{points} points do not survive {apart}. Recordings made together resemble each other in more than their "
-        "material, and random draws put them on both sides. For new recordings, count on the lower figure."
-    ),
-    "unsure": (
-        "{points} points less with {apart}, which lies within the uncertainty of the figure for random draws: "
-        "these recordings do not show a gap, and are too few to rule one out. For new recordings, count on the "
-        "lower figure."
-    ),
-    "kept": (
-        "Less than a point is lost between random draws and {apart}: these recordings give no sign that it is "
-        "their session that is recognised instead of their material."
-    ),
-}
-
-
 @dataclass(frozen=True)
 class Side:
-    """One of the two figures: what protocol, how accurate, how sure."""
+    """One of the two accuracies of a gap: of what protocol, and how sure."""
 
     protocol: str
     name: str
@@ -200,15 +194,10 @@ class Side:
 
 @dataclass(frozen=True)
 class Gap:
-    """The two accuracies a reader must see together, and what they mean.
+    """The two accuracies that a reader must see together, and what they mean.
 
-    Attributes
-    ----------
-    kind : {"lost", "unsure", "kept", "unknown"}
-        Points are lost; so few that chance explains them; less than one; no strict protocol ran beside random
-        draws.
-    points : (str, str)
-        How many more or fewer, and the unit; no difference where that rounds to none.
+    `kind` is "lost" where accuracy is lost, "unsure" where chance explains it, "kept" where it is less than a point,
+    "unknown" without a strict protocol beside random draws. `points` holds the difference and its unit.
     """
 
     kind: str
@@ -223,14 +212,19 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     """Put the gap of one space into words."""
     shown = [name for name in (result.random, result.strictest) if name is not None]
     sides = tuple(_side(result, space, name) for name in shown or result.protocols[:1])
+    n_spaces = len(result.spaces)
+    choice = (
+        f"the best of {n_spaces} feature spaces, chosen by these same recordings: a little flattered by that"
+    )
+    chosen = (choice,) if n_spaces > 1 else ()
     gap = result.gap(space)
     if gap is None:
         headline = f"{space} names {sides[0].accuracy} of recordings rightly ({sides[0].name})"
-        return Gap("unknown", headline, sides, ("", ""), _one_sided(result, sides[0]), _chosen(result))
+        return Gap("unknown", headline, sides, ("", ""), _one_sided(result, sides[0]), chosen)
     random, strict = sides
     apart = _APART.get(strict.name, strict.name)
     kind = _kind(result, space, gap)
-    but = {"lost": "but only", "unsure": "and"}.get(kind, "and still")
+    but = {"lost": "but only", "unsure": "and", "kept": "and still"}[kind]
     headline = (
         f"{space} names {random.accuracy} of recordings rightly when training and test are drawn at random, "
         f"{but} {strict.accuracy} when they come from {apart}"
@@ -239,26 +233,11 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
     best = result.best_space(strict.protocol)
     if best != space:
-        remarks.append(
-            f"best with {strict.name}: {best}, {percent(result.mean_accuracy(best, strict.protocol))}"
-        )
+        accuracy = percent(result.mean_accuracy(best, strict.protocol))
+        remarks.append(f"best with {strict.name}: {best}, {accuracy}")
     change = f"{-100 * gap:+.1f}".replace("-", "−")
-    points = (change, "points") if change.strip("+−") != "0.0" else ("no", "difference")
-    return Gap(kind, headline, sides, points, verdict, (*remarks, *_chosen(result)))
-
-
-def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the warnings and the other notes, without the word that marks them."""
-    marked = [note for note in result.notes if note.startswith(SEVERE)]
-    others = [note for note in result.notes if not note.startswith(SEVERE)]
-    return tuple(note.partition(": ")[2] for note in marked), tuple(others)
-
-
-def _chosen(result: EvaluationResult) -> tuple[str, ...]:
-    n = len(result.spaces)
-    if n == 1:
-        return ()
-    return (f"the best of {n} feature spaces, chosen by these same recordings: a little flattered by that",)
+    points = (change, "points") if change[1:] != "0.0" else ("no", "difference")
+    return Gap(kind, headline, sides, points, verdict, (*remarks, *chosen))
 
 
 def _kind(result: EvaluationResult, space: str, gap: float) -> str:
@@ -270,19 +249,18 @@ def _kind(result: EvaluationResult, space: str, gap: float) -> str:
 
 
 def _side(result: EvaluationResult, space: str, protocol: str) -> Side:
-    partitions = result.partitions[protocol]
     values = result.accuracies(space, protocol)
     low, high = result.interval(space, protocol)
     if np.isfinite(low):
         spread = f"95 % interval {100 * low:.1f} to {100 * high:.1f} %, {counted(len(values), 'partition')}"
     elif len(values) == 1:
         spread = "one partition"
+    elif len(values) == 2:
+        spread = " and ".join(f"{100 * value:.1f} %" for value in values.tolist())
     else:
-        each = " and ".join(f"{100 * value:.1f} %" for value in values.tolist())
-        spread = each if len(values) == 2 else f"the same in each of {counted(len(values), 'partition')}"
-    return Side(
-        protocol, protocol_name(protocol, partitions), percent(result.mean_accuracy(space, protocol)), spread
-    )
+        spread = f"the same in each of {counted(len(values), 'partition')}"
+    name = protocol_name(protocol, result.partitions[protocol])
+    return Side(protocol, name, percent(result.mean_accuracy(space, protocol)), spread)
 
 
 def _one_sided(result: EvaluationResult, side: Side) -> str:
