@@ -120,7 +120,7 @@ def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_pa
         assert block.shares.sum() == pytest.approx(shares[block.name].sum() / sizes.sum(), rel=1e-3)
     result.report(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert f"One model of best ({seen.looked_with})" in page
+    assert f"Weights of one linear model of best ({seen.looked_with})" in page
     assert "What best chose in each partition" in page
 
 
@@ -206,7 +206,7 @@ def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes):
     assert f"these have {' '.join(axes)}" in " ".join(output.split())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "What best chose in each partition" in page
-    assert "Where the linear model looks" not in page
+    assert "Feature importance" not in page
 
 
 def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):

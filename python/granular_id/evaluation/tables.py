@@ -282,9 +282,9 @@ def _choices(result: Outcome, space: str, chosen: Mapping[str, Sequence[Chosen]]
     ]
     seed = result.space(space).settings.get("own_classifier", {}).get("random_state")
     if seed is not None:
-        notes.append(f"seed of random folds: {seed}; the model is the mean of the machines that were taken")
-    title = f"What {space} chose: machines taken, of the partitions that trained{_mark(result)}"
-    return Table(title, ("machine", *names, "held-out accuracy"), tuple(rows), tuple(notes))
+        notes.append(f"seed of random folds: {seed}; the model is the mean of the candidates that were taken")
+    title = f"What {space} chose: candidate models taken, of the partitions that trained{_mark(result)}"
+    return Table(title, ("candidate", *names, "held-out accuracy"), tuple(rows), tuple(notes))
 
 
 def _choice_by_partition(result: Outcome, space: str, chosen: Mapping[str, Sequence[Chosen]]) -> Table:
@@ -302,13 +302,13 @@ def _choice_by_partition(result: Outcome, space: str, chosen: Mapping[str, Seque
         )
     ]
     notes = [
-        "held out: the machines together, on the recordings of the training that chose them, so too good; "
+        "held out: the candidates together, on the recordings of the training that chose them, so too good; "
         "tested: on the recordings of the partition"
     ]
     if len(rows) > _MOST_PARTITIONS:
         notes.append(f"and {len(rows) - _MOST_PARTITIONS} more partitions: the JSON file has all")
     title = f"What {space} chose in each partition{_mark(result)}"
-    header = ("partition", "machines", "held out", "tested")
+    header = ("partition", "candidates", "held out", "tested")
     return Table(title, header, tuple(rows[:_MOST_PARTITIONS]), tuple(notes))
 
 
