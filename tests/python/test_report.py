@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from evaluation_cases import make_data
+from granular_id.plotting import INK, new_figure
 from granular_id.report import figures, report
+from granular_id.report.figures import inline_svg
 from granular_id.report.page import gap_of, html, split_notes
 from granular_id.synthetic import synthesize
 from report_cases import HOSTILE, page_of, result_of, small_result
@@ -123,6 +125,21 @@ def test_every_number_of_the_tables_is_there(result, page):
 def test_ids_are_single_and_every_reference_has_its_target(page):
     assert len(set(page.ids)) == len(page.ids)
     assert set(page.references) <= set(page.ids)
+
+
+def test_a_figure_is_drawn_the_same_twice_with_ids_of_its_own():
+    def draw(key):
+        figure = new_figure(2, 2)
+        figure.subplots().plot([0, 1], color=INK)
+        return inline_svg(figure, key, 'a "line"')
+
+    one, again, other = map(draw, ("a-1", "a-1", "a-2"))
+    assert one == again
+    ids = [re.findall(r' id="([^"]+)"', svg) for svg in (one, other)]
+    assert len(ids[0]) > 1
+    assert not set(ids[0]) & set(ids[1])
+    assert "stroke: var(--ink)" in one
+    assert 'aria-label="a &quot;line&quot;"' in one
 
 
 def test_every_figure_says_what_it_shows(result, page):

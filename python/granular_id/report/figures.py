@@ -156,11 +156,7 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
 
     for patch in (figure.patch, *(panel.patch for panel in figure.axes)):
         patch.set_visible(False)  # the page shows through
-    settings: Any = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": key,
-        "font.sans-serif": ["DejaVu Sans"],
-    }
+    settings: Any = {"svg.fonttype": "none", "svg.hashsalt": key, "font.sans-serif": ["DejaVu Sans"]}
     stream = io.StringIO()
     with _settings_lock, mpl.rc_context(settings), warnings.catch_warnings():
         # The page's fonts draw the letters; what matplotlib's own font lacks does not matter.
@@ -181,19 +177,9 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """One figure of the page.
+    """One figure of the page: the section that shows it, what stands above it, and what it shows in words.
 
-    Attributes
-    ----------
-    group : str
-        Which section shows it.
-    title : str
-        What stands above it; empty where the figure says so itself.
-    figure : matplotlib.figure.Figure
-    alt : str
-        What it shows, for those who cannot see it.
-    narrowest : int
-        Pixels below which the figure is scrolled instead of shrunk.
+    On a screen that would make it narrower than `narrowest` pixels it is scrolled instead of shrunk.
     """
 
     group: str
@@ -207,11 +193,8 @@ def pictures(result: EvaluationResult, space: str) -> list[Picture]:
     """Draw all figures in the order of the page: gap, confusion and recall of one space, then the recordings."""
     drawn = [*_of_results(result, space)]
     if result.portrait is not None:
-        drawn += [
-            *_of_forces(result.portrait),
-            *_of_high_pass(result.portrait),
-            *_of_weights(result.portrait),
-        ]
+        for draw in (_of_forces, _of_high_pass, _of_weights):
+            drawn += draw(result.portrait)
     return drawn
 
 
