@@ -1,4 +1,4 @@
-"""Where a linear model looks in the multi-band space: in portrait, figure and report."""
+"""Weights of a linear model in the multi-band space: in the report data, figure and page."""
 
 import json
 

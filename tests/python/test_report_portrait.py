@@ -1,4 +1,4 @@
-"""What a portrait holds, against plain numpy and scipy."""
+"""What a report draws of the recordings, against plain numpy and scipy."""
 
 from __future__ import annotations
 
@@ -86,6 +86,14 @@ def test_influence_equals_that_of_the_weights_themselves(data):
         np.testing.assert_allclose(block.weights, means, rtol=1e-4, atol=1e-9)
         assert block.influence.shape[1] <= POINTS
     assert sum(block.shares.sum() for block in blocks) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_the_weights_lie_where_the_classes_differ():
+    X = np.zeros((4, 3, 6))
+    X[2:, 1, 0] = 1.0  # in Fx, in the second of three samples
+    (raw,) = weight_blocks(X, np.array(["a", "a", "b", "b"]), RawSignal().fit(X))
+    assert raw.axes[raw.shares.argmax()] == "fx"
+    assert raw.influence[0].tolist() == [0.0, 1.0, 0.0]
 
 
 def test_the_first_space_with_a_link_to_the_recording_is_looked_at(data):

@@ -220,13 +220,6 @@ def portrait(
     The first of `spaces` whose features belong to instants, bins, frequencies or bands gives the weights: those of
     `classifier` (see `weight_blocks`) or, where `own` has one for the space, of that, trained here; None there means
     that it has no weights. The first space that holds an `HFMH` says how to high-pass, else the paper's settings do.
-
-    Examples
-    --------
-    >>> from granular_id import RawHFMH, synthesize
-    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
-    >>> seen.labels, seen.mean.shape, seen.high_pass.hfmh.shape, seen.looked_at
-    (('fine sugar', 'rice'), (2, 6, 200), (2, 6, 100), 'raw+hfmh')
     """
     X, y, rate_hz = data.X, data.y, data.rate_hz
     labels = np.unique(y)
@@ -329,15 +322,6 @@ def weight_blocks(
     `is_traceable` holds, fitted on these recordings. A `classifier` that was trained on its features and has their
     weights in `coef_` (L, D) is the model; any other lends its coding and C where it is an `ECOCClassifier` that
     works on scalar products, and is replaced by ``ECOCClassifier()`` where not.
-
-    Examples
-    --------
-    >>> from granular_id import RawSignal
-    >>> X = np.zeros((4, 3, 6))
-    >>> X[2:, 1, 0] = 1.0  # the classes differ in Fx, in the second of three samples
-    >>> (raw,) = weight_blocks(X, np.array(["a", "a", "b", "b"]), RawSignal().fit(X))
-    >>> raw.axes[raw.shares.argmax()], raw.influence[0].tolist()
-    ('fx', [0.0, 1.0, 0.0])
     """
     space, scaling = _without_scaling(fitted)
     bands = band_columns(space)
