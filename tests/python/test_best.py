@@ -11,8 +11,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.spaces import BlockScaler, WithinClassWhitening
-from granular_id.spaces.best import BestClassifier, fitted_line, held_out_scores
-from granular_id.spaces.candidates import choose, plan_machines
+from granular_id.spaces.best import BestClassifier, choose, fitted_line, held_out_scores, plan_candidates
 from granular_id.splits import choice_folds
 
 
@@ -55,7 +54,7 @@ def test_each_machine_equals_its_pipeline():
     X, y, _ = drifting()
     _, codes = np.unique(y, return_inverse=True)
     train, test = np.arange(0, 40), np.arange(40, 60)
-    machines = plan_machines(list(BLOCKS), ["level"], [None, 1e-2], [1.0, 10.0])
+    machines = plan_candidates(list(BLOCKS), ["level"], [None, 1e-2], [1.0, 10.0])
     assert len(machines) == 8
     scores = held_out_scores(X, codes, BLOCKS, machines, train, test)
     for machine, own_scores in zip(machines, scores, strict=True):

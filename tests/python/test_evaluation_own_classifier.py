@@ -27,8 +27,7 @@ from granular_id.evaluation.tables import choice_tables
 from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import HFMH, FeatureSpace
-from granular_id.spaces.best import BestClassifier
-from granular_id.spaces.candidates import Chosen
+from granular_id.spaces.best import BestClassifier, Chosen
 from granular_id.splits import origins_of
 from multiband_cases import louder
 

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id.spaces import BlockScaler, learns
+from granular_id.spaces import BlockScaler, learns, tell_blocks
 from granular_id.spaces.best import BestClassifier
 
 
@@ -93,3 +93,9 @@ def test_the_text_keeps_the_order_of_blocks(kind):
         assert list(again.blocks.items()) == list(clone(estimator).blocks.items()) == list(sizes.items())
         within = repr(make_pipeline(estimator))
         assert within.index("spectrum") < within.index("coupling") < within.index("bbb") < within.index("aaa")
+
+
+def test_sizes_are_told_where_they_are_open():
+    for scaler, blocks in ((BlockScaler(), {"left": 2, "right": 1}), (BlockScaler([3]), [3])):
+        tell_blocks(scaler, {"left": 2, "right": 1})
+        assert scaler.blocks == blocks

@@ -11,8 +11,7 @@ from granular_id.spaces.base import (
     feature_blocks,
     tell_blocks,
 )
-from granular_id.spaces.best import DECODING, BestClassifier
-from granular_id.spaces.candidates import Choice, Chosen
+from granular_id.spaces.best import DECODING, BestClassifier, Choice, Chosen
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.gram_plan import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram

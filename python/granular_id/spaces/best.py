@@ -1,45 +1,51 @@
-"""The classifier behind the preset "best": chooses among few linear machines on held-out rows, and is one of them."""
+"""The classifier of the preset "best": tries a few candidate models on held-out rows, and is the mean of the best."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import groupby, product
 from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import checked_n_jobs
+from granular_id._checks import checked_n_jobs, positive_number
 from granular_id._parallel import in_threads, single_threaded_blas
+from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
 from granular_id.gram import linear_gram
-from granular_id.spaces.candidates import Choice, Machine, choose, plan_machines
 from granular_id.spaces.multiband import BAND_LOSS
 from granular_id.spaces.scaling import (
     BlockScaler,
+    BlockSizes,
+    OrderedBlocks,
     WithinClassWhitening,
     block_slices,
     folded_back,
     whitened_grams,
 )
-from granular_id.spaces.union import BlockSizes, SizesParameter
 from granular_id.splits import NONE, ChoiceFolds, choice_folds
-
-# BestClassifier: scaling, whitening and cost chosen on held-out rows, folded into one linear model.
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
 DECODING = "loss_weighted"
 
+# Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
+# steps to find that out.
+_MOST_AT_BOUND = 0.5
 
-class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+
+class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
-    Every machine it tries standardises the columns, gives each block the same weight, may whiten within classes
+    Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
     later: whole sessions, else halves in time, else random rows. The mean of the scores of those that come within
@@ -83,7 +89,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     choice_ : Choice
         What was tried, on which folds, and what was chosen; ``print(choice_)`` shows a table.
     held_out_scores_ : ndarray, shape (n, L)
-        Binary scores of each training row by the chosen machines trained without it (without its session, or
+        Binary scores of each training row by the chosen candidates trained without it (without its session, or
         block in time), the mean over repeats; NaN for rows that were never held out. For calibration.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
@@ -97,8 +103,8 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     Notes
     -----
     Where no two classes have two recordings nothing can be held out, and nothing chosen: the model is then the mean
-    of all machines. `choice_` says so. A class with one recording always trains. A single machine, one shrinkage and
-    one relative cost without optional blocks, needs no choice, and nothing is held out.
+    of all candidates. `choice_` says so. A class with one recording always trains. A single candidate, one shrinkage
+    and one relative cost without optional blocks, needs no choice, and nothing is held out.
 
     The accuracy in `choice_` made the choice, and is too good by what the choice won; judge with folds around `fit`,
     as `granular_id.evaluate` does.
@@ -115,7 +121,6 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     'random recordings'
     """
 
-    blocks = SizesParameter()
     classes_: npt.NDArray[Any]
     coding_matrix_: npt.NDArray[np.int8]
     coef_: FloatArray
@@ -175,45 +180,53 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         classes, codes = class_indices(labels, None)
         slices = block_slices(self.blocks, rows.shape[1])
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
-        machines = plan_machines(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
+        candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
         planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed)
-        if len(machines) == 1:
+        if len(candidates) == 1:
             planned = ChoiceFolds((), NONE, "no folds: one machine leaves nothing to choose")
+        tests = [test for _, test in planned.folds]
+        costs = sorted({candidate.relative_cost for candidate in candidates})
         matrix = onevsone(len(classes))
 
-        def scored(fold: tuple[Rows, Rows]) -> FloatArray:
-            return held_out_scores(rows, codes, sizes, machines, *fold)
+        def accuracy(scores: FloatArray, test: Rows) -> float:
+            winners = class_values(scores, matrix, loss, DECODING).argmax(axis=1)
+            return float(np.mean(winners == codes[test]))
 
-        def decoded(scores: FloatArray) -> Rows:
-            winners: Rows = class_values(scores, matrix, loss, DECODING).argmax(axis=1)
-            return winners
+        def line(k: int) -> Line:
+            lower = [cost for cost in costs if cost < candidates[k].relative_cost]
+            return fitted_line(rows, codes, sizes, candidates[k], lower)
 
         # One thread of algebra: with more the last bits would depend on their number.
         with single_threaded_blas():
-            scores = in_threads(scored, planned.folds, self.n_jobs)
+            scores = in_threads(
+                lambda fold: held_out_scores(rows, codes, sizes, candidates, *fold),
+                planned.folds,
+                self.n_jobs,
+            )
             accuracies = np.array(
                 [
-                    [np.mean(decoded(one) == codes[test]) for one in of_fold]
-                    for of_fold, (_, test) in zip(scores, planned.folds, strict=True)
+                    [accuracy(of_candidate, test) for of_candidate in of_fold]
+                    for of_fold, test in zip(scores, tests, strict=True)
                 ]
-            ).reshape(len(planned.folds), len(machines))
-            n_held_out = np.unique(np.concatenate([test for _, test in planned.folds] or [codes[:1]])).size
-            chosen = choose(accuracies, n_held_out) if planned.folds else tuple(range(len(machines)))
+            ).reshape(len(tests), len(candidates))
+            chosen = tuple(range(len(candidates)))
+            if tests:
+                chosen = choose(accuracies, np.unique(np.concatenate(tests)).size)
             together = [of_fold[list(chosen)].mean(axis=0) for of_fold in scores]
-            lines = in_threads(lambda k: _line(rows, codes, sizes, machines, k), chosen, self.n_jobs)
-        joint = np.array(
-            [
-                np.mean(decoded(own) == codes[test])
-                for own, (_, test) in zip(together, planned.folds, strict=True)
-            ]
-        )
+            lines = in_threads(line, chosen, self.n_jobs)
+        joint = np.array([accuracy(own, test) for own, test in zip(together, tests, strict=True)])
+        sums, times = np.zeros((len(rows), matrix.shape[1])), np.zeros((len(rows), 1))
+        for own, test in zip(together, tests, strict=True):
+            sums[test] += own
+            times[test] += 1
+        with np.errstate(invalid="ignore"):  # NaN for rows that were never held out
+            self.held_out_scores_ = sums / times
         self.classes_, self.coding_matrix_ = classes, matrix
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
-        self.held_out_scores_ = _means_of_rows(together, planned, len(rows), matrix.shape[1])
         number = int(self.random_state) if isinstance(self.random_state, Integral) else None
-        self.choice_ = Choice(machines, chosen, accuracies, joint, planned.held_out, planned.note, number)
+        self.choice_ = Choice(candidates, chosen, accuracies, joint, planned.held_out, planned.note, number)
         return self
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:
@@ -246,56 +259,267 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         return class_values(scores, self.coding_matrix_, fitting_loss(self.loss, "real"), DECODING)
 
 
-def _line(X: FloatArray, codes: Rows, sizes: dict[str, int], machines: Sequence[Machine], k: int) -> Line:
-    own = machines[k].relative_cost
-    lower = sorted({machine.relative_cost for machine in machines if machine.relative_cost < own})
-    return fitted_line(X, codes, sizes, machines[k], lower)
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The choice of a `BestClassifier`.
+
+    Attributes
+    ----------
+    machines : tuple of Candidate
+        All candidate models that were tried.
+    chosen : tuple of int
+        Which of them make up the model; those within one standard error of the best.
+    accuracies : ndarray, shape (J, n_candidates)
+        Of each on each fold; J is 0 where there were no folds.
+    joint : ndarray, shape (J,)
+        Accuracy of the chosen ones together. They were chosen on these folds: too good by as much as the choice won.
+    held_out : {"sessions", "blocks in time", "random recordings", "nothing"}
+        What a fold was.
+    note : str
+        How the folds were made, as a line to read.
+    random_state : int or None, default None
+        What drew random folds, where it was a number.
+    """
+
+    machines: tuple[Candidate, ...]
+    chosen: tuple[int, ...]
+    accuracies: FloatArray
+    joint: FloatArray
+    held_out: str
+    note: str
+    random_state: int | None = None
+
+    @property
+    def accuracy(self) -> float:
+        """Mean of `joint`; NaN where there were no folds."""
+        return float(self.joint.mean()) if self.joint.size else float("nan")
+
+    @property
+    def reduced(self) -> Chosen | None:
+        """What a reader asks for; None where there was one candidate, and nothing to choose."""
+        if len(self.machines) < 2:
+            return None
+        return Chosen(
+            machines=tuple(machine.name for machine in self.machines),
+            chosen=self.chosen,
+            accuracies=tuple(self.accuracies.mean(axis=0).tolist()) if len(self.accuracies) else (),
+            together=self.accuracy if self.joint.size else None,
+            note=self.note,
+        )
+
+    def table(self) -> Table:
+        """All candidates, in the order of their accuracy on the folds; ``>`` marks the chosen ones."""
+        means = spreads = np.full(len(self.machines), np.nan)
+        notes = [f"chosen on {self.note}"]
+        if len(self.accuracies):
+            means, spreads = self.accuracies.mean(axis=0), self.accuracies.std(axis=0)
+            notes.append(
+                "> chosen: what is within one standard error of the best, or one recording; the mean of their "
+                f"scores reaches {percent(self.accuracy)} on the same folds"
+            )
+        rows = tuple(
+            (
+                f"{'> ' if k in self.chosen else '  '}{self.machines[k].name}",
+                percent(float(means[k])),
+                "-" if np.isnan(spreads[k]) else f"{100 * spreads[k]:.1f}",
+            )
+            for k in np.argsort(-np.nan_to_num(means), kind="stable")
+        )
+        return Table("Candidate models tried", ("candidate", "accuracy", "SD of folds"), rows, tuple(notes))
+
+    def __str__(self) -> str:
+        return str(self.table())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything in types that JSON knows."""
+        return {
+            "held_out": self.held_out,
+            "note": self.note,
+            "random_state": self.random_state,
+            "n_folds": len(self.accuracies),
+            "accuracy_on_the_folds_that_chose": self.accuracy if self.joint.size else None,
+            "chosen": [self.machines[k].name for k in self.chosen],
+            "machines": [
+                {
+                    "name": machine.name,
+                    "blocks": list(machine.blocks),
+                    "shrinkage": machine.shrinkage,
+                    "relative_cost": machine.relative_cost,
+                    "chosen": k in self.chosen,
+                    "accuracies": self.accuracies[:, k].tolist(),
+                }
+                for k, machine in enumerate(self.machines)
+            ],
+        }
 
 
-def _means_of_rows(
-    scores: list[FloatArray], planned: ChoiceFolds, n_rows: int, n_learners: int
-) -> FloatArray:
-    """Mean over folds of the scores of each row; NaN where it was in none."""
-    sums, times = np.zeros((n_rows, n_learners)), np.zeros(n_rows)
-    for own, (_, test) in zip(scores, planned.folds, strict=True):
-        sums[test] += own
-        times[test] += 1
-    with np.errstate(invalid="ignore"):
-        means: FloatArray = sums / times[:, np.newaxis]
-    return means
+@dataclass(frozen=True)
+class Chosen:
+    """The choice of one fitted classifier, reduced to what a reader asks for.
+
+    Attributes
+    ----------
+    machines : tuple of str
+        Names of all candidate models that were tried.
+    chosen : tuple of int
+        Which of them make up the model.
+    accuracies : tuple of float
+        Mean of each candidate over the folds that chose, inside the training rows; empty where there were no folds.
+    together : float or None
+        That of the chosen ones together, on the same folds: too good by what the choice won.
+    note : str
+        What the folds were.
+    """
+
+    machines: tuple[str, ...]
+    chosen: tuple[int, ...]
+    accuracies: tuple[float, ...]
+    together: float | None
+    note: str
+
+    @classmethod
+    def of(cls, classifier: Any) -> Chosen | None:
+        """Return what a fitted classifier, or the last step of a pipeline, chose; None where there was no choice.
+
+        Only the `choice_` of a `BestClassifier` counts: another classifier's may be anything.
+        """
+        last = classifier[-1] if isinstance(classifier, Pipeline) else classifier
+        reduced = getattr(getattr(last, "choice_", None), "reduced", None)
+        return reduced if isinstance(reduced, cls) else None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The candidates that make up the model."""
+        return tuple(self.machines[k] for k in self.chosen)
+
+    @property
+    def words(self) -> str:
+        """What makes up the model, as a line to read."""
+        count = f"{len(self.chosen)} of {len(self.machines)}"
+        return f"the mean of the machines that were chosen, {count}: {'; '.join(self.names)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain lists, numbers and text."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, saved: Mapping[str, Any]) -> Chosen:
+        """Make one from what `to_dict` gave; refuse parts that are missing, or do not fit together."""
+        missing = [field.name for field in fields(cls) if field.name not in saved]
+        if missing:
+            raise ValueError(f"a choice must hold {', '.join(missing)}")
+        machines, chosen, accuracies = (
+            _list(name, saved[name], kinds)
+            for name, kinds in (("machines", (str,)), ("chosen", (int,)), ("accuracies", (int, float)))
+        )
+        together = saved["together"]
+        if together is not None:
+            (together,) = _list("together", [together], (int, float))
+        if not chosen or not set(chosen) <= set(range(len(machines))):
+            raise ValueError(f"chosen must be among the {len(machines)} machines, got {chosen}")
+        if len(accuracies) not in (0, len(machines)):
+            raise ValueError(f"wanted an accuracy of each of {len(machines)} machines, got {len(accuracies)}")
+        return cls(machines, chosen, accuracies, together, str(saved["note"]))
 
 
-# Training many machines on the same rows: one Gram matrix a block, shared by all of them.
+def _list(name: str, values: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return a list as JSON gave it; no text for a list, and no true for a 1."""
+    if not isinstance(values, list | tuple) or any(type(value) not in kinds for value in values):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise TypeError(f"{name} must be a list of {wanted}, got {values!r:.80}")
+    return tuple(values)
 
-# Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
-# steps to find that out.
-_MOST_AT_BOUND = 0.5
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to train linear learners on blocks of columns.
+
+    `shrinkage` is that of `WithinClassWhitening`, None without whitening; `relative_cost` is C times the mean squared
+    distance of the training rows from their mean.
+    """
+
+    blocks: tuple[str, ...]
+    shrinkage: float | None
+    relative_cost: float
+    left_out: tuple[str, ...] = ()
+    """Optional blocks that it does not see."""
+
+    @property
+    def name(self) -> str:
+        """What makes it differ, in a few words, such as ``without level, whitened 0.001, C 1``."""
+        parts = [f"without {' and '.join(self.left_out)}"] if self.left_out else ["all blocks"]
+        parts.append("plain" if self.shrinkage is None else f"whitened {self.shrinkage:g}")
+        return ", ".join((*parts, f"C {self.relative_cost:g}"))
+
+
+def plan_candidates(
+    blocks: Sequence[str], optional: Any, shrinkages: Any, relative_costs: Any
+) -> tuple[Candidate, ...]:
+    """Every combination, from the plainest: fewest blocks first, then no whitening, then the lowest cost."""
+    extra = _checked("optional_blocks", optional, "names of blocks", empty=True)
+    unknown = [name for name in extra if name not in blocks]
+    if unknown:
+        raise ValueError(
+            f"optional_blocks must name blocks ({', '.join(map(repr, blocks))}), got {unknown[0]!r}"
+        )
+    if len(extra) == len(blocks):
+        raise ValueError(f"optional_blocks must leave a block that always stays, got all of them: {extra!r}")
+    amounts = [
+        None if value is None else positive_number("shrinkages", value, "None or a number")
+        for value in _checked("shrinkages", shrinkages, "numbers or None")
+    ]
+    costs = [
+        positive_number("relative_costs", value)
+        for value in _checked("relative_costs", relative_costs, "numbers")
+    ]
+    amounts.sort(key=lambda value: (value is not None, -(value or 0.0)))  # the plainest turns down least
+    kept_sets = sorted(product((False, True), repeat=len(extra)), key=sum)
+    candidates = []
+    for kept, shrinkage, cost in product(kept_sets, amounts, sorted(costs)):
+        left_out = tuple(name for name, stays in zip(extra, kept, strict=True) if not stays)
+        own = tuple(name for name in blocks if name not in left_out)
+        candidates.append(Candidate(own, shrinkage, cost, left_out))
+    return tuple(candidates)
+
+
+def _checked(argument: str, values: Any, what: str, *, empty: bool = False) -> list[Any]:
+    if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
+        raise TypeError(f"{argument} must be a sequence of {what}, got {values!r}")
+    every = list(values)
+    if not every and not empty:
+        raise ValueError(f"{argument} must hold at least one of {what}, got none")
+    if len(set(every)) < len(every):
+        raise ValueError(f"{argument} must hold each once, got {every!r}")
+    return every
+
+
+def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
+    """Candidates within one standard error of the best, or within one recording where that is more.
+
+    `accuracies` (J, n_candidates) are those on J folds, `n_rows` the different recordings held out. The rule is of
+    Breiman, Friedman, Olshen & Stone, "Classification and Regression Trees" (1984). The error of a share of 1 is 0, and
+    one recording is chance all the same. Where they take the simplest, the mean of the scores is taken here: where few
+    recordings choose, chance does, and a mean of equals is steadier than any one of them.
+    """
+    means = accuracies.mean(axis=0)
+    best = means.max()
+    slack = max(1.0 / n_rows, np.sqrt(best * (1.0 - best) / n_rows))
+    return tuple(np.flatnonzero(means >= best - slack - 1e-12).tolist())
+
 
 Line = tuple[FloatArray, FloatArray]
 """Weights (L, D) and intercepts (L,) of linear learners."""
 
 
 def held_out_scores(
-    X: FloatArray, codes: Rows, sizes: dict[str, int], machines: Sequence[Machine], train: Rows, test: Rows
+    X: FloatArray,
+    codes: Rows,
+    sizes: dict[str, int],
+    candidates: Sequence[Candidate],
+    train: Rows,
+    test: Rows,
 ) -> FloatArray:
-    """Binary scores of rows that did not train, from every machine.
-
-    Parameters
-    ----------
-    X : ndarray, shape (n, D)
-        Plain features.
-    codes : ndarray of int, shape (n,)
-        Class of each row.
-    sizes : dict
-        Columns of each block.
-    machines : sequence of Machine
-    train, test : ndarray of int
-        Row numbers. Scaling, whitening and learners see `train` alone.
-
-    Returns
-    -------
-    ndarray, shape (n_machines, n_test, L)
-    """
+    """Binary scores (n_candidates, n_test, L) of rows that did not train, from one Gram matrix a block."""
     scaler = BlockScaler(sizes).fit(X[train])
     rows = scaler.transform(X[np.concatenate([train, test])])
     products = {
@@ -304,58 +528,41 @@ def held_out_scores(
     }
     labels = codes[train]
     scores: list[FloatArray] = []
-    plain_of: tuple[str, ...] | None = None
-    white_of: tuple[tuple[str, ...], float | None] | None = None
-    learners: Any = None
-    for machine in machines:  # costs of one kind lie side by side, ascending
-        if machine.blocks != plain_of:
-            plain_of, white_of = machine.blocks, None
-            both = np.sum([products[name] for name in machine.blocks], axis=0)
-            plain = _symmetric(both[: train.size]), both[train.size :]
-        if (machine.blocks, machine.shrinkage) != white_of:
-            white_of, learners = (machine.blocks, machine.shrinkage), None
-            gram, cross = (
-                plain if machine.shrinkage is None else whitened_grams(*plain, labels, machine.shrinkage)
-            )
-        before, learners = learners, _trained(gram, labels, machine.relative_cost, learners)
-        scores.append(scores[-1] if learners is before else learners.binary_scores_gram(cross))
+    for blocks, of_blocks in groupby(candidates, key=lambda candidate: candidate.blocks):
+        both = np.sum([products[name] for name in blocks], axis=0)
+        plain = _symmetric(both[: train.size]), both[train.size :]
+        for shrinkage, of_kind in groupby(of_blocks, key=lambda candidate: candidate.shrinkage):
+            gram, cross = plain if shrinkage is None else whitened_grams(*plain, labels, shrinkage)
+            learners: Any = None
+            for candidate in of_kind:  # costs ascend
+                before, learners = learners, _trained(gram, labels, candidate.relative_cost, learners)
+                scores.append(scores[-1] if learners is before else learners.binary_scores_gram(cross))
     return np.stack(scores)
 
 
 def fitted_line(
-    X: FloatArray, codes: Rows, sizes: dict[str, int], machine: Machine, lower_costs: Sequence[float] = ()
+    X: FloatArray, codes: Rows, sizes: dict[str, int], candidate: Candidate, lower_costs: Sequence[float] = ()
 ) -> Line:
-    """Train a machine on all rows, and fold scaling and whitening into its weights for plain features.
+    """Train a candidate on all rows, and fold scaling and whitening into its weights for plain features.
 
-    Parameters
-    ----------
-    X, codes, sizes, machine
-        As in `held_out_scores`.
-    lower_costs : sequence of float
-        Relative costs below that of the machine that were tried too, ascending: where one of them will do, it does,
-        as in `held_out_scores`.
-
-    Returns
-    -------
-    coef : ndarray, shape (L, D)
-        0 for columns of blocks that it does not see, and for constant ones.
-    intercept : ndarray, shape (L,)
+    `lower_costs` are those tried below its own, ascending: where one of them will do, it does, as in `held_out_scores`.
     """
-    start, columns = 0, []
-    for name, size in sizes.items():
-        if name in machine.blocks:
-            columns.append(np.arange(start, start + size))
-        start += size
-    own = np.concatenate(columns)
-    scaler = BlockScaler({name: sizes[name] for name in machine.blocks}).fit(X[:, own])
+    own = np.concatenate(
+        [
+            np.r_[columns]
+            for name, columns in block_slices(sizes, X.shape[1]).items()
+            if name in candidate.blocks
+        ]
+    )
+    scaler = BlockScaler({name: sizes[name] for name in candidate.blocks}).fit(X[:, own])
     rows = scaler.transform(X[:, own])
     steps: list[Any] = [scaler]
-    if machine.shrinkage is not None:
-        steps.append(WithinClassWhitening(machine.shrinkage).fit(rows, codes))
+    if candidate.shrinkage is not None:
+        steps.append(WithinClassWhitening(candidate.shrinkage).fit(rows, codes))
         rows = steps[-1].transform(rows)
     gram = _symmetric(linear_gram(rows))
     learners: Any = None
-    for cost in (*lower_costs, machine.relative_cost):
+    for cost in (*lower_costs, candidate.relative_cost):
         learners = _trained(gram, codes, cost, learners)
     weights, intercept = folded_back(steps, learners.dual_coef_ @ rows, learners.intercept_)
     coef = np.zeros((len(weights), X.shape[1]))

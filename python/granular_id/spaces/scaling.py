@@ -1,4 +1,4 @@
-"""Columns of one scale, and blocks of one weight: what stands between features of many kinds and a linear machine."""
+"""Between features of many kinds and a linear classifier: columns of one scale, blocks of one weight, whitening."""
 
 from __future__ import annotations
 
@@ -10,25 +10,43 @@ import numpy.typing as npt
 import scipy.linalg
 from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
 from sklearn.decomposition import PCA
-from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import positive_number, whole_number
-from granular_id._estimators import real_steps
 from granular_id.gram import linear_gram
 from granular_id.rica import RICA
 from granular_id.spaces.components import PrincipalComponents
-from granular_id.spaces.union import BlockSizes, SizesParameter
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+BlockSizes = Mapping[str, int] | Sequence[int] | None
 
 # A column whose spread is this small a share of its magnitude holds rounding, no signal.
 _CONSTANT = 1e-9
 
+# Eigenvalues below this times n * eps * the largest are what rounding leaves of zeros.
+_ROUNDING = 32.0
 
-class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
+
+class OrderedBlocks:
+    """An estimator whose `blocks` are printed in their order, which says which columns each has.
+
+    Of a plain dict scikit-learn sorts the keys: typed in again, the sizes would belong to other columns.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        # What is no plain dict stays the same object: clone() asks for that.
+        super().__setattr__(name, _Sizes(value) if name == "blocks" and type(value) is dict else value)
+
+
+class _Sizes(dict[str, int]):
+    def __repr__(self) -> str:  # any but that of dict: scikit-learn knows a dict by it
+        return dict.__repr__(self)
+
+
+class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Standardise every column, and give every block of columns the same weight.
 
     Each column is centred and divided by its standard deviation over the training rows. Then each block is
@@ -75,7 +93,6 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
     [0.5, 0.0, 0.5]
     """
 
-    blocks = SizesParameter()
     mean_: FloatArray
     factor_: FloatArray
     block_slices_: dict[str, slice]
@@ -104,7 +121,7 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
         """
         rows = validate_data(self, X, dtype=np.float64)
         self.block_slices_ = block_slices(self.blocks, rows.shape[1])
-        self.mean_, deviation = column_moments(rows)
+        self.mean_, deviation = _column_moments(rows)
         self.factor_ = np.zeros(rows.shape[1])
         varying = deviation > 0
         living = [columns for columns in self.block_slices_.values() if varying[columns].any()]
@@ -134,25 +151,7 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
 
 
 def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
-    """Columns of each block by its name, in their order.
-
-    Parameters
-    ----------
-    blocks : mapping, sequence of int, or None
-        As in `BlockScaler`.
-    n_columns : int
-        Which they must add up to.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Neither, no block, names that are no text, sizes that are no positive whole numbers, or another sum.
-
-    Examples
-    --------
-    >>> block_slices([2, 3], 5)
-    {'block0': slice(0, 2, None), 'block1': slice(2, 5, None)}
-    """
+    """Columns of each block by its name, in their order; refuse blocks that do not add up to `n_columns`."""
     wanted = "blocks must be None, {name: number of columns} or a sequence of numbers of columns"
     if blocks is None:
         return {"block0": slice(0, n_columns)}
@@ -176,14 +175,8 @@ def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
     return slices
 
 
-def column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation of each column (population); 0 for one that is constant but for rounding.
-
-    Raises
-    ------
-    ValueError
-        A spread that float64 does not hold.
-    """
+def _column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation of each column (population); 0 for one that is constant but for rounding."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported below
         mean = rows.mean(axis=0)
         deviation = rows.std(axis=0)
@@ -195,24 +188,12 @@ def column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean, deviation
 
 
-# Whitening within classes: what varies between recordings of one class counts less.
-#
-# Source: Hatch and Stolcke, "Generalized linear kernels for one-versus-all classification: application to speaker
-# recognition" (ICASSP 2006); Hatch, Kajarekar, Stolcke, "Within-class covariance normalization for SVM-based speaker
-# recognition" (Interspeech 2006).
-
-IntArray = npt.NDArray[np.intp]
-
-# Eigenvalues below this times n * eps * the largest are what rounding leaves of zeros.
-_ROUNDING = 32.0
-
-
 class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Multiply rows by the inverse square root of their covariance within classes.
 
     ``A = (S + shrinkage * trace(S) * I)^(-1/2)`` with ``S`` the covariance (D, D) of the rows about the mean of
     their class. A direction in which recordings of the same material differ much (a drift, a posture, a person)
-    is turned down, before a machine with few rows takes it for a difference between materials.
+    is turned down, before a classifier with few rows takes it for a difference between materials.
 
     Parameters
     ----------
@@ -250,6 +231,10 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     everything at right angles to them is multiplied by ``ridge_ ** -0.5``.
 
     Rows that do not vary within classes (one row of each) tell nothing: they are left as they are.
+
+    The covariance within classes as a norm for a linear machine: Hatch and Stolcke, "Generalized linear kernels for
+    one-versus-all classification: application to speaker recognition" (ICASSP 2006); Hatch, Kajarekar, Stolcke,
+    "Within-class covariance normalization for SVM-based speaker recognition" (Interspeech 2006).
 
     Examples
     --------
@@ -296,7 +281,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         check_classification_targets(labels)
         self.classes_, codes = np.unique(labels, return_inverse=True)
         with np.errstate(over="ignore", invalid="ignore"):  # their scalar products are refused below
-            within = class_centred(rows, codes)
+            within = _class_centred(rows, codes)
         # Equal rows leave the rounding of their mean.
         within[np.abs(within) <= _ROUNDING * np.finfo(np.float64).eps * np.abs(rows).max(axis=0)] = 0.0
         self.variances_, self.components_ = _directions(within)
@@ -327,7 +312,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         return tags
 
 
-def class_centred(rows: FloatArray, codes: IntArray) -> FloatArray:
+def _class_centred(rows: FloatArray, codes: IntArray) -> FloatArray:
     """Rows (n, m) minus the mean row of their class; `codes` (n,) count classes from 0."""
     counts = np.bincount(codes)
     sums = np.zeros((len(counts), rows.shape[1]))
@@ -339,41 +324,14 @@ def class_centred(rows: FloatArray, codes: IntArray) -> FloatArray:
 def whitened_grams(
     gram: FloatArray, cross: FloatArray, codes: IntArray, shrinkage: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Scalar products of rows as `WithinClassWhitening` would give them, from those of plain rows.
+    """`gram` (n, n) and `cross` (m, n) with rows as `WithinClassWhitening` gives them, times its ``ridge_``.
 
-    Parameters
-    ----------
-    gram : ndarray, shape (n, n)
-        Of the training rows, about any origin.
-    cross : ndarray, shape (m, n)
-        Of other rows with them, about the same origin.
-    codes : ndarray of int, shape (n,)
-        Class of each training row, from 0.
-    shrinkage : float
-        As in `WithinClassWhitening`.
-
-    Returns
-    -------
-    gram, cross : ndarrays of the same shapes
-        Times ``ridge_``, so that what does not vary within classes keeps its scale.
-
-    Notes
-    -----
-    With W (n, D) the class-centred rows, ``ridge A A = I - W' (W W' + n ridge I)^-1 W`` (Woodbury).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> X, y = np.array([[1.0, 0.0], [3.0, 1.0], [0.0, 5.0]]), np.array([0, 0, 1])
-    >>> whitening = WithinClassWhitening(0.1).fit(X, y)
-    >>> A = whitening.transform(X)
-    >>> got, _ = whitened_grams(X @ X.T, X @ X.T, y, 0.1)
-    >>> np.allclose(got, whitening.ridge_ * A @ A.T)
-    True
+    With W (n, D) the class-centred rows, ``ridge A A = I - W' (W W' + n ridge I)^-1 W`` (Woodbury). So what does not
+    vary within classes keeps its scale. Both are about one origin, whichever; `codes` (n,) count classes from 0.
     """
     n = len(gram)
-    to_within = class_centred(gram, codes).T  # products of all rows with the class-centred ones
-    within = class_centred(to_within, codes)
+    to_within = _class_centred(gram, codes).T  # products of all rows with the class-centred ones
+    within = _class_centred(to_within, codes)
     trace = float(np.trace(within)) / n
     if not trace > _ROUNDING * np.finfo(np.float64).eps * float(np.abs(np.diagonal(gram)).max()):
         return gram, cross  # no variance within classes
@@ -383,18 +341,14 @@ def whitened_grams(
     )
     taken = scipy.linalg.cho_solve(factor, to_within.T, check_finite=False)
     whitened = gram - to_within @ taken
-    cross_within = class_centred(cross.T, codes).T
+    cross_within = _class_centred(cross.T, codes).T
     return (whitened + whitened.T) / 2, cross - cross_within @ taken
 
 
 def _directions(within: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Variances (r,) and unit directions (r, D) of centred rows (n, D), largest first, without those of rounding."""
     n, n_columns = within.shape
-    if n < n_columns:
-        products = linear_gram(within)
-        squares, vectors = scipy.linalg.eigh(products)
-    else:
-        squares, vectors = scipy.linalg.eigh(linear_gram(within.T))
+    squares, vectors = scipy.linalg.eigh(linear_gram(within if n < n_columns else within.T))
     squares, vectors = squares[::-1], vectors[:, ::-1]
     noise = _ROUNDING * n * np.finfo(np.float64).eps * max(float(squares[0]), 0.0)
     kept = int(np.count_nonzero(squares > noise))
@@ -403,75 +357,14 @@ def _directions(within: FloatArray) -> tuple[FloatArray, FloatArray]:
     return squares / n, np.ascontiguousarray(directions)
 
 
-# Weights of a linear classifier behind scaling, whitening or components, turned into weights for plain features.
-
 LINEAR_STEPS = (PrincipalComponents, RICA, PCA, StandardScaler, BlockScaler, WithinClassWhitening)
 """Steps of the form ``L (x - mean)``: what stands behind them can be folded back."""
-
-
-def folded_weights(pipeline: Pipeline) -> tuple[FloatArray, FloatArray]:
-    """Weights and intercepts of a fitted pipeline's linear learners, on the features before any linear step.
-
-    Parameters
-    ----------
-    pipeline : Pipeline
-        Fitted. Whatever comes first gives the features, for instance `MultiBand`; then any of `LINEAR_STEPS`; last
-        a classifier with ``coef_`` (L, D') and ``intercept_`` (L,).
-
-    Returns
-    -------
-    coef : ndarray, shape (L, D)
-    intercept : ndarray, shape (L,)
-        A score is ``coef @ features + intercept``.
-
-    Raises
-    ------
-    TypeError
-        No pipeline, or no linear classifier at its end.
-    NotFittedError
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn.pipeline import make_pipeline
-    >>> from granular_id import BlockScaler, ECOCClassifier, RawSignal
-    >>> X = np.random.default_rng(0).normal(size=(20, 30, 6))
-    >>> model = make_pipeline(RawSignal(), BlockScaler(), ECOCClassifier()).fit(X, np.arange(20) % 2)
-    >>> coef, intercept = folded_weights(model)
-    >>> scores = RawSignal().fit_transform(X) @ coef.T + intercept
-    >>> np.allclose(scores, model[-1].binary_scores(model[:-1].transform(X)))
-    True
-    """
-    steps = real_steps(pipeline) if isinstance(pipeline, Pipeline) else []
-    if not steps:
-        raise TypeError(f"pipeline must be a Pipeline with steps in it, got {type(pipeline).__name__}")
-    classifier = steps.pop()
-    check_is_fitted(classifier)
-    if getattr(classifier, "coef_", None) is None or getattr(classifier, "intercept_", None) is None:
-        raise TypeError(f"pipeline must end in a linear classifier, {classifier} has no coef_ and intercept_")
-    after: list[Any] = []
-    while steps and is_linear_step(steps[-1]):
-        after.insert(0, steps.pop())
-    return folded_back(after, classifier.coef_, classifier.intercept_)
 
 
 def folded_back(
     steps: Sequence[Any], weights: npt.ArrayLike, intercept: npt.ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Turn weights of the output of linear steps into weights of their input.
-
-    Parameters
-    ----------
-    steps : sequence of fitted `LINEAR_STEPS`
-        In the order in which they transform.
-    weights : array-like, shape (L, D') or (D',)
-    intercept : array-like, shape (L,) or ()
-
-    Returns
-    -------
-    weights : ndarray, shape (L, D) or (D,)
-    intercept : ndarray, shape (L,) or ()
-    """
+    """Turn weights (L, D') or (D',) behind fitted `LINEAR_STEPS`, first to last, into weights in front of them."""
     folded, constant = np.asarray(weights, dtype=np.float64), np.asarray(intercept, dtype=np.float64)
     for step in reversed(steps):
         folded = _back(step, folded)
