@@ -266,8 +266,6 @@ def _refuse_gaps(recordings: FloatArray) -> None:
         )
 
 
-# What the columns of a feature space stand for: a block of instants, bins or frequencies, axis after axis.
-
 BlockKind = Literal["time", "magnitude", "frequency", "component"]
 
 
@@ -308,10 +306,6 @@ class FeatureBlock:
     unit: str
     columns: slice
 
-    def renamed(self, name: str) -> FeatureBlock:
-        """Return the same block under another name."""
-        return replace(self, name=name)
-
 
 def axis_names(n_axes: int) -> tuple[str, ...]:
     """Names of the axes as feature names spell them: ``fx ... tz`` for six, else ``axis0 ...``."""
@@ -337,17 +331,12 @@ def range_blocks(name: str, bounds: FloatArray, n_bins: int) -> tuple[FeatureBlo
         unit = ", ".join(dict.fromkeys(units))
         span = slice(0, n_bins * len(axes))
         return (FeatureBlock(name, "magnitude", axes, _centres(bounds[0], n_bins), unit, span),)
-    return tuple(
-        FeatureBlock(
-            f"{name}_{axis}",
-            "magnitude",
-            (axis,),
-            _centres(bounds[k], n_bins),
-            units[k],
-            slice(k * n_bins, (k + 1) * n_bins),
-        )
-        for k, axis in enumerate(axes)
-    )
+    blocks = []
+    for k, axis in enumerate(axes):
+        span = slice(k * n_bins, (k + 1) * n_bins)
+        centres = _centres(bounds[k], n_bins)
+        blocks.append(FeatureBlock(f"{name}_{axis}", "magnitude", (axis,), centres, units[k], span))
+    return tuple(blocks)
 
 
 def shifted(blocks: Sequence[FeatureBlock], by: int) -> tuple[FeatureBlock, ...]:
@@ -363,75 +352,22 @@ def _centres(bounds: FloatArray, n_bins: int) -> FloatArray:
     return centres
 
 
-# From the columns of any fitted feature space, pipelines included, back to the recording.
+def steps_of(transformer: Any) -> list[Any]:
+    """List the steps of a pipeline that do something; any other transformer is its own only step."""
+    return real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
 
 
-def block_sizes(transformer: Any) -> dict[str, int] | None:
-    """Columns of each block of a fitted feature space that has blocks of statistics, as `MultiBand`; else None.
-
-    Parameters
-    ----------
-    transformer : transformer or Pipeline
-        A fitted feature space; of a pipeline the last step counts.
-    """
-    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
-    sizes: dict[str, int] | None = getattr(steps[-1], "block_sizes_", None)
-    return None if sizes is None else dict(sizes)
-
-
-def tell_blocks(estimator: Any, sizes: dict[str, int] | None) -> None:
-    """Set `blocks` of an estimator that has that parameter and leaves it open, as `BlockScaler` has.
-
-    Parameters
-    ----------
-    estimator : estimator
-        Changed in place; not fitted.
-    sizes : dict of str to int, or None
-        See `block_sizes`; None: nothing to tell.
-
-    Examples
-    --------
-    >>> from granular_id.spaces import BlockScaler, tell_blocks
-    >>> scaler, given = BlockScaler(), BlockScaler([3])
-    >>> for estimator in (scaler, given):
-    ...     tell_blocks(estimator, {"left": 2, "right": 1})
-    >>> scaler.blocks, given.blocks
-    ({'left': 2, 'right': 1}, [3])
-    """
-    if sizes is not None and estimator.get_params().get("blocks", ...) is None:
-        estimator.set_params(blocks=sizes)
+def steps_behind_filters(transformer: Any) -> list[Any]:
+    """List the steps behind filters that keep time, such as `Tare`."""
+    steps = steps_of(transformer)
+    while steps and isinstance(steps[0], RecordingFilter) and steps[0].keeps_time:
+        del steps[0]
+    return steps
 
 
 def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
-    """Say what the columns of a fitted feature space stand for.
-
-    Parameters
-    ----------
-    transformer : transformer or Pipeline
-        A fitted feature space; a pipeline may have steps in front that keep time, as `Tare` does.
-
-    Returns
-    -------
-    tuple of FeatureBlock
-
-    Raises
-    ------
-    TypeError
-        The columns do not stand for instants, bins or frequencies: a step mixes them (principal components), or
-        shuffles time in front, or is not from here.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from sklearn.pipeline import make_pipeline
-    >>> from granular_id.spaces import RawHFMH, Tare, feature_blocks
-    >>> pipeline = make_pipeline(Tare(), RawHFMH()).fit(np.zeros((2, 400, 6)))
-    >>> [(block.name, block.unit, block.columns) for block in feature_blocks(pipeline)]
-    [('raw', 's', slice(0, 2400, None)), ('hfmh', 'N, N m', slice(2400, 3000, None))]
-    """
-    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
-    while steps and isinstance(steps[0], RecordingFilter) and steps[0].keeps_time:
-        steps = steps[1:]
+    """Say what the columns of a fitted feature space stand for, with or without filters in front that keep time."""
+    steps = steps_behind_filters(transformer)
     if len(steps) != 1 or not hasattr(steps[0], "feature_blocks"):
         kinds = ", ".join(type(step).__name__ for step in steps) or "nothing behind filters"
         raise TypeError(
@@ -440,3 +376,15 @@ def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
         )
     blocks: tuple[FeatureBlock, ...] = steps[0].feature_blocks()
     return blocks
+
+
+def block_sizes(transformer: Any) -> dict[str, int] | None:
+    """Columns of each block of a fitted feature space that has blocks of statistics, as `MultiBand`; else None."""
+    sizes: dict[str, int] | None = getattr(steps_of(transformer)[-1], "block_sizes_", None)
+    return None if sizes is None else dict(sizes)
+
+
+def tell_blocks(estimator: Any, sizes: dict[str, int] | None) -> None:
+    """Set `blocks` of an unfitted estimator that has that parameter and leaves it open, as `BlockScaler` has."""
+    if sizes is not None and estimator.get_params().get("blocks", ...) is None:
+        estimator.set_params(blocks=sizes)

@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 
 from granular_id._estimators import learns, real_steps
-from granular_id.spaces.base import RecordingFilter
+from granular_id.spaces.base import RecordingFilter, steps_of
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import HFMH, RawHFMH
 from granular_id.spaces.raw import RawSignal
 from granular_id.spaces.union import BlockUnion, check_block_weights
-
-__all__ = ["GramPlan", "block_key", "gram_plan"]
 
 
 @dataclass(frozen=True)
@@ -47,26 +45,10 @@ class GramPlan:
 def gram_plan(transformer: Any) -> GramPlan | None:
     """Take a feature space apart into blocks whose scalar products add up to its own.
 
-    Parameters
-    ----------
-    transformer : transformer or Pipeline
-        A feature space, `BlockUnion` or `RawHFMH`; or a pipeline of such a one, with steps such as `Tare` in
-        front and `PrincipalComponents` and others behind.
-
-    Returns
-    -------
-    GramPlan or None
-        None where it does not come apart like this: a block learns (``bin_range="auto"``), a step in front draws a
-        seed of its own at each fit, or a step other than `PrincipalComponents` is the first to work on features.
-
-    Examples
-    --------
-    >>> from granular_id.spaces import feature_spaces
-    >>> plan = gram_plan(feature_spaces()["raw+hfmh"].transformer)
-    >>> [name for name, _ in plan.blocks], plan.block_weights, plan.after
-    (['raw', 'hfmh'], None, ())
+    None where it does not come apart like this: a block learns (``bin_range="auto"``), a step in front draws a seed of
+    its own at each fit, or a step other than `PrincipalComponents` is the first to work on features.
     """
-    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
+    steps = steps_of(transformer)
     filters: list[Any] = []
     while steps and isinstance(steps[0], RecordingFilter):
         filters.append(steps.pop(0))
@@ -81,30 +63,15 @@ def gram_plan(transformer: Any) -> GramPlan | None:
     if any(getattr(step, "random_state", 0) is None for step in filters):
         return None  # each block would see recordings shuffled in another way
     if filters:
-        blocks = tuple((name, _behind(filters, block)) for name, block in blocks)
+        blocks = tuple((name, make_pipeline(*filters, block)) for name, block in blocks)
     return GramPlan(blocks, weights, after)
 
 
 def block_key(transformer: Any) -> Hashable:
-    """Return a key under which equal feature blocks are equal, whatever space they come from.
+    """Return a key under which blocks with equal features are equal, whatever space they come from.
 
-    Parameters
-    ----------
-    transformer : transformer or Pipeline
-
-    Returns
-    -------
-    hashable
-        Class and parameters, without those that change no feature: threads, and a rate that only labels
-        coordinates. A parameter that cannot be compared makes the key equal to its own kind only.
-
-    Examples
-    --------
-    >>> from granular_id.spaces import HFMH, RawSignal
-    >>> block_key(RawSignal(rate_hz=500, threads=2)) == block_key(RawSignal())
-    True
-    >>> block_key(HFMH(order=4)) == block_key(HFMH())
-    False
+    It holds class and parameters, without those that change no feature: threads, and a rate that only labels
+    coordinates. A parameter that cannot be compared makes the key equal to its own kind only.
     """
     if isinstance(transformer, Pipeline):
         steps = real_steps(transformer)
@@ -126,10 +93,6 @@ def _apart(space: Any) -> tuple[tuple[tuple[str, Any], ...], str | tuple[float, 
         blocks = space.checked_blocks()
         return tuple(blocks), check_block_weights(space.block_weights, [name for name, _ in blocks])
     return ((type(space).__name__.lower(), space),), None
-
-
-def _behind(filters: list[Any], block: Any) -> Pipeline:
-    return Pipeline([(f"filter{k}", step) for k, step in enumerate(filters)] + [("features", block)])
 
 
 def _value_key(value: Any) -> Hashable:

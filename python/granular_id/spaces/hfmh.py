@@ -23,14 +23,7 @@ from granular_id.spaces.base import (
     shifted,
     time_block,
 )
-from granular_id.spaces.union import (
-    BlockWeights,
-    check_block_weights,
-    fixed_weights,
-    row_norms,
-    unit_weight,
-    weigh,
-)
+from granular_id.spaces.union import BlockWeights, block_factors, check_block_weights, weigh
 
 FloatArray = npt.NDArray[np.float64]
 BinRange = tuple[float, float] | npt.ArrayLike | str
@@ -40,6 +33,8 @@ DEFAULT_RANGE = (-1.5, 1.5)
 
 # This share of |high-passed| samples lies in the automatic range: a few impacts must not set the bin width.
 _AUTO_QUANTILE = 0.995
+
+_OF_SPEC = ("rate_hz", "cutoff_hz", "order", "n_bins", "outside", "density", "initial")
 
 
 class HFMH(RecordingTransformer):
@@ -129,39 +124,23 @@ class HFMH(RecordingTransformer):
         return range_blocks("hfmh", self.bin_range_, self.spec_.n_bins)
 
     def _learn(self, recordings: FloatArray) -> None:
-        self.spec_ = self._spec(recordings)
+        options = {name: getattr(self, name) for name in _OF_SPEC} | {"raw": self._raw, "hfmh": True}
+        bounds = self.bin_range
+        if isinstance(bounds, str):
+            if bounds != "auto":
+                raise ValueError(
+                    f"bin_range must be (low, high), one such pair per axis, or 'auto', got {bounds!r}"
+                )
+            FeatureSpec(**options)  # checks the filter before it is used
+            bounds = self._learned_range(recordings)
+        self.spec_ = FeatureSpec(bin_range=bounds, **options)
+        self.bin_range_ = _per_axis(bounds, recordings.shape[2])
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         return extract_features(recordings, spec=self.spec_, threads=self.threads)
 
     def _names(self) -> list[str]:
         return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)
-
-    def _spec(self, recordings: FloatArray) -> FeatureSpec:
-        options: dict[str, Any] = {
-            "rate_hz": self.rate_hz,
-            "cutoff_hz": self.cutoff_hz,
-            "order": self.order,
-            "n_bins": self.n_bins,
-            "outside": self.outside,
-            "density": self.density,
-            "initial": self.initial,
-            "raw": self._raw,
-            "hfmh": True,
-        }
-        if not isinstance(self.bin_range, str):
-            spec = FeatureSpec(bin_range=self.bin_range, **options)
-            bounds = np.asarray(self.bin_range, dtype=np.float64)
-        elif self.bin_range == "auto":
-            FeatureSpec(**options)  # checks the filter before it is used
-            bounds = self._learned_range(recordings)
-            spec = FeatureSpec(bin_range=tuple((low, high) for low, high in bounds.tolist()), **options)
-        else:
-            raise ValueError(
-                f"bin_range must be (low, high), one such pair per axis, or 'auto', got {self.bin_range!r}"
-            )
-        self.bin_range_ = per_axis(bounds, recordings.shape[2])
-        return spec
 
     def high_passed(self, signals: FloatArray) -> FloatArray:
         """One axis of recordings, shape (n, T), after the filter whose output is counted."""
@@ -251,34 +230,21 @@ class RawHFMH(HFMH):
         return (raw, *shifted(super().feature_blocks(), raw.columns.stop))
 
     def _learn(self, recordings: FloatArray) -> None:
-        checked = check_block_weights(self.block_weights, ("raw", "hfmh"))
+        weights = check_block_weights(self.block_weights, ("raw", "hfmh"))
         super()._learn(recordings)
-        weights = fixed_weights(checked, 2)
-        if weights is None:
-            features = super()._features(recordings)
-            weights = np.array([unit_weight(row_norms(features[:, columns])) for columns in self._columns()])
-        self.block_weights_ = weights
+        blocks: list[FloatArray] = []
+        if weights == "unit":
+            blocks = np.split(super()._features(recordings), [self._n_raw], axis=1)
+        self.block_weights_ = block_factors(weights, 2, blocks)
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         features = super()._features(recordings)
-        for columns, weight in zip(self._columns(), self.block_weights_, strict=True):
-            weigh(features, columns, weight)
+        weigh(features, (self._n_raw, features.shape[1] - self._n_raw), self.block_weights_)
         return features
 
-    def _columns(self) -> tuple[slice, slice]:
-        n_raw = self.n_features_in_ * self.n_axes_in_
-        return slice(0, n_raw), slice(n_raw, None)
-
-
-def per_axis(bounds: FloatArray, n_axes: int) -> FloatArray:
-    """Ranges (C, 2) of all axes from one range or one per axis."""
-    if bounds.ndim == 2 and len(bounds) != n_axes:
-        raise ValueError(f"bin_range has {len(bounds)} pairs, but X has {n_axes} axes")
-    ranges: FloatArray = np.broadcast_to(bounds, (n_axes, 2)).copy()
-    return ranges
-
-
-# Histogram of the samples themselves, without any filter.
+    @property
+    def _n_raw(self) -> int:
+        return self.n_features_in_ * self.n_axes_in_
 
 
 class RawHistogram(RecordingTransformer):
@@ -335,11 +301,10 @@ class RawHistogram(RecordingTransformer):
             raise ValueError(
                 f"bin_range must be 'auto', (low, high), or one such pair per axis, got {self.bin_range!r}"
             )
-        learned = isinstance(self.bin_range, str)
         FeatureSpec(n_bins=self.n_bins, outside=self.outside)  # type: ignore[arg-type]  # checks both
-        bounds = _extremes(recordings, self.n_bins) if learned else self.bin_range
+        bounds = _extremes(recordings, self.n_bins) if self.learns else self.bin_range
         FeatureSpec(n_bins=self.n_bins, bin_range=bounds)
-        self.bin_range_ = per_axis(np.asarray(bounds, dtype=np.float64), recordings.shape[2])
+        self.bin_range_ = _per_axis(bounds, recordings.shape[2])
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         n, _, n_axes = recordings.shape
@@ -357,6 +322,15 @@ class RawHistogram(RecordingTransformer):
         spec = FeatureSpec(raw=False, hfmh=True, n_bins=self.n_bins)
         names = spec.feature_names(self.n_features_in_, self.n_axes_in_)
         return [name.replace("hfmh_", "hist_", 1) for name in names]
+
+
+def _per_axis(bin_range: npt.ArrayLike, n_axes: int) -> FloatArray:
+    """Ranges (C, 2) of all axes from one range or one per axis."""
+    bounds = np.asarray(bin_range, dtype=np.float64)
+    if bounds.ndim == 2 and len(bounds) != n_axes:
+        raise ValueError(f"bin_range has {len(bounds)} pairs, but X has {n_axes} axes")
+    ranges: FloatArray = np.broadcast_to(bounds, (n_axes, 2)).copy()
+    return ranges
 
 
 def _extremes(recordings: FloatArray, n_bins: Any) -> FloatArray:

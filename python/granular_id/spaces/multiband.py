@@ -16,13 +16,17 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from granular_id._core import MultiBandExtractor
-from granular_id._estimators import real_steps
 from granular_id._text import counted, fixed, listed
-from granular_id.spaces.base import FeatureBlock, RecordingFilter, RecordingTransformer, check_rate
+from granular_id.spaces.base import (
+    FeatureBlock,
+    RecordingTransformer,
+    axis_names,
+    check_rate,
+    steps_behind_filters,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -128,9 +132,6 @@ class MultiBand(RecordingTransformer):
     ['b0_coupling_fx_fx', 'b0_q02_fx', 'b0_logrms_fx', 'b0_envelope_fx_0', 'spectrum_fx_00']
     """
 
-    is_multiband: ClassVar[bool] = True
-    """How explanations tell these features from others."""
-
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     bands_: tuple[FrequencyBand, ...]
@@ -164,12 +165,10 @@ class MultiBand(RecordingTransformer):
         """Say in a few lines which bands and blocks a fitted space has, and what it leaves out."""
         check_is_fitted(self)
         n_octaves = len(self.bands_) - 1
-        span = (
-            f"from {self.bands_[1].high_hz:.4g} Hz down to {self.bands_[-1].low_hz:.3g} Hz"
-            if n_octaves
-            else ""
-        )
-        bands = f"the whole signal and {n_octaves} octaves {span}" if n_octaves else "the whole signal"
+        bands = "the whole signal"
+        if n_octaves:
+            high, low = self.bands_[1].high_hz, self.bands_[-1].low_hz
+            bands += f" and {n_octaves} octaves from {high:.4g} Hz down to {low:.3g} Hz"
         sizes = ", ".join(f"{name} {size}" for name, size in self.block_sizes_.items())
         left_out = f"\n{self.dropped_}" if self.dropped_ else ""
         return f"bands: {bands}\nfeatures: {sizes}{left_out}"
@@ -236,18 +235,10 @@ def _dropped(extractor: MultiBandExtractor) -> str:
     return f"recordings of {counted(n_samples, 'sample')} are too short for {listed(parts)}"
 
 
-# What the columns of the multi-band features stand for: a question, a band, one axis or two, and a lag.
-
-_AXIS = r"[a-z]+\d*"
-_LAG = r"(?:_lag(?P<lag{0}>\d+))?"
-_FORMS = tuple(
-    re.compile(form)
-    for form in (
-        rf"b(?P<band>\d+)_(?P<block>coupling)_(?P<first>{_AXIS}){_LAG.format(1)}_(?P<second>{_AXIS}){_LAG.format(2)}",
-        rf"b(?P<band>\d+)_(?P<detail>q\d+|logrms)_(?P<first>{_AXIS})",
-        rf"b(?P<band>\d+)_(?P<block>envelope)_(?P<first>{_AXIS})_(?P<detail>\d+)",
-        rf"(?P<block>spectrum|level)_(?P<first>{_AXIS})_(?P<detail>\d+)",
-    )
+# Names of columns, such as b0_coupling_fx_lag2_fy_lag2, b3_q98_fx, b3_envelope_fx_0, spectrum_fx_00.
+_NAME = re.compile(
+    r"(?:b(?P<band>\d+)_)?(?P<what>coupling|q\d+|logrms|envelope|spectrum|level)_(?P<first>[a-z]+\d*)"
+    r"(?:(?:_lag(?P<lag1>\d+))?_(?P<second>[a-z]+\d*)(?:_lag(?P<lag2>\d+))?|_(?P<detail>\d+))?"
 )
 
 
@@ -344,77 +335,51 @@ class BandColumns:
     def read_along(self) -> tuple[FeatureBlock, ...]:
         """Return the blocks that are read along one coordinate: spectrum and level."""
         found: list[FeatureBlock] = []
-        for block in ("spectrum", "level"):
-            own = self.of(block=block)
-            if not own.size:
-                continue
+        if (own := self.of(block="spectrum")).size:
             columns = slice(int(own[0]), int(own[-1]) + 1)
-            if block == "spectrum":
-                found.append(FeatureBlock(block, "frequency", self.axes, self.frequencies_hz, "Hz", columns))
-            else:
-                n = own.size // len(self.axes)
-                middles = (np.arange(n) + 0.5) * self.duration_s / n
-                found.append(FeatureBlock(block, "time", self.axes, middles, "s", columns))
+            found.append(FeatureBlock("spectrum", "frequency", self.axes, self.frequencies_hz, "Hz", columns))
+        if (own := self.of(block="level")).size:
+            columns = slice(int(own[0]), int(own[-1]) + 1)
+            n = own.size // len(self.axes)
+            middles = (np.arange(n) + 0.5) * self.duration_s / n
+            found.append(FeatureBlock("level", "time", self.axes, middles, "s", columns))
         return tuple(found)
 
 
 def band_columns(transformer: Any) -> BandColumns | None:
-    """Read the columns of a fitted multi-band space, or None for any other.
-
-    Parameters
-    ----------
-    transformer : transformer or Pipeline
-        A pipeline may have steps in front that keep time, as `Tare` does.
-
-    Raises
-    ------
-    NotFittedError
-    """
-    steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
-    while steps and isinstance(steps[0], RecordingFilter) and steps[0].keeps_time:
-        steps = steps[1:]
-    if len(steps) != 1 or not getattr(steps[0], "is_multiband", False):
+    """Read the columns of a fitted `MultiBand`, with or without filters in front that keep time; None for others."""
+    steps = steps_behind_filters(transformer)
+    if len(steps) != 1 or not isinstance(steps[0], MultiBand):
         return None
     (space,) = steps
     check_is_fitted(space)
     names = tuple(map(str, space.get_feature_names_out()))
-    read = [_read(name) for name in names]
-    axes = tuple(dict.fromkeys(found["first"] for found in read))
+    axes = axis_names(space.n_axes_in_)
     return BandColumns(
         names=names,
-        columns=tuple(_column(found, axes) for found in read),
+        columns=tuple(_column(name, axes) for name in names),
         axes=axes,
-        bands=_bands(space.bands_),
-        scales=np.asarray(space.scales_, dtype=np.float64),
-        level_scales=np.asarray(space.level_scales_, dtype=np.float64),
-        frequencies_hz=np.asarray(space.frequencies_hz_, dtype=np.float64),
+        bands=tuple(Band(k, band.low_hz, band.high_hz, band.rate_hz) for k, band in enumerate(space.bands_)),
+        scales=space.scales_,
+        level_scales=space.level_scales_,
+        frequencies_hz=space.frequencies_hz_,
         duration_s=space.n_features_in_ / space.rate_hz,
     )
 
 
-def _read(name: str) -> dict[str, str]:
-    for form in _FORMS:
-        found = form.fullmatch(name)
-        if found is not None:
-            return {key: value for key, value in found.groupdict().items() if value is not None}
-    raise ValueError(f"no multi-band feature has the name {name!r}")
-
-
-def _column(found: dict[str, str], axes: Sequence[str]) -> BandColumn:
-    lags = [int(found.get(f"lag{place}", 0)) for place in (1, 2)]
+def _column(name: str, axes: tuple[str, ...]) -> BandColumn:
+    found = _NAME.fullmatch(name)
+    if found is None:
+        raise ValueError(f"no multi-band feature has the name {name!r}")
+    what, first = found["what"], found["first"]
+    block = what if what in ALL_BLOCKS else "quantiles"
     return BandColumn(
-        block=found.get("block", "quantiles"),
-        band=int(found["band"]) if "band" in found else None,
-        first=axes.index(found["first"]),
-        second=axes.index(found.get("second", found["first"])),
-        lag=lags[1] - lags[0],
-        detail=found.get("detail", ""),
-    )
-
-
-def _bands(given: Sequence[Any]) -> tuple[Band, ...]:
-    return tuple(
-        Band(k, float(low), float(high), float(rate)) for k, (low, high, rate, *_) in enumerate(given)
+        block=block,
+        band=None if found["band"] is None else int(found["band"]),
+        first=axes.index(first),
+        second=axes.index(found["second"] or first),
+        lag=int(found["lag2"] or 0) - int(found["lag1"] or 0),
+        detail=what if block == "quantiles" else found["detail"] or "",
     )
 
 

@@ -1,8 +1,9 @@
-"""Feature spaces side by side, with a say in how much each counts."""
+"""Feature spaces side by side, and how much each of them counts."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from granular_id._estimators import learns
 from granular_id.spaces.base import FeatureBlock, RecordingTransformer, feature_blocks, shifted
 
 FloatArray = npt.NDArray[np.float64]
+BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
 
 
 class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
@@ -102,7 +104,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
     def fit_transform(self, X: npt.ArrayLike, y: object = None) -> FloatArray:
         """`fit` and `transform` without computing features twice."""
         recordings, features = self._fit(X, y)
-        return self._weighted(self._each(recordings) if features is None else features)
+        return self._weighted(features or self._each(recordings))
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Blocks of all parts, in their order; names are made unique as those of the features are."""
@@ -114,7 +116,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
             offset += max(part.columns.stop for part in inner)
         names = _unique([(name, [part.name for part in inner]) for name, inner in parts])
         every = [part for _, inner in parts for part in inner]
-        return tuple(part.renamed(name) for part, name in zip(every, names, strict=True))
+        return tuple(replace(part, name=name) for part, name in zip(every, names, strict=True))
 
     def checked_blocks(self) -> list[tuple[str, Any]]:
         """Return `blocks` as given, or refuse them.
@@ -139,17 +141,15 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         self._validate_names([name for name, _ in pairs])
         return pairs
 
-    def _fit(self, X: npt.ArrayLike, y: object) -> tuple[FloatArray, list[FloatArray] | None]:
+    def _fit(self, X: npt.ArrayLike, y: object) -> tuple[FloatArray, list[FloatArray]]:
+        """Fit; return the recordings, and the features of each block where the weights needed them."""
         blocks = self.checked_blocks()
         weights = check_block_weights(self.block_weights, [name for name, _ in blocks])
         recordings = self._recordings(X, reset=True)
         self.n_axes_in_ = recordings.shape[2]
         self.blocks_ = [(name, clone(block).fit(recordings, y)) for name, block in blocks]
-        fixed = fixed_weights(weights, len(blocks))
-        features = self._each(recordings) if fixed is None else None
-        if features is not None:
-            fixed = np.array([unit_weight(row_norms(block)) for block in features])
-        self.block_weights_ = np.asarray(fixed)
+        features = self._each(recordings) if weights == "unit" else []
+        self.block_weights_ = block_factors(weights, len(blocks), features)
         return recordings, features
 
     def _features(self, recordings: FloatArray) -> FloatArray:
@@ -166,11 +166,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
 
     def _weighted(self, blocks: list[FloatArray]) -> FloatArray:
         together = np.concatenate(blocks, axis=1)
-        start = 0
-        for block, weight in zip(blocks, self.block_weights_, strict=True):
-            stop = start + block.shape[1]
-            weigh(together, slice(start, stop), weight)
-            start = stop
+        weigh(together, [block.shape[1] for block in blocks], self.block_weights_)
         return together
 
     def _names(self) -> list[str]:
@@ -182,11 +178,6 @@ def _unique(parts: list[tuple[str, list[str]]]) -> list[str]:
     if len(set(plain)) == len(plain):
         return plain
     return [f"{name}__{inner}" for name, names in parts for inner in names]
-
-
-# How much each block of a union counts.
-
-BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
 
 
 def check_block_weights(block_weights: Any, names: Sequence[str]) -> str | tuple[float, ...] | None:
@@ -206,10 +197,12 @@ def check_block_weights(block_weights: Any, names: Sequence[str]) -> str | tuple
     return tuple(numbers.tolist())
 
 
-def fixed_weights(checked: str | tuple[float, ...] | None, n_blocks: int) -> FloatArray | None:
-    """Return the weights where they do not depend on data: None for "unit"."""
+def block_factors(
+    checked: str | tuple[float, ...] | None, n_blocks: int, features: Iterable[FloatArray]
+) -> FloatArray:
+    """Factor of each block; the features of each, over the training rows, are looked at with "unit" only."""
     if checked == "unit":
-        return None
+        return np.array([unit_weight(row_norms(block)) for block in features])
     return np.ones(n_blocks) if checked is None else np.asarray(checked, dtype=np.float64)
 
 
@@ -225,41 +218,24 @@ def row_norms(rows: FloatArray) -> FloatArray:
     return norms
 
 
-def weigh(features: FloatArray, columns: slice, weight: float) -> None:
-    """Multiply columns of features by the weight of their block, in place."""
-    if weight == 1.0:
-        return
-    with np.errstate(over="ignore"):  # reported below
-        features[:, columns] *= weight
-    if not np.isfinite(features[:, columns]).all():
-        raise ValueError(
-            f"block_weights must keep features in the range of float64, got a weight of {weight:g}"
-        )
+def weigh(features: FloatArray, widths: Iterable[int], weights: FloatArray) -> None:
+    """Multiply each block of columns by its weight, in place."""
+    start = 0
+    for width, weight in zip(widths, weights, strict=True):
+        block = features[:, start : start + width]
+        start += width
+        if weight == 1.0:
+            continue
+        with np.errstate(over="ignore"):  # reported below
+            block *= weight
+        if not np.isfinite(block).all():
+            raise ValueError(
+                f"block_weights must keep features in the range of float64, got a weight of {weight:g}"
+            )
 
 
 def unit_weight(norms: npt.ArrayLike) -> float:
-    """Factor that brings training rows with these norms to a mean norm of one.
-
-    Parameters
-    ----------
-    norms : array-like, shape (n,)
-        Euclidean norms of the training rows of one block; the square roots of the diagonal of their Gram matrix.
-
-    Returns
-    -------
-    float
-        1 over the mean; 1 for a block that is zero in all rows, which no factor changes.
-
-    Raises
-    ------
-    ValueError
-        The factor does not fit into float64.
-
-    Examples
-    --------
-    >>> unit_weight([3.0, 5.0])
-    0.25
-    """
+    """Factor that brings rows with these Euclidean norms to a mean norm of one; 1 for rows that are all zero."""
     mean = float(np.mean(np.asarray(norms, dtype=np.float64)))
     if mean == 0.0:
         return 1.0
