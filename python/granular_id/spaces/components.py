@@ -15,8 +15,6 @@ from granular_id._parallel import single_threaded_blas
 from granular_id.gram import check_symmetric, linear_gram
 from granular_id.spaces.base import check_input_names
 
-__all__ = ["PrincipalComponents"]
-
 FloatArray = npt.NDArray[np.float64]
 
 # Of equal rows, rounding leaves eigenvalues up to this times n * eps * the largest product: 12 in trials with 2 to
@@ -145,8 +143,12 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         self
             Without `components_`, which only the rows themselves can tell.
         """
-        products = _square(gram)
-        self._forget_rows()
+        products = _finite("gram", gram)
+        if products.ndim != 2 or products.shape[0] != products.shape[1] or len(products) < 2:
+            raise ValueError(f"gram must have shape (n, n) with n >= 2, got {products.shape}")
+        check_symmetric(products)
+        for name in ("components_", "mean_", "n_features_in_", "feature_names_in_"):  # of an earlier fit
+            self.__dict__.pop(name, None)
         self._fit_products(products, limit=len(products) - 1)
         return self
 
@@ -217,25 +219,12 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         self.explained_variance_ratio_ = squares / np.trace(centred)
         self._dual = vectors / self.singular_values_
 
-    def _forget_rows(self) -> None:
-        for name in ("components_", "mean_", "n_features_in_", "feature_names_in_"):
-            if hasattr(self, name):
-                delattr(self, name)
-
 
 def _signs(vectors: FloatArray) -> FloatArray:
     """+1 or -1 for each column: its first entry within rounding of the largest magnitude becomes positive."""
     magnitude = np.abs(vectors)
     first = (magnitude >= (1.0 - _SIGN_MARGIN) * magnitude.max(axis=0)).argmax(axis=0)
     return np.where(vectors[first, np.arange(vectors.shape[1])] < 0, -1.0, 1.0)
-
-
-def _square(gram: npt.ArrayLike) -> FloatArray:
-    products = _finite("gram", gram)
-    if products.ndim != 2 or products.shape[0] != products.shape[1] or len(products) < 2:
-        raise ValueError(f"gram must have shape (n, n) with n >= 2, got {products.shape}")
-    check_symmetric(products)
-    return products
 
 
 def _finite(argument: str, values: npt.ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The high-frequency magnitude histogram (HFMH), alone and beside the raw samples.
+"""Histograms: of high-passed samples (HFMH), alone and beside the raw samples, and of the samples themselves.
 
 Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force
 Measurements" (arXiv 2403.17606), section on features.

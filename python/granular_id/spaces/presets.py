@@ -7,12 +7,14 @@ Measurements" (arXiv 2403.17606), table of accuracies.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import learns
 from granular_id.rica import RICA
+from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
 from granular_id.spaces.multiband import ALL_BLOCKS, MultiBand
@@ -99,8 +101,10 @@ def feature_spaces(
     >>> [name for name, space in spaces.items() if space.control]
     ['time-permuted']
     """
-    from granular_id.spaces.best import BestClassifier  # it stands on this package
-
+    # Every space gets transformers of its own: set_params on one must not reach into another.
+    raw = partial(RawSignal, rate_hz=rate_hz, threads=threads)
+    norm = partial(RangeNormalizer, rate_hz=rate_hz)
+    dft = partial(DFT, rate_hz=rate_hz)
     filter_and_bins: dict[str, Any] = {
         "rate_hz": rate_hz,
         "cutoff_hz": cutoff_hz,
@@ -110,40 +114,25 @@ def feature_spaces(
         "initial": initial,
         "threads": threads,
     }
+    hfmh = partial(HFMH, **filter_and_bins)
 
-    # Every space gets transformers of its own: set_params on one must not reach into another.
-    def raw() -> RawSignal:
-        return RawSignal(rate_hz=rate_hz, threads=threads)
+    def union(**blocks: Any) -> BlockUnion:
+        return BlockUnion(list(blocks.items()), block_weights=block_weights)
 
-    def both() -> RawHFMH:
-        return RawHFMH(**filter_and_bins, block_weights=block_weights)
-
-    def union(*blocks: tuple[str, Any]) -> BlockUnion:
-        return BlockUnion(list(blocks), block_weights=block_weights)
-
-    def components() -> list[tuple[str, Any]]:
-        return [("raw", raw()), ("pca", PrincipalComponents(100))]
-
-    def norm() -> RangeNormalizer:
-        return RangeNormalizer(rate_hz=rate_hz)
-
-    def hfmh() -> HFMH:
-        return HFMH(**filter_and_bins)
-
-    def dft() -> DFT:
-        return DFT(rate_hz=rate_hz)
+    def pipeline(**steps: Any) -> Pipeline:
+        return Pipeline(list(steps.items()))
 
     table = (
-        FeatureSpace("raw+hfmh", both(), 0.9705),
-        FeatureSpace("norm-raw+hfmh", union(("norm_raw", norm()), ("hfmh", hfmh())), 0.9303),
+        FeatureSpace("raw+hfmh", RawHFMH(**filter_and_bins, block_weights=block_weights), 0.9705),
+        FeatureSpace("norm-raw+hfmh", union(norm_raw=norm(), hfmh=hfmh()), 0.9303),
         FeatureSpace("norm-raw", norm(), 0.8731),
         FeatureSpace("hfmh", hfmh(), 0.8705),
-        FeatureSpace("raw+dft", union(("raw", raw()), ("dft", dft())), 0.7712),
-        FeatureSpace("norm-raw+dft", union(("norm_raw", norm()), ("dft", dft())), 0.7686),
+        FeatureSpace("raw+dft", union(raw=raw(), dft=dft()), 0.7712),
+        FeatureSpace("norm-raw+dft", union(norm_raw=norm(), dft=dft()), 0.7686),
         FeatureSpace("dft", dft(), 0.7621),
         FeatureSpace("raw", raw(), 0.7614),
-        FeatureSpace("pca+rica", Pipeline([*components(), ("rica", RICA(80))]), 0.7602),
-        FeatureSpace("pca", Pipeline(components()), 0.7527),
+        FeatureSpace("pca+rica", pipeline(raw=raw(), pca=PrincipalComponents(100), rica=RICA(80)), 0.7602),
+        FeatureSpace("pca", pipeline(raw=raw(), pca=PrincipalComponents(100)), 0.7527),
         FeatureSpace("raw-histogram", RawHistogram(n_bins=n_bins), 0.7072),
         FeatureSpace(
             "multiband",
@@ -161,7 +150,7 @@ def feature_spaces(
         ),
         FeatureSpace(
             "time-permuted",
-            Pipeline([("permute", TimePermutation()), ("raw", raw())]),
+            pipeline(permute=TimePermutation(), raw=raw()),
             None,
             control=True,
             note="raw samples in random order; the paper reports about 20 %",
@@ -172,10 +161,6 @@ def feature_spaces(
 
 
 def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
-    inner = (
-        space.transformer.steps
-        if isinstance(space.transformer, Pipeline)
-        else [("features", space.transformer)]
-    )
-    pipeline = Pipeline([("tare", Tare(tare_s, rate_hz=rate_hz)), *inner])
-    return replace(space, transformer=pipeline)
+    plain = space.transformer
+    steps = plain.steps if isinstance(plain, Pipeline) else [("features", plain)]
+    return replace(space, transformer=Pipeline([("tare", Tare(tare_s, rate_hz=rate_hz)), *steps]))

@@ -1,4 +1,4 @@
-"""The samples themselves as features."""
+"""The samples themselves: raw, stretched to [0, 1], without their level at rest (tare), or in random order."""
 
 from __future__ import annotations
 
@@ -134,9 +134,6 @@ class RangeNormalizer(RecordingTransformer):
         return [f"norm_{name}" for name in raw]
 
 
-# Removal of each recording's own offset.
-
-
 class Tare(RecordingFilter):
     """Subtract from each axis its mean over the rest before the motion.
 
@@ -196,9 +193,6 @@ class Tare(RecordingFilter):
         if not np.isfinite(tared).all():
             raise ValueError("X must stay in the range of float64 when its mean at rest is subtracted")
         return tared
-
-
-# The control that destroys the order in time.
 
 
 class TimePermutation(RecordingFilter):
