@@ -30,7 +30,7 @@ def two_bands(**keywords):
     return BlockUnion([("slow", slow), ("fast", fast)], **keywords)
 
 
-# Tare: one sample of rest, so that recordings of scikit-learn's checks are long enough.
+# A new feature space belongs here, or below: scikit-learn's checks and those of all spaces run over these.
 SPACES = {
     "raw": RawSignal(),
     "range": RangeNormalizer(),
@@ -52,6 +52,7 @@ STATISTICS = {
     "multi-band": MultiBand(),
     "multi-band, levels": MultiBand(blocks=["level", "quantiles"], rate_hz=100.0),
 }
+# One sample of rest, so that recordings of scikit-learn's checks are long enough.
 FILTERS = {"tare": Tare(0.002), "permutation": TimePermutation()}
 ROWS = {"components": PrincipalComponents(), "one component": PrincipalComponents(1)}
 # Of columns, some with labels: they stand between a space and a classifier.

@@ -32,8 +32,8 @@ _MOST_AXES = 12
 class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Recordings (n, T, C) to one row of features each.
 
-    A subclass fills in `_learn` (checks parameters, learns what there is to learn), `_features`, `_names`, and
-    `feature_blocks`.
+    A subclass fills in `_features` and `_names`; `_learn` where it has parameters to check or something to learn, and
+    then `learns`; and `feature_blocks` where its columns are read along one coordinate.
     """
 
     n_features_in_: int
@@ -83,12 +83,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Another shape, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings = self._recordings(X, reset=False)
-        try:
-            return self._features(recordings)
-        except ValueError:  # the extraction looks for NaN; here it gets the name that the caller knows
-            _refuse_gaps(recordings)
-            raise
+        return self._features(self._recordings(X, reset=False))
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``.
@@ -103,8 +98,14 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         return np.asarray(self._names(), dtype=object)
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
-        """Say what the columns stand for: instants, bins or frequencies of each axis."""
-        raise NotImplementedError
+        """Say what the columns stand for: instants, bins or frequencies of each axis.
+
+        Raises
+        ------
+        TypeError
+            They have no one coordinate to be read along: statistics, for instance.
+        """
+        raise TypeError(f"the columns of {type(self).__name__} have no one coordinate to be read along")
 
     def __sklearn_tags__(self) -> Tags:
         """Tags: recordings are three-dimensional, and two dimensions are welcome."""
@@ -113,12 +114,14 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         return tags
 
     def _learn(self, recordings: FloatArray) -> None:
-        """Check parameters; a subclass that learns does so here."""
+        """Check parameters; learn, if anything, from recordings (n, T, C)."""
 
     def _features(self, recordings: FloatArray) -> FloatArray:
+        """Features (n, D) of finite recordings (n, T, C), which must not be changed."""
         raise NotImplementedError
 
     def _names(self) -> list[str]:
+        """Names of the D features."""
         raise NotImplementedError
 
     def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
@@ -147,8 +150,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if not reset and values.shape[2] != self.n_axes_in_:
             raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
         recordings: FloatArray = values
-        if reset:  # in transform the extraction looks for NaN anyway
-            _refuse_gaps(recordings)
+        _refuse_gaps(recordings)
         return recordings
 
     def _same_shape(self, shape: tuple[int, ...]) -> None:
@@ -186,9 +188,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
             Another shape than in `fit`, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings = self._recordings(X, reset=False)
-        _refuse_gaps(recordings)
-        filtered = self._filtered(recordings)
+        filtered = self._filtered(self._recordings(X, reset=False))
         return filtered[:, :, 0] if _rank(X) == 2 else filtered
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
@@ -202,7 +202,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
 
 
 def axis_series(recordings: FloatArray) -> FloatArray:
-    """Return a copy (n, C, T) in which each axis of each recording is contiguous; refuse NaN and infinity."""
+    """Return a copy (n, C, T) in which each axis of each recording is contiguous."""
     n, n_samples, n_axes = recordings.shape
     rows = extract_features(recordings, hfmh=False, threads=1)  # the transposing copy at memory speed
     return rows.reshape(n, n_axes, n_samples)
@@ -256,9 +256,12 @@ def _level_of_caller() -> int:
 
 
 def _refuse_gaps(recordings: FloatArray) -> None:
-    finite = np.isfinite(recordings)
-    if not finite.all():
-        recording, sample, axis = (int(i) for i in np.argwhere(~finite)[0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        if np.isfinite(recordings.sum()):  # no copy where all is well
+            return
+    gaps = np.argwhere(~np.isfinite(recordings))
+    if len(gaps):
+        recording, sample, axis = gaps[0].tolist()
         value = recordings[recording, sample, axis]
         got = "NaN" if np.isnan(value) else f"{value}"
         raise ValueError(

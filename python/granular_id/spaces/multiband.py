@@ -154,13 +154,6 @@ class MultiBand(RecordingTransformer):
         """True: the scales come from the rows given to `fit`."""
         return True
 
-    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
-        """Refused: most columns stand for a band and a statistic, not for one coordinate. See `band_columns`."""
-        raise TypeError(
-            "the columns of MultiBand have no one coordinate to be read along: "
-            "granular_id.spaces.multiband says what each of them stands for"
-        )
-
     def describe(self) -> str:
         """Say in a few lines which bands and blocks a fitted space has, and what it leaves out."""
         check_is_fitted(self)
