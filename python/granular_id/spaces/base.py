@@ -1,4 +1,4 @@
-"""What all feature spaces share: how recordings come in, how features are named."""
+"""What all feature spaces share: how recordings come in, how features are named, what their columns stand for."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ def _refuse_gaps(recordings: FloatArray) -> None:
         )
 
 
-BlockKind = Literal["time", "magnitude", "frequency", "component"]
+BlockKind = Literal["time", "magnitude", "frequency"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,12 +280,12 @@ class FeatureBlock:
     ----------
     name : str
         Name of the block, for instance "raw" or "hfmh"; unique within a feature space.
-    kind : {"time", "magnitude", "frequency", "component"}
+    kind : {"time", "magnitude", "frequency"}
         What the coordinate is.
     axes : tuple of str
         Axes of the sensor, for instance ``("fx", ..., "tz")``.
     coordinates : ndarray, shape (m,)
-        Instants, centres of bins, frequencies or numbers of components.
+        Instants, centres of bins or frequencies.
     unit : str
         Unit of the coordinates: "s" or "sample", "Hz" or "1/sample" when the rate is not known; "N", "N m" or
         "N, N m" of magnitudes, "" when the axes are not those of a wrench.

@@ -51,8 +51,8 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
 
     Each column is centred and divided by its standard deviation over the training rows. Then each block is
     multiplied by one factor, such that it has the same mean squared norm over the training rows as every other
-    block, however many columns it has, and that those of all blocks add up to 1: a cost ``C`` of a linear machine
-    behind it means the same for any number of columns and blocks.
+    block, however many columns it has, and that those of all blocks add up to 1: a cost ``C`` of a linear
+    classifier behind it means the same for any number of columns and blocks.
 
     Parameters
     ----------
@@ -225,16 +225,18 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     Notes
     -----
     ``A`` is symmetric. So each output column belongs to the input column of its name, and weights of a linear
-    machine behind it fold into weights for plain rows by the same transformation: ``transform(coef)``.
+    classifier behind it fold into weights for plain rows by the same transformation: ``transform(coef)``.
 
     A is never made. With fewer rows than columns the directions come from the scalar products of the rows, and
     everything at right angles to them is multiplied by ``ridge_ ** -0.5``.
 
     Rows that do not vary within classes (one row of each) tell nothing: they are left as they are.
 
-    The covariance within classes as a norm for a linear machine: Hatch and Stolcke, "Generalized linear kernels for
-    one-versus-all classification: application to speaker recognition" (ICASSP 2006); Hatch, Kajarekar, Stolcke,
-    "Within-class covariance normalization for SVM-based speaker recognition" (Interspeech 2006).
+    References
+    ----------
+    Hatch and Stolcke, "Generalized linear kernels for one-versus-all classification: application to speaker
+    recognition" (ICASSP 2006); Hatch, Kajarekar, Stolcke, "Within-class covariance normalization for SVM-based speaker
+    recognition" (Interspeech 2006).
 
     Examples
     --------
@@ -294,7 +296,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         return self
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
-        """Whiten rows (m, D); also folds weights (L, D) of a linear machine behind, see the notes."""
+        """Whiten rows (m, D); also folds weights (L, D) of a linear classifier behind, see the notes."""
         check_is_fitted(self)
         rows: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         if self.ridge_ == 0.0:
