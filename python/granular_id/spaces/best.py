@@ -112,7 +112,7 @@ class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ig
     Examples
     --------
     >>> from sklearn.datasets import load_iris
-    >>> from granular_id.spaces.best import BestClassifier
+    >>> from granular_id.spaces import BestClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> clf = BestClassifier(blocks={"sepal": 2, "petal": 2}, optional_blocks=["sepal"]).fit(X, y)
     >>> clf.coef_.shape

@@ -90,20 +90,16 @@ class DFT(RecordingTransformer):
         check_rate(self.rate_hz)
 
     def _features(self, recordings: FloatArray) -> FloatArray:
-        n, n_axes = len(recordings), self.n_axes_in_
         parts = list(self._parts())
-        widths = [n_axes * (kept.stop - kept.start) for _, kept in parts]
-        features = np.empty((n, sum(widths)))
-        ends = np.cumsum(widths)
         twice = self._stands_for()
         series = axis_series(recordings)
-        for first in range(0, n, _ROWS):
+        features = np.empty((len(series), self.n_axes_in_ * sum(kept.stop - kept.start for _, kept in parts)))
+        for first in range(0, len(series), _ROWS):
             rows = slice(first, first + _ROWS)
             with np.errstate(over="ignore", invalid="ignore"):  # reported below
                 spectrum = np.fft.rfft(series[rows], axis=2)
-                for (name, kept), width, end in zip(parts, widths, ends, strict=True):
-                    block = features[rows, end - width : end].reshape(-1, n_axes, kept.stop - kept.start)
-                    block[...] = self._value(name, spectrum[:, :, kept]) * twice[kept]
+                values = [self._value(name, spectrum[:, :, kept]) * twice[kept] for name, kept in parts]
+            features[rows] = np.concatenate([block.reshape(len(block), -1) for block in values], axis=1)
         if not np.isfinite(features).all():
             raise ValueError("X must be finite, with a Fourier transform in the range of float64")
         return features
