@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import make_pipeline
 
-from granular_id._estimators import learns, real_steps
+from granular_id._estimators import learns
 from granular_id.spaces.base import RecordingFilter, steps_of
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import HFMH, RawHFMH
@@ -73,14 +73,13 @@ def block_key(transformer: Any) -> Hashable:
     It holds class and parameters, without those that change no feature: threads, and a rate that only labels
     coordinates. A parameter that cannot be compared makes the key equal to its own kind only.
     """
-    if isinstance(transformer, Pipeline):
-        steps = real_steps(transformer)
-        return block_key(steps[0]) if len(steps) == 1 else ("pipeline", *(block_key(step) for step in steps))
-    kind = type(transformer)
-    idle: frozenset[str] = getattr(transformer, "without_effect", frozenset())
-    params = transformer.get_params(deep=False)
-    values = tuple((name, _value_key(value)) for name, value in sorted(params.items()) if name not in idle)
-    return (kind, values)
+    steps = steps_of(transformer)
+    if len(steps) != 1:
+        return ("pipeline", *map(block_key, steps))
+    (step,) = steps
+    idle: frozenset[str] = getattr(step, "without_effect", frozenset())
+    params = sorted(step.get_params(deep=False).items())
+    return (type(step), tuple((name, _value_key(value)) for name, value in params if name not in idle))
 
 
 def _apart(space: Any) -> tuple[tuple[tuple[str, Any], ...], str | tuple[float, ...] | None]:
