@@ -1,16 +1,10 @@
-import atexit
 import os
 import shutil
 import signal
-import tempfile
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-
-# commands keep unfinished work in the user's cache: not from here, and not from the processes started here
-os.environ["GRANULAR_ID_CACHE"] = tempfile.mkdtemp(prefix="granular-id-tests-")
-atexit.register(shutil.rmtree, os.environ["GRANULAR_ID_CACHE"], ignore_errors=True)
 
 # a busy machine must not fail a test: hypothesis' limit of 200 ms per example is off
 settings.register_profile("granular_id", deadline=None)

@@ -143,7 +143,7 @@ def test_help_names_every_option_with_examples():
     options = (
         "rate-hz max-gap-s duration-s n-samples on-gap on-short on-error train test partitions protocol folds "
         "controls no-controls spaces cutoff-hz order n-bins bin-range initial tare-s block-weights C seed threads "
-        "report json csv figures fresh quiet"
+        "report json csv figures checkpoint quiet"
     )
     for option in options.split():
         assert f"--{option}" in out
@@ -154,7 +154,7 @@ def test_help_names_every_option_with_examples():
 
 def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch):
     # RICA is most of the time, and no different in more partitions or after more iterations.
-    monkeypatch.setitem(import_module("granular_id.cli.demo").QUICK, "n_partitions", 2)
+    monkeypatch.setitem(import_module("granular_id.cli.evaluate").QUICK, "n_partitions", 2)
     rica = import_module("granular_id.rica")
     monkeypatch.setattr(rica, "descend", lambda *given: descend(*given[:2], {**given[2], "maxiter": 50}))
     out = ended_well("demo", "--quick", "-o", tmp_path / "demo")

@@ -4,15 +4,17 @@ import json
 
 import numpy as np
 import pytest
+from sklearn.pipeline import Pipeline
 
 from cli_cases import ended_well, saved
-from granular_id.cli.explain import _trained
+from granular_id.cli.method import OneSpace
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
+from granular_id.identifier import fit_pipeline
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import FeatureSpace, feature_spaces
+from granular_id.spaces import feature_spaces
 from granular_id.spaces.best import BestClassifier
-from granular_id.splits import pair_partition
+from granular_id.splits import origins_of, pair_partition
 from multiband_cases import louder
 
 
@@ -90,16 +92,16 @@ def test_what_is_explained_is_held_out_as_strictly_as_the_two_materials_allow(se
     assert set(train.labels) == {"rice", "oat", "peas"}
 
 
-def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost(data):
-    model = _trained(data, data.X, data.y, np.arange(12), feature_spaces()["hfmh"], 3.0)
-    assert isinstance(model[-1], ECOCClassifier)
-    assert model[-1].C == 3.0
+def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost():
+    classifier = OneSpace(space="hfmh", c=3.0).pipeline(500.0)[-1]
+    assert isinstance(classifier, ECOCClassifier)
+    assert classifier.C == 3.0
 
 
 def test_the_classifier_of_a_space_chooses_with_sessions_held_out(data):
-    space = FeatureSpace("own", feature_spaces()["multiband"].transformer, None, classifier=BestClassifier())
+    pipeline = Pipeline([("features", feature_spaces()["multiband"].transformer), ("own", BestClassifier())])
     rows = np.arange(18)
-    model = _trained(data, data.X, data.y, rows, space, 1.0)
+    model = fit_pipeline(pipeline, data.X[rows], data.y[rows], origins_of(data), rows)
     assert "session" in model[-1].choice_.held_out
     assert model[-1].blocks == model[0].block_sizes_
     assert explain(model, "rice", "oat", data.X, data.y).findings(1)[0].axes == ("fz",)

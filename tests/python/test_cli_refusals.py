@@ -8,7 +8,7 @@ import pytest
 
 from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved
 from granular_id.cli.errors import in_options
-from granular_id.cli.prepare import refuse_unequal
+from granular_id.cli.recordings import refuse_unequal
 from granular_id.recording import Dataset, Recording
 
 
@@ -335,7 +335,7 @@ def test_gaps_are_nothing_to_talk_of_where_nothing_is_resampled(tmp_path, option
 
 
 def test_the_default_of_gaps_is_that_of_the_library():
-    from granular_id.cli.prepare import MAX_GAP_S
+    from granular_id.cli.recordings import MAX_GAP_S
     from granular_id.recording import resampling
 
     assert MAX_GAP_S == resampling.MAX_GAP_S

@@ -1,26 +1,24 @@
-"""An interrupted command goes on from where it stopped."""
+"""An interrupted evaluation goes on from its checkpoint."""
 
 import itertools
 import json
 
 import pytest
 
-from cli_cases import SMALL, ended_well, make, run, saved
-from granular_id.cli.session import kept_for
+from cli_cases import SMALL, ended_well, make, refused, run, saved
 from granular_id.evaluation import runner
 
 WORDS = (*SMALL, "--no-controls", "--protocol", "paper", "--partitions", "6", "--threads", "1")
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("GRANULAR_ID_CACHE", str(tmp_path / "cache"))
+def folder(tmp_path):
     return saved(make(), tmp_path / "recordings")
 
 
 @pytest.fixture
-def interrupted(folder, monkeypatch):
-    """The command after Ctrl-C in the ninth partition."""
+def stopping(monkeypatch):
+    """Ctrl-C in the ninth partition, once."""
     saves = itertools.count()
     save = runner.Checkpoint.save
 
@@ -29,14 +27,7 @@ def interrupted(folder, monkeypatch):
             raise KeyboardInterrupt
         save(self, *args)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(runner.Checkpoint, "save", stopping)
-        stopped = run("evaluate", folder, *WORDS)
-    assert stopped.exit_code == 130
-    assert stopped.stderr.splitlines()[-1] == (
-        "Interrupted: 8 finished partitions are kept; the same command goes on from there (--fresh starts over)."
-    )
-    return folder
+    monkeypatch.setattr(runner.Checkpoint, "save", stopping)
 
 
 def predictions(folder, *words):
@@ -45,37 +36,45 @@ def predictions(folder, *words):
     return out, [space["protocols"] for space in result["spaces"]]
 
 
-def test_the_same_command_goes_on(interrupted, tmp_path):
-    # `sys.argv`, which says what the command was, is that of the test process for both
-    out, resumed = predictions(interrupted)
+def test_the_same_command_goes_on_from_the_checkpoint(folder, stopping, tmp_path):
+    kept = ("--checkpoint", tmp_path / "new" / "kept")
+    stopped = run("evaluate", folder, *WORDS, *kept)
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == (
+        f"Interrupted: 8 finished partitions are kept in {kept[1]}; the same command goes on from there."
+    )
+    out, resumed = predictions(folder, *kept)
     assert "resumed: 8 partitions were finished by an earlier run" in out
-    again, afresh = predictions(interrupted)
-    assert "resumed" not in again, "what was kept is gone once the command has ended well"
-    assert resumed == afresh
-    assert list((tmp_path / "cache").iterdir()) == []
+    out, again = predictions(folder, *kept)
+    assert "resumed: 18 partitions" in out
+    out, afresh = predictions(folder)
+    assert "resumed" not in out
+    assert resumed == again == afresh
 
 
-def test_replacing_files_is_the_same_work(monkeypatch, tmp_path):
-    monkeypatch.setenv("GRANULAR_ID_CACHE", str(tmp_path))
-    with kept_for("evaluate a --force", fresh=False) as one:
-        folder = one.folder
-    with kept_for("evaluate a", fresh=False) as other:
-        assert other.folder == folder
+def test_without_a_checkpoint_nothing_is_kept_and_the_option_is_named(folder, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("granular_id.evaluation.evaluate", interrupted)
+    stopped = run("evaluate", folder, *WORDS)
+    assert stopped.exit_code == 130
+    assert stopped.stderr == (
+        "Interrupted: no file was left half-written. A run with --checkpoint FOLDER can be continued.\n"
+    )
 
 
-def test_fresh_starts_over(interrupted):
-    assert "resumed" not in predictions(interrupted, "--fresh")[0]
+def test_the_checkpoint_of_something_else_is_refused(folder, tmp_path):
+    kept = tmp_path / "kept"
+    ended_well("evaluate", folder, *WORDS, "--checkpoint", kept)
+    line = refused("evaluate", folder, *WORDS, "--seed", 1, "--checkpoint", kept)
+    assert line.startswith(f"error: --checkpoint {kept} belongs to another evaluation")
 
 
-def test_other_recordings_start_over(interrupted):
-    file = sorted((interrupted / "oat").iterdir())[0]
-    lines = file.read_text(encoding="utf-8").splitlines()
-    lines[-1] = ",".join((*lines[-1].split(",")[:-1], "9.5"))  # another torque at the end
-    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    assert "resumed" not in ended_well("evaluate", interrupted, *WORDS)
-
-
-def test_without_a_place_to_keep_anything_the_command_runs(folder, tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setenv("GRANULAR_ID_CACHE", str(tmp_path / "file" / "cache"))
-    assert "Accuracy" in ended_well("evaluate", folder, *WORDS)
+def test_a_folder_that_is_no_checkpoint_is_refused_before_anything_is_read(tmp_path):
+    (tmp_path / "file").touch()
+    line = refused("evaluate", tmp_path / "absent", "--checkpoint", tmp_path)
+    assert line == f"error: --checkpoint {tmp_path} holds 'file' and is no checkpoint: give a new folder"
+    assert "is or lies in a file" in refused("demo", "--checkpoint", tmp_path / "file")
+    refused("evaluate", tmp_path / "absent", "--checkpoint", tmp_path / "new")
+    assert not (tmp_path / "new").exists()

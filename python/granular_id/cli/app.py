@@ -1,4 +1,4 @@
-"""The typer application: one command per file."""
+"""The typer application: its commands in the order of ``--help``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ import typer
 from granular_id import _core
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
-from granular_id.cli.demo import demo
-from granular_id.cli.evaluate import evaluate, report
+from granular_id.cli.evaluate import demo, evaluate, report, select
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
 from granular_id.cli.live import live, record
-from granular_id.cli.select import select
 from granular_id.cli.train import model, train
 
 __all__ = ["app"]
@@ -28,16 +26,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help=PURPOSE,
 )
-app.command()(evaluate)
-app.command()(select)
-app.command()(explain)
-app.command()(confidence)
-app.command()(record)
-app.command()(live)
-app.command()(report)
-app.command()(train)
-app.command()(identify)
-app.command()(demo)
+for command in (evaluate, select, explain, confidence, record, live, report, train, identify, demo):
+    app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(data, name="data")
 

@@ -4,31 +4,18 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
-
-from granular_id.cli.errors import guarded
-from granular_id.cli.method import (
-    BlockWeights,
-    Method,
-    Space,
-    Weights,
-    at_least,
-    between,
-    option,
-    positive,
-    taking,
-)
-from granular_id.cli.prepare import Steps, equal_recordings
-from granular_id.cli.reading import Reading
-from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, repeated_command, say_written
+from granular_id.cli.method import OneSpace
+from granular_id.cli.options import Force, at_least, between, command, option
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs
+from granular_id.cli.printing import print_table, say_written, show
+from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:
-    from granular_id.recording import Dataset
-    from granular_id.spaces import FeatureSpace
+    from sklearn.pipeline import Pipeline
 
-__all__ = ["confidence"]
+    from granular_id.recording import Dataset
 
 TEXT = """
 Say how sure a model of these recordings may be.
@@ -62,59 +49,51 @@ class Sets(str, Enum):
     cumulative = "cumulative"
 
 
-@guarded
-@taking(Reading, Steps, Method)
+@command(TEXT, Reading, Steps, OneSpace)
 def confidence(
     reading: Reading,
     steps: Steps,
-    method: Method,
+    method: OneSpace,
     *,
-    space: Space = "best",
-    block_weights: BlockWeights = Weights.plain,
-    c: Annotated[
-        float, option("--C", "Method", "Box constraint, where the space has no classifier of its own.")
-    ] = 1.0,
-    levels: Annotated[
-        str, option("--levels", SURE, "Coverages of the sets, separated by commas.")
-    ] = "0.8,0.9,0.95",
-    sets: Annotated[Sets, option("--sets", SURE, "What a material is judged by.")] = Sets.margin,
+    levels: Annotated[str, option(SURE, "Coverages of the sets, separated by commas.")] = "0.8,0.9,0.95",
+    sets: Annotated[Sets, option(SURE, "What a material is judged by.")] = Sets.margin,
     per_class: Annotated[
-        bool, option("--per-class", SURE, "Cover each material as often as asked for, not all together.")
+        bool, option(SURE, "Cover each material as often as asked for, not all together.", "--per-class")
     ] = False,
-    known: Annotated[float, option("--known", SURE, "Share of known recordings to be accepted.")] = 0.95,
+    known: Annotated[float, option(SURE, "Share of known recordings to be accepted.")] = 0.95,
     compare: Annotated[
-        bool, option("--compare", SURE, "Also compare other ways to see the unknown.")
+        bool, option(SURE, "Also compare other ways to see the unknown.", "--compare")
     ] = False,
-    seeds: Annotated[int, option("--seeds", SURE, "Random partitions.")] = 20,
-    seed: Annotated[int, option("--seed", SURE, "Same seed, same figures.")] = 0,
-    figure: Annotated[Path | None, option("--figure", OUTPUT, "Draw it: png, svg or pdf.")] = None,
-    json: Annotated[Path | None, option("--json", OUTPUT, "Write all figures, and both rules.")] = None,
+    seeds: Annotated[int, option(SURE, "Random partitions.")] = 20,
+    seed: Annotated[int, option(SURE, "Same seed, same figures.")] = 0,
+    figure: Annotated[Path | None, option(OUTPUT, "Draw it: png, svg or pdf.")] = None,
+    json: Annotated[Path | None, option(OUTPUT, "Write all figures, and both rules.")] = None,
     force: Force = False,
-    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the tables only.")] = False,
+    quiet: Annotated[bool, option(OUTPUT, "Print the tables only.", "--quiet")] = False,
 ) -> None:
-    """Print how sure a model may be; see `TEXT`."""
-    positive("--C", c)
+    """Print how sure a model may be."""
     at_least("--seeds", seeds, 1)
     at_least("--seed", seed, 0)
     wanted = _levels(levels)
     between("--known", known)
-    method.fits(steps.preparation.rate_hz)
+    method.refuse_impossible(steps.rate_hz)
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
     )
     reading.refuse_absent()
-    method.refuse_unused(space, block_weights, c)
+    method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.cli.session import print_table
-    from granular_id.confidence import assess
+    from granular_id.confidence import assess, count_trainings
 
-    console = Console(highlight=False)
     if not quiet:
-        console.print(_effort(data, space, seeds), soft_wrap=True)
+        effort = f"{method.space}: up to {count_trainings(data, n_seeds=seeds)} models are trained"
+        if method.space == "best":
+            effort += ", each of which chooses among several: --space multiband or fewer --seeds are quicker"
+        show(effort)
     found = assess(
         data,
-        _model(data, method.spaces(data.rate_hz, block_weights)[space], c),
+        _model(method, data),
         levels=wanted,
         kind=sets.value,
         per_class=per_class,
@@ -124,49 +103,31 @@ def confidence(
         seed=seed,
         n_jobs=method.n_jobs,
         progress=not quiet,
-        name=space,
+        name=method.space,
     )
     for table in found.tables():
-        print_table(console, table, strong=found.synthetic)
+        print_table(table, strong=found.synthetic)
     for note in found.notes:
-        console.print(note, markup=False)
+        show(note)
     if figure is not None:
         from granular_id.plotting import plot_confidence
 
         plot_confidence(found, path=figure)
     if json is not None:
         found.save(json)
-    written = [path for path in (figure, json) if path is not None]
-    say_written(console, written, None if quiet else repeated_command())
+    say_written([figure, json], repeat=not quiet)
 
 
-confidence.__doc__ = TEXT
-
-
-def _effort(data: Dataset, space: str, n_seeds: int) -> str:
-    """Say how many models will be trained, and what is cheaper."""
-    from granular_id.confidence import count_trainings
-
-    said = f"{space}: up to {count_trainings(data, n_seeds=n_seeds)} models are trained"
-    if space != "best":
-        return said
-    return f"{said}, each of which chooses among several: --space multiband or fewer --seeds are quicker"
-
-
-def _model(data: Dataset, space: FeatureSpace, cost: float) -> Any:
-    """Feature space, and its own classifier or the paper's."""
+def _model(method: OneSpace, data: Dataset) -> Pipeline:
     from sklearn.base import clone
-    from sklearn.pipeline import make_pipeline
 
-    from granular_id.ecoc import ECOCClassifier
     from granular_id.spaces import block_sizes, tell_blocks
 
-    if space.classifier is None:
-        return make_pipeline(space.transformer, ECOCClassifier(C=cost))
-    classifier = clone(space.classifier)
-    # How many columns a block has follows from the shape of a recording alone: any one says it.
-    tell_blocks(classifier, block_sizes(clone(space.transformer).fit(data.X[:1])))
-    return make_pipeline(space.transformer, classifier)
+    model = method.pipeline(data.rate_hz)
+    if method.spaces(data.rate_hz)[method.space].classifier is not None:
+        # How many columns a block has follows from the shape of a recording alone: any one says it.
+        tell_blocks(model[-1], block_sizes(clone(model[0]).fit(data.X[:1])))
+    return model
 
 
 def _levels(text: str) -> list[float]:

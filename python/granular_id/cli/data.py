@@ -1,7 +1,8 @@
-"""``granular-id data``: look at recordings, check them, convert them; one command a file."""
+"""``granular-id data``: look at recordings, check them, convert them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,47 +11,44 @@ import typer
 from rich.console import Console
 
 from granular_id._text import counted
-from granular_id.cli.errors import guarded
-from granular_id.cli.method import at_least, between, names_in, option, positive, taking
-from granular_id.cli.prepare import Steps, with_onsets
-from granular_id.cli.reading import Reading
-from granular_id.cli.session import JSON_FILE, PICTURE, Force, check_outputs, say_written
+from granular_id.cli.options import Force, at_least, between, command, names_in, option, positive
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs
+from granular_id.cli.printing import say_written, show
+from granular_id.cli.recordings import Reading, Steps
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, Recording
-# The argument OUTPUT and the option --to: where recordings are written, and in which format.
 
-PANEL = "Output"
+OUTPUT, SENSOR, PICTURES, PUSHES = "Output", "Sensor", "Picture", "Pushes"
+
+FOUND_ERRORS = 3
 
 
+@dataclass(kw_only=True)
 class Target:
     """A place for recordings, where there is nothing yet and which can be written."""
 
-    def __init__(
-        self,
-        output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")],
-        *,
-        to: Annotated[
-            str | None,
-            option("--to", PANEL, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
-        ] = None,
-    ) -> None:
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")]
+    to: Annotated[
+        str | None,
+        option(OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
+    ] = None
+
+    def __post_init__(self) -> None:
         from granular_id.io.saving import check_save
 
-        check_save(output, to)
-        self.path = output
-        self._format = to
+        check_save(self.output, self.to)
 
     def save(self, data: Dataset) -> None:
         """Write recordings, with a bar where it takes long."""
         from granular_id.io import save
 
-        save(data, self.path, self._format, progress=True)
+        save(data, self.output, self.to, progress=True)
 
 
-# ``granular-id data info``: what a folder or file of recordings holds.
+# ``granular-id data info``
 
-TEXT = """
+INFO = """
 Say what a folder or file holds: recordings, materials, sessions, rates, lengths, gaps, flags, history.
 
 Examples:
@@ -62,48 +60,41 @@ Examples:
 `granular-id data info recordings --json info.json`
 """
 
-OUTPUT = "Output"
 
-
-@guarded
-@taking(Reading)
+@command(INFO, Reading)
 def info(
     reading: Reading,
     *,
-    json: Annotated[Path | None, option("--json", OUTPUT, "Write the summary and all steps.")] = None,
+    json: Annotated[Path | None, option(OUTPUT, "Write the summary and all steps.")] = None,
     force: Force = False,
 ) -> None:
-    """Print a summary; see `TEXT`."""
+    """Print a summary."""
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
-    data = reading.load(quiet=False)
-    console = Console(highlight=False)
+    data = reading.load()
     summary = data.summary()
     axes = sorted({" ".join(recording.axes) for recording in data})
     keys = sorted({key for recording in data for key in recording.meta})
     synthetic = sum(recording.is_synthetic for recording in data)
-    steps = [*(str(step).partition("\n")[0] for step in data.history)]
     lines = [
         f"format: {data.history[-1].parameters['format']}",
         f"axes: {' or '.join(axes)}",
         *([f"SYNTHETIC: {synthetic} of {len(data)} recordings"] if synthetic else []),
         f"meta: {', '.join(keys) or 'none'}",
-        *(f"step {number}: {step}" for number, step in enumerate(steps, start=1)),
+        *(f"step {k}: {step}".partition("\n")[0] for k, step in enumerate(data.history, start=1)),
         "",
         str(summary),
     ]
-    console.print("\n".join(lines), soft_wrap=True, markup=False)
+    show("\n".join(lines))
     if json is not None:
         from granular_id._files import write_json
 
         write_json(json, {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]})
-        say_written(console, [json], None)
+        say_written([json])
 
 
-info.__doc__ = TEXT
+# ``granular-id data head``
 
-# ``granular-id data head``: the first samples of a recording, as numbers.
-
-TEXT_HEAD = """
+HEAD = """
 Print what is known of one recording and its first samples: forces in N, torques in N m.
 
 Examples:
@@ -113,23 +104,18 @@ Examples:
 `granular-id data head recordings --name rice/rice_07.csv -n 20`
 """
 
-SHOWN = "Shown"
 
-
-@guarded
-@taking(Reading)
+@command(HEAD, Reading)
 def head(
     reading: Reading,
     *,
-    n: Annotated[int, option("-n", SHOWN, "Samples to print.")] = 10,
-    name: Annotated[
-        str | None, option("--name", SHOWN, "Name of the recording. Default: the first one.")
-    ] = None,
+    n: Annotated[int, option("Shown", "Samples to print.", "-n")] = 10,
+    name: Annotated[str | None, option("Shown", "Name of the recording. Default: the first one.")] = None,
 ) -> None:
-    """Print the first samples of a recording; see `TEXT_HEAD`."""
+    """Print the first samples of a recording."""
     at_least("-n", n, 1)
-    data = reading.load(quiet=False)
-    Console(highlight=False).print("\n".join(_lines(_chosen(data, name), n)), soft_wrap=True, markup=False)
+    data = reading.load()
+    show("\n".join(_lines(_chosen(data, name), n)))
 
 
 def _chosen(data: Dataset, name: str | None) -> Recording:
@@ -148,10 +134,7 @@ def _lines(recording: Recording, n: int) -> list[str]:
     from textwrap import shorten
 
     from granular_id._checks import thaw
-    from granular_id.recording import (
-        text_table,
-        unit_of,
-    )
+    from granular_id.recording import text_table, unit_of
 
     known = ("label", "session", "start_time", "trigger_index")
     facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
@@ -167,11 +150,9 @@ def _lines(recording: Recording, n: int) -> list[str]:
     return ["", repr(recording), *facts, "", *text_table(rows)]
 
 
-head.__doc__ = TEXT_HEAD
+# ``granular-id data check``
 
-# ``granular-id data check``: what would spoil an evaluation, recording by recording.
-
-TEXT_CHECK = """
+CHECK = """
 Look recordings over for what would spoil an evaluation, and give each a verdict.
 
 Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without the forces:
@@ -186,42 +167,36 @@ Examples:
 `granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
 """
 
-OUTPUT_CHECK, SENSOR = "Output", "Sensor"
-FOUND_ERRORS = 3
 
-
-@guarded
-@taking(Reading)
+@command(CHECK, Reading)
 def check(
     reading: Reading,
     *,
     sensor_range: Annotated[
         str | None,
-        option("--sensor-range", SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."),
+        option(SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."),
     ] = None,
     false_alarm_rate: Annotated[
         float,
-        option("--false-alarm-rate", SENSOR, "Chance that a sound data set shows an outlier or a leak."),
+        option(SENSOR, "Chance that a sound data set shows an outlier or a leak."),
     ] = 0.01,
-    strict: Annotated[bool, option("--strict", OUTPUT_CHECK, "Exit with 3 for warnings too.")] = False,
-    json: Annotated[Path | None, option("--json", OUTPUT_CHECK, "Write findings and verdicts.")] = None,
+    strict: Annotated[bool, option(OUTPUT, "Exit with 3 for warnings too.", "--strict")] = False,
+    json: Annotated[Path | None, option(OUTPUT, "Write findings and verdicts.")] = None,
     force: Force = False,
 ) -> None:
-    """Print findings and verdicts; see `TEXT_CHECK`."""
+    """Print findings and verdicts."""
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
-    data = reading.load(quiet=False)
+    data = reading.load()
     report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
-    console = Console(highlight=False)
-    console.print()
-    console.print(report.text(width=min(console.width, 100)), soft_wrap=True, markup=False)
+    show("\n" + report.text(width=min(Console().width, 100)))
     if json is not None:
         from granular_id._files import whole_file
 
         with whole_file(json) as draft:  # JSON also where the name has no ending
             draft.write_text(report.to_json() + "\n", encoding="utf-8")
-        say_written(console, [json], None)
+        say_written([json])
     if report.worst == "error" or (strict and report.worst == "warning"):
         raise typer.Exit(FOUND_ERRORS)
 
@@ -240,11 +215,9 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-check.__doc__ = TEXT_CHECK
+# ``granular-id data plot``
 
-# ``granular-id data plot``: recordings over time, as a picture.
-
-TEXT_PLOT = """
+PLOT = """
 Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
 
 Examples:
@@ -256,8 +229,6 @@ Examples:
 `granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
 """
 
-PANEL_PLOT = "Picture"
-
 
 class What(str, Enum):
     """Choices of ``--what``."""
@@ -267,30 +238,27 @@ class What(str, Enum):
     onset = "onset"
 
 
-@guarded
-@taking(Reading, Steps)
+@command(PLOT, Reading, Steps)
 def plot(
     reading: Reading,
     steps: Steps,
     *,
-    output: Annotated[Path, option("--output -o", PANEL_PLOT, "File to write: png, svg or pdf.")] = Path(
+    output: Annotated[Path, option(PICTURES, "File to write: png, svg or pdf.", "--output", "-o")] = Path(
         "recordings.png"
     ),
     what: Annotated[
-        What, option("--what", PANEL_PLOT, "Single recordings, means of materials, or onsets of motion.")
+        What, option(PICTURES, "Single recordings, means of materials, or onsets of motion.")
     ] = What.recordings,
     axes: Annotated[
         str,
-        option(
-            "--axes", PANEL_PLOT, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."
-        ),
+        option(PICTURES, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."),
     ] = "",
     n: Annotated[
-        int | None, option("-n", PANEL_PLOT, "Recordings per material (recordings) or in all (onset).")
+        int | None, option(PICTURES, "Recordings per material (recordings) or in all (onset).", "-n")
     ] = None,
     force: Force = False,
 ) -> None:
-    """Draw a picture; see `TEXT_PLOT`."""
+    """Draw a picture."""
     at_least("-n", n, 1)
     if axes and what is What.onset:
         raise ValueError("--axes does not go with --what onset, which draws all forces")
@@ -300,24 +268,22 @@ def plot(
 
     from granular_id import plotting
 
-    data = steps.taken(reading.load(quiet=False), quiet=False, onsets=what is What.onset)
+    data = steps.taken(reading.load(), onsets_later=what is What.onset)
     chosen = names_in(axes)
     if what is What.mean:
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
     elif what is What.onset:
-        data = with_onsets(data, steps.preparation)
-        Console(highlight=False).print(str(data.history[-1]), soft_wrap=True, markup=False)
-        plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.preparation.rest_s)
+        data = steps.with_onsets(data)
+        show(str(data.history[-1]))
+        plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.rest_s)
     else:
         plotting.plot_recordings(data, output, axes=chosen or None, n=n or 5)
-    say_written(Console(highlight=False), [output], None)
+    say_written([output])
 
 
-plot.__doc__ = TEXT_PLOT
+# ``granular-id data convert``
 
-# ``granular-id data convert``: recordings of any known format into one that can be written.
-
-TEXT_CONVERT = """
+CONVERT = """
 Convert recordings: CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP and GM10-ts in; CSV, NPZ, HDF5, Parquet and
 MCAP out.
 
@@ -334,39 +300,34 @@ Examples:
 """
 
 
-@guarded
-@taking(Reading, Steps, Target)
+@command(CONVERT, Reading, Steps, Target)
 def convert(
     reading: Reading,
     steps: Steps,
     target: Target,
     *,
-    verify: Annotated[
-        bool, option("--verify/--no-verify", PANEL, "Read back what was written and compare.")
-    ] = True,
+    verify: Annotated[bool, option(OUTPUT, "Read back what was written and compare.")] = True,
 ) -> None:
-    """Read, take the steps asked for, write, compare; see `TEXT_CONVERT`."""
+    """Read, take the steps asked for, write, compare."""
     from granular_id.io import load
 
-    data = steps.taken(reading.load(quiet=False), quiet=False)
+    data = steps.taken(reading.load())
     target.save(data)
     try:
-        equal = not verify or load(target.path, max_file_bytes=2**40, progress=True) == data
+        equal = not verify or load(target.output, max_file_bytes=2**40, progress=True) == data
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
-            f"Interrupted: {target.path} is written, but was not read back and compared."
+            f"Interrupted: {target.output} is written, but was not read back and compared."
         ) from None
     if not equal:
-        raise ValueError(f"{target.path} was written, but does not read back equal: do not rely on it")
+        raise ValueError(f"{target.output} was written, but does not read back equal: do not rely on it")
     said = ", read back and found equal" if verify else ""
-    Console(highlight=False).print(f"wrote {target.path}{said}", soft_wrap=True, markup=False)
+    show(f"wrote {target.output}{said}")
 
 
-convert.__doc__ = TEXT_CONVERT
+# ``granular-id data synthesize``
 
-# ``granular-id data synthesize``: simulated recordings in a file, to try things on.
-
-TEXT_SYNTHESIZE = """
+SYNTHESIZE = """
 Write SYNTHETIC recordings: pushes through simulated materials, from a physical model and not from a sensor.
 
 Examples:
@@ -376,25 +337,20 @@ Examples:
 `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
 """
 
-PUSHES = "Pushes"
 
-
-@guarded
-@taking(Target)
+@command(SYNTHESIZE, Target)
 def synthesize(
     target: Target,
     *,
-    materials: Annotated[
-        str, option("--materials", PUSHES, "Names separated by commas. Default: the paper's eleven.")
-    ] = "",
-    per_class: Annotated[int, option("--per-class", PUSHES, "Pushes of each material.")] = 62,
+    materials: Annotated[str, option(PUSHES, "Names separated by commas. Default: the paper's eleven.")] = "",
+    per_class: Annotated[int, option(PUSHES, "Pushes of each material.")] = 62,
     sessions: Annotated[
-        int | None, option("--sessions", PUSHES, "Sessions they come from. Default: see synthesize().")
+        int | None, option(PUSHES, "Sessions they come from. Default: see synthesize().")
     ] = None,
-    rate_hz: Annotated[float, option("--rate-hz", PUSHES, "Sampling rate.")] = 500.0,
-    seed: Annotated[int, option("--seed", PUSHES, "Same seed, same recordings.")] = 0,
+    rate_hz: Annotated[float, option(PUSHES, "Sampling rate.")] = 500.0,
+    seed: Annotated[int, option(PUSHES, "Same seed, same recordings.")] = 0,
 ) -> None:
-    """Write simulated recordings; see `TEXT_SYNTHESIZE`."""
+    """Write simulated recordings."""
     at_least("--per-class", per_class, 1)
     at_least("--sessions", sessions, 1)
     at_least("--seed", seed, 0)
@@ -407,15 +363,13 @@ def synthesize(
     )
     target.save(data)
     what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
-    Console(highlight=False).print(f"wrote {target.path}: {what}", soft_wrap=True, markup=False)
+    show(f"wrote {target.output}: {what}")
 
-
-synthesize.__doc__ = TEXT_SYNTHESIZE
 
 data = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
     help="Look at recordings, check them, convert them.",
 )
-for command in (info, head, check, plot, convert, synthesize):
-    data.command()(command)
+for shown in (info, head, check, plot, convert, synthesize):
+    data.command()(shown)

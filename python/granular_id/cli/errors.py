@@ -13,70 +13,35 @@ from typing import ParamSpec
 
 import typer
 
-from granular_id.cli.interrupts import heeding_interrupts, say
-
-__all__ = ["DEBUG", "guarded", "in_options", "words_of"]
+from granular_id.cli.interrupts import heeding_interrupts
+from granular_id.cli.printing import show
 
 DEBUG = "GRANULAR_ID_DEBUG"
 """Environment variable: when set, an error ends in its traceback instead of one line."""
 
 BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
 
-OPTIONS = {
-    "rate_hz": "--rate-hz",
+P = ParamSpec("P")
+
+_SAME = (
+    "array begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
+    "initial label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior pre_s "
+    "protocol rate_hz rest_s robot sensor_range space spaces speed_m_s tare_s target_error threads threshold_n "
+    "time_unit topic trigger"
+)
+OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
-    "topic": "--topic",
-    "time_unit": "--time-unit",
-    "array": "--array",
-    "lead_s": "--lead-s",
-    "rest_s": "--rest-s",
-    "begin_at": "--begin-at",
     "overrule": "--onset-at",
-    "sensor_range": "--sensor-range",
-    "false_alarm_rate": "--false-alarm-rate",
-    "max_gap_s": "--max-gap-s",
-    "on_gap": "--on-gap",
-    "on_short": "--on-short",
     "on_missing": "--on-short",
-    "on_error": "--on-error",
-    "on_time_error": "--on-time-error",
-    "n_samples": "--n-samples",
-    "duration_s": "--duration-s",
     "n_partitions": "--partitions",
     "train_per_class": "--train",
     "test_per_class": "--test",
-    "cutoff_hz": "--cutoff-hz",
-    "n_bins": "--n-bins",
-    "bin_range": "--bin-range",
     "random_state": "--seed",
-    "order": "--order",
-    "initial": "--initial",
-    "threads": "--threads",
-    "spaces": "--spaces",
-    "protocol": "--protocol",
     "n_folds": "--folds",
-    "tare_s": "--tare-s",
-    "block_weights": "--block-weights",
     "n_outer": "--outer",
     "n_inner": "--inner",
-    "target_error": "--target-error",
-    "coding": "--coding",
-    "C": "--C",
-    "space": "--space",
-    "posterior": "--posterior",
-    "direction": "--direction",
-    "label": "--label",
-    "pre_s": "--pre-s",
-    "robot": "--robot",
-    "trigger": "--trigger",
-    "speed_m_s": "--speed-m-s",
-    "threshold_n": "--threshold-n",
 }
-
-FEW = re.compile(r"leave out ((?:'[^']*', )*'[^']*'), or record more")
-TRAIN_AND_TEST = re.compile(r"pass train_per_class=(\d+), test_per_class=(\d+)")
-
-P = ParamSpec("P")
+"""The option that sets an argument of the library."""
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
@@ -93,62 +58,74 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             with heeding_interrupts(), _warnings_in_one_line():
                 command(*args, **kwargs)
         except KeyboardInterrupt as stop:
-            say(str(stop) or "Interrupted: no file was left half-written.", "yellow")
+            show(str(stop) or "Interrupted: no file was left half-written.", "yellow", err=True)
             raise typer.Exit(INTERRUPTED) from None
         except (ValueError, TypeError, OSError, ImportError) as error:
             # An ImportError with a name is a broken installation, not one of ours that says what to install.
             if os.environ.get(DEBUG) or (isinstance(error, ImportError) and error.name is not None):
                 raise
-            say(f"error: {in_options(words_of(error))}", "bold red")
+            show(f"error: {words_of(error)}", "bold red", err=True)
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
 
     return run
 
 
-def in_options(message: str, rate_option: str = "--rate-hz") -> str:
-    """Say a message of the library in the options of the command line.
+@contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    before = warnings.showwarning
 
-    Parameters
-    ----------
-    message : str
-        For example ``"... pass on_short='skip'"``.
-    rate_option : str
-        What `rate_hz` is called: when reading files it is ``--recorded-hz``.
+    def show_warning(message: Warning | str, *_: object, **__: object) -> None:
+        show(f"warning: {in_options(str(message))}", "bold yellow", err=True)
 
-    Returns
-    -------
-    str
-        For example ``"... pass --on-short skip"``, on one line.
+    warnings.showwarning = show_warning
+    try:
+        yield
+    finally:
+        warnings.showwarning = before
 
-    Examples
-    --------
-    >>> in_options("train_per_class must be at least 1, got 0")
-    '--train must be at least 1, got 0'
-    >>> in_options("raise max_gap_s (None: no limit), or pass on_gap='skip'")
-    'raise --max-gap-s (inf: no limit), or pass --on-gap skip'
+
+def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
+    """Say an error on one line, in options; without the number that the system gives it, the file first.
+
+    `rate_option`: what `rate_hz` is called; when reading files it is ``--recorded-hz``.
     """
-    if message.startswith("url '"):  # it speaks of what stands behind the question mark there
-        return " ".join(message.split())
-    one_line = re.sub(r"\bNone(?=(:| for) no limit)", "inf", " ".join(message.split()))
-    one_line = TRAIN_AND_TEST.sub(r"add --train \1 --test \2", one_line)
-    one_line = FEW.sub(_excluded, one_line)
-    one_line = one_line.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
-    one_line = one_line.replace("call .find_onsets()", "add --begin-at onset")
-    one_line = one_line.replace(".resample(rate_hz)", "add --rate-hz")
-    one_line = re.sub(r"\.resample\(([\d.e+]+)\)", r"add --rate-hz \1", one_line).replace("call add", "add")
-    one_line = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", one_line)
-    one_line = re.sub(r"\bpass accept=\('(\w+)',\)", r"add --accept \1", one_line)
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        said = f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
+        return " ".join(said.split())
+    message, argument = str(error), getattr(error, "argument", None)
+    if argument in OPTIONS and message.startswith(argument):
+        option = rate_option if argument == "rate_hz" else OPTIONS[argument]
+        message = option + message.removeprefix(argument)
+    return in_options(message, rate_option)
+
+
+def in_options(message: str, rate_option: str = "--rate-hz") -> str:
+    """Say in options what a message proposes in arguments, ``pass on_short='skip'``, on one line.
+
+    For messages that name arguments in their text; one whose `argument` is set needs none of this for it.
+    """
+    said = " ".join(message.split())
+    if said.startswith("url '"):  # it speaks of what stands behind the question mark there
+        return said
+    said = re.sub(r"\bNone(?=(:| for) no limit)", "inf", said)
+    said = re.sub(r"pass train_per_class=(\d+), test_per_class=(\d+)", r"add --train \1 --test \2", said)
+    said = re.sub(r"leave out ((?:'[^']*', )*'[^']*'), or record more", _excluded, said)
+    said = said.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
+    said = said.replace("call .find_onsets()", "add --begin-at onset")
+    said = re.sub(r"(?:call )?\.resample\((?:rate_hz|([\d.e+]+))\)", _resampled, said)
+    said = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", said)
+    said = re.sub(r"\bpass accept=\('(\w+)',\)", r"add --accept \1", said)
     for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
         # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
         word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
-        one_line = re.sub(rf"{word}='([^']*)'", rf"{option} \1", one_line)
-        one_line = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", one_line)
-        one_line = re.sub(rf"{word}=", option, one_line)
+        said = re.sub(rf"{word}='([^']*)'", rf"{option} \1", said)
+        said = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", said)
+        said = re.sub(rf"{word}=", option, said)
         if "_" in name:
-            one_line = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, one_line)
+            said = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, said)
         else:  # also an everyday word: an argument only where a message begins with it
-            one_line = re.sub(rf"^{name}(?= must |: )", option, one_line)
-    return one_line
+            said = re.sub(rf"^{name}(?= must |: )", option, said)
+    return said
 
 
 def _excluded(few: re.Match[str]) -> str:
@@ -156,22 +133,5 @@ def _excluded(few: re.Match[str]) -> str:
     return f"leave out with --exclude {shlex.quote(names)}, or record more"
 
 
-def words_of(error: Exception) -> str:
-    """Leave out the number that the system gives an error, and put the file first."""
-    if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
-    return str(error)
-
-
-@contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    before = warnings.showwarning
-
-    def show(message: Warning | str, *_: object, **__: object) -> None:
-        say(f"warning: {in_options(str(message))}", "bold yellow")
-
-    warnings.showwarning = show
-    try:
-        yield
-    finally:
-        warnings.showwarning = before
+def _resampled(call: re.Match[str]) -> str:
+    return f"add --rate-hz {call[1]}" if call[1] else "add --rate-hz"

@@ -1,30 +1,201 @@
-"""``granular-id evaluate``: how well the materials in recordings are told apart."""
+"""``granular-id evaluate``, ``report``, ``demo``, ``select``: how well materials are told apart, in which space."""
 
 from __future__ import annotations
 
+import importlib.util
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.text import Text
 
-from granular_id.cli.errors import guarded
-from granular_id.cli.method import (
-    BlockWeights,
-    Method,
-    Weights,
-    at_least,
-    chosen_spaces,
-    option,
-    positive,
-    taking,
-)
-from granular_id.cli.prepare import Steps, equal_recordings
-from granular_id.cli.reading import Reading
-from granular_id.cli.session import Force, Outputs, Run, evaluate_and_show, say_written
+from granular_id._files import made_folder
+from granular_id.cli.method import Features, Method, chosen_spaces
+from granular_id.cli.options import Force, at_least, command, option
+from granular_id.cli.outputs import JSON_FILE, PAGE, PICTURE, PREDICTIONS, check_outputs
+from granular_id.cli.printing import fits, print_table, repeated_command, say_written, show
+from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
-EXAMPLES = """
+if TYPE_CHECKING:
+    from granular_id._progress import ProgressCallback
+    from granular_id.evaluation import EvaluationResult
+    from granular_id.recording import Dataset
+    from granular_id.spaces import FeatureSpace
+
+SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
+
+CHECKPOINT = "Keep each finished partition in this folder; after Ctrl-C the same command goes on from there."
+"""Help of ``--checkpoint``."""
+
+
+@dataclass(kw_only=True)
+class Outputs:
+    """Files of an evaluation to write, and a folder for figures; None leaves one out."""
+
+    report: Annotated[Path | None, option(OUTPUT, "Write one HTML file with everything.")] = None
+    json: Annotated[Path | None, option(OUTPUT, "Write figures, settings and predictions.")] = None
+    csv: Annotated[Path | None, option(OUTPUT, "Write every prediction.")] = None
+    figures: Annotated[Path | None, option(OUTPUT, "Write the figures of the report into this folder.")] = (
+        None
+    )
+    checkpoint: Annotated[Path | None, option(OUTPUT, CHECKPOINT)] = None
+    force: Force = False
+
+    @contextmanager
+    def ready(self, source: Path | None = None, named: Mapping[str, str] | None = None) -> Iterator[None]:
+        """Refuse what could not be written, before any time is spent on it.
+
+        The folders for figures and for the checkpoint are made, and removed again when the block raises and left them
+        empty. `source`: what is read. `named`: options of commands that name them otherwise than ``evaluate``.
+        """
+        for wanted, module, path in (
+            ("figures need", "matplotlib", self.figures),
+            ("a report needs", "matplotlib", self.report),
+            ("a report needs", "jinja2", self.report),
+        ):
+            if path is not None and importlib.util.find_spec(module) is None:
+                raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
+        with _folder(self.figures), _folder(self.checkpoint):
+            outputs = [
+                ("--report", self.report, PAGE),
+                ("--json", self.json, JSON_FILE),
+                ("--csv", self.csv, PREDICTIONS),
+                *(("--figures", path, PICTURE) for path in self._figures_there()),
+            ]
+            of_command = [((named or {}).get(name, name), path, kind) for name, path, kind in outputs]
+            check_outputs(*of_command, source=source, force=self.force)
+            self._refuse_other_folder()
+            yield
+
+    def _figures_there(self) -> list[Path]:
+        """Figures that would be replaced; which of all there will be depends on the evaluation."""
+        if self.figures is None or not any(self.figures.glob("*.png")):
+            return []
+        from granular_id.report import FIGURES
+
+        paths = (self.figures / f"{name}.png" for name in FIGURES)
+        return [path for path in paths if path.exists()]
+
+    def _refuse_other_folder(self) -> None:
+        if self.checkpoint is not None and (there := sorted(self.checkpoint.iterdir())):
+            from granular_id.evaluation import RUN
+
+            if self.checkpoint / RUN not in there:
+                raise ValueError(
+                    f"--checkpoint {self.checkpoint} holds {there[0].name!r} and is no checkpoint: give a new folder"
+                )
+
+    def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
+        """Write everything that was asked for; return the paths."""
+        written = []
+        for path, write in (
+            (self.report, result.report),
+            (self.json, result.to_json),
+            (self.csv, result.to_csv),
+        ):
+            if path is not None:
+                write(path)
+                written.append(path)
+        if self.figures is not None:
+            from granular_id.report import figures
+
+            written += figures(result, self.figures, "png", space=space)
+        return written
+
+
+@contextmanager
+def _folder(path: Path | None) -> Iterator[None]:
+    with nullcontext() if path is None else made_folder(path):
+        yield
+
+
+def _evaluate_and_show(
+    data: Dataset,
+    spaces: Mapping[str, FeatureSpace],
+    protocol: str,
+    outputs: Outputs,
+    *,
+    confusion: str | None = None,
+    quiet: bool = False,
+    progress: bool | ProgressCallback = True,
+    **arguments: Any,
+) -> None:
+    """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only."""
+    from granular_id.evaluation import evaluate as evaluate_spaces
+
+    progress = not quiet and progress
+    result = evaluate_spaces(
+        data, spaces, protocol, checkpoint=outputs.checkpoint, progress=progress, **arguments
+    )
+    result = replace(result, command=repeated_command())
+    _print_result(result, confusion, brief=quiet)
+    written = outputs.write(result, confusion)
+    if not quiet and outputs.report is None:
+        show("\nall tables and figures on one page: add --report FILE.html")
+    say_written(written, repeat=not quiet)
+
+
+@contextmanager
+def _saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        finished = 0
+        if checkpoint is not None:
+            from granular_id.evaluation import RUN
+
+            finished = sum(path.name != RUN for path in checkpoint.glob("*.json"))
+        if finished:
+            how = f"{finished} finished partitions are kept in {checkpoint}; the same command goes on from there."
+        elif checkpoint is not None:
+            how = "no partition was finished."
+        else:
+            how = "no file was left half-written. A run with --checkpoint FOLDER can be continued."
+        raise KeyboardInterrupt(f"Interrupted: {how}") from None
+
+
+def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -> None:
+    """Print accuracies with gaps and notes; unless `brief` controls, comparison, choices, confusion and seconds too."""
+    from granular_id.evaluation import (
+        PAPER_NOTE,
+        accuracy_table,
+        choice_tables,
+        comparison_tables,
+        confusion_table,
+        controls_table,
+        mistakes_table,
+        seconds_table,
+    )
+
+    accuracies = accuracy_table(result)
+    if brief:
+        footnotes = tuple(note for note in accuracies.notes if note == PAPER_NOTE)
+        print_table(replace(accuracies, notes=footnotes), strong=result.synthetic)
+        return
+    print_table(accuracies, strong=result.synthetic)
+    if result.controls:
+        print_table(controls_table(result))
+    for table in (*comparison_tables(result)[:1], *choice_tables(result)):
+        print_table(table)
+    # The matrix of the protocol that flatters least; the report and the figures have all of them.
+    protocol = result.strictest or result.protocols[0]
+    chosen = space or result.best_space(protocol)
+    matrix = confusion_table(result, chosen, protocol)
+    if fits(matrix):
+        print_table(matrix, tight=True)
+    else:
+        print_table(mistakes_table(result, chosen, protocol))
+    print_table(seconds_table(result))
+
+
+# ``granular-id evaluate``
+
+EVALUATE = """
 Measure how well the materials in a set of recordings are told apart.
 
 PATH is a file that holds the whole set (NumPy, MATLAB, HDF5, Parquet), or a folder of files of any format, CSV and
@@ -48,7 +219,7 @@ Random partitions (the paper's protocol) flatter a method that recognises the se
 The strictest protocol that the recordings allow runs beside them: whole sessions held out, or halves in time
 order; the gap between the two is shown. Controls say what can be had without touching the material.
 
-Ctrl-C keeps what is finished: the same command goes on from there.
+`--checkpoint FOLDER` keeps what is finished: after Ctrl-C the same command goes on from there.
 """
 
 
@@ -62,100 +233,77 @@ class Protocol(str, Enum):
     kfold = "kfold"
 
 
-SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
+@dataclass(kw_only=True)
+class Partitions:
+    """What trains and what is tested."""
+
+    protocol: Annotated[
+        Protocol, option(SPLIT, "auto: paper, and the strictest that the recordings allow.")
+    ] = Protocol.auto
+    train: Annotated[int, option(SPLIT, "Training recordings of each class (random partitions).")] = 50
+    test: Annotated[int, option(SPLIT, "Test recordings of each class (random partitions).")] = 12
+    partitions: Annotated[int, option(SPLIT, "Number of random partitions.")] = 20
+    folds: Annotated[int, option(SPLIT, "Folds of kfold, and of session with one session per class.")] = 5
+    seed: Annotated[int, option(SPLIT, "Same seed, same numbers.")] = 0
+
+    def __post_init__(self) -> None:
+        at_least("--train", self.train, 1)
+        at_least("--test", self.test, 1)
+        at_least("--partitions", self.partitions, 1)
+        at_least("--folds", self.folds, 2)
+        at_least("--seed", self.seed, 0)
 
 
-@guarded
-@taking(Reading, Steps, Method)
+@command(EVALUATE, Reading, Steps, Method, Partitions, Outputs)
 def evaluate(
     reading: Reading,
     steps: Steps,
     method: Method,
+    parts: Partitions,
+    outputs: Outputs,
     *,
-    protocol: Annotated[
-        Protocol, option("--protocol", SPLIT, "auto: paper, and the strictest that the recordings allow.")
-    ] = Protocol.auto,
-    train: Annotated[
-        int, option("--train", SPLIT, "Training recordings of each class (random partitions).")
-    ] = 50,
-    test: Annotated[int, option("--test", SPLIT, "Test recordings of each class (random partitions).")] = 12,
-    partitions: Annotated[int, option("--partitions", SPLIT, "Number of random partitions.")] = 20,
-    folds: Annotated[
-        int, option("--folds", SPLIT, "Folds of kfold, and of session with one session per class.")
-    ] = 5,
-    seed: Annotated[int, option("--seed", SPLIT, "Same seed, same numbers.")] = 0,
-    controls: Annotated[
-        bool,
-        option("--controls/--no-controls", SPLIT, "What the rest, the means, the clock alone would give."),
-    ] = True,
-    spaces: Annotated[
-        str, option("--spaces", METHOD, "Feature spaces separated by commas; paper: the paper's.")
-    ] = "all",
-    block_weights: BlockWeights = Weights.plain,
-    c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
-    report: Annotated[Path | None, option("--report", OUTPUT, "Write one HTML file with everything.")] = None,
-    json: Annotated[Path | None, option("--json", OUTPUT, "Write figures, settings and predictions.")] = None,
-    csv: Annotated[Path | None, option("--csv", OUTPUT, "Write every prediction.")] = None,
-    figures: Annotated[
-        Path | None, option("--figures", OUTPUT, "Write the figures of the report into this folder.")
-    ] = None,
+    controls: Annotated[bool, option(SPLIT, "What the rest, the means, the clock alone would give.")] = True,
+    spaces: Annotated[str, option(METHOD, "Feature spaces separated by commas; paper: the paper's.")] = "all",
     confusion: Annotated[
-        str | None, option("--confusion", OUTPUT, "Space of the confusion matrix. Default: the best.")
+        str | None, option(OUTPUT, "Space of the confusion matrix. Default: the best.")
     ] = None,
-    fresh: Annotated[
-        bool, option("--fresh", OUTPUT, "Forget what an interrupted run of this command has finished.")
-    ] = False,
-    force: Force = False,
-    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the table of accuracies only.")] = False,
+    quiet: Annotated[bool, option(OUTPUT, "Print the table of accuracies only.", "--quiet")] = False,
 ) -> None:
-    """Print accuracies, confusions and seconds; see `EXAMPLES`."""
-    positive("--C", c)
-    for name, count, least in (
-        ("--train", train, 1),
-        ("--test", test, 1),
-        ("--partitions", partitions, 1),
-        ("--folds", folds, 2),
-        ("--seed", seed, 0),
-    ):
-        at_least(name, count, least)
-    method.fits(steps.preparation.rate_hz)
+    """Print accuracies, confusions and seconds."""
+    method.refuse_impossible(steps.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
-    outputs = Outputs(report=report, json=json, csv=csv, figures=figures, source=reading.path, force=force)
-    with outputs.ready():
+    with outputs.ready(reading.path), _saying_how_to_go_on(outputs.checkpoint):
         reading.refuse_absent()
-        notes = method.unused_in(chosen, block_weights, c)
+        notes = method.unused_in(chosen)
         data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.ecoc import ECOCClassifier
         from granular_id.evaluation import in_paper_order
 
         for note in [] if quiet else notes:
-            typer.echo(f"note: {note}")
-        known = method.spaces(data.rate_hz, block_weights)
-        run = Run(
-            spaces={name: known[name] for name in chosen or in_paper_order(known)},
-            protocol=protocol.value,
-            confusion_of=confusion,
-            fresh=fresh,
-            arguments={
-                "n_partitions": partitions,
-                "train_per_class": train,
-                "test_per_class": test,
-                "n_folds": folds,
-                "controls": controls,
-                "classifier": ECOCClassifier(C=c),
-                "n_jobs": method.n_jobs,
-                "random_state": seed,
-            },
+            show(f"note: {note}")
+        known = method.spaces(data.rate_hz)
+        _evaluate_and_show(
+            data,
+            {name: known[name] for name in chosen or in_paper_order(known)},
+            parts.protocol.value,
+            outputs,
+            confusion=confusion,
+            quiet=quiet,
+            n_partitions=parts.partitions,
+            train_per_class=parts.train,
+            test_per_class=parts.test,
+            n_folds=parts.folds,
+            controls=controls,
+            classifier=ECOCClassifier(C=method.c),
+            n_jobs=method.n_jobs,
+            random_state=parts.seed,
         )
-        evaluate_and_show(data, run, outputs, quiet=quiet)
 
 
-evaluate.__doc__ = EXAMPLES
+# ``granular-id report``
 
-# ``granular-id report``: the page of an evaluation that was stored as JSON.
-
-TEXT = """
+REPORT = """
 Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
 
 Examples:
@@ -166,30 +314,205 @@ Examples:
 """
 
 
-@guarded
+@command(REPORT)
 def report(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="JSON file of an evaluation.")],
     *,
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="JSON file of an evaluation.")],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="HTML file. Default: RESULT with the ending .html.")
     ] = None,
-    figures: Annotated[
-        Path | None, typer.Option("--figures", help="Write the figures into this folder, too.")
-    ] = None,
+    figures: Annotated[Path | None, typer.Option(help="Write the figures into this folder, too.")] = None,
     force: Force = False,
 ) -> None:
-    """Write the report of a stored result; see `TEXT`."""
+    """Write the report of a stored result."""
     page = result.with_suffix(".html") if output is None else output
     if output is None and page == result:
         raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
     if page == result:
         raise ValueError(f"--output {page} is the result itself: give another file")
-    outputs = Outputs(report=page, figures=figures, force=force, named={"--report": "--output"})
-    with outputs.ready():
+    outputs = Outputs(report=page, figures=figures, force=force)
+    with outputs.ready(named={"--report": "--output"}):
         from granular_id.evaluation import EvaluationResult
 
         written = outputs.write(EvaluationResult.from_json(result), None)
-    say_written(Console(highlight=False), written, None)
+    say_written(written)
 
 
-report.__doc__ = TEXT
+# ``granular-id demo``
+
+DEMO = """
+Evaluate the built-in SYNTHETIC recordings: 11 simulated materials, 62 pushes of each.
+
+The recordings come from a physical model, not from a sensor. The accuracies show that the program works; they
+say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG, result.json and
+predictions.csv.
+
+Examples:
+
+`granular-id demo`
+
+`granular-id demo -o somewhere --quick`
+"""
+
+FULL = {"n_partitions": 20, "train_per_class": 50, "test_per_class": 12}
+QUICK = {"n_partitions": 5, "train_per_class": 8, "test_per_class": 4}
+
+
+@command(DEMO)
+def demo(
+    *,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")] = Path("demo"),
+    quick: Annotated[
+        bool, typer.Option("--quick", help="12 recordings of each material, 5 partitions.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Same seed, same recordings and numbers.")] = 0,
+    threads: Annotated[
+        int | None, typer.Option(help="The numbers do not depend on it. Default: all cores.")
+    ] = None,
+    checkpoint: Annotated[Path | None, typer.Option(help=CHECKPOINT)] = None,
+    force: Force = False,
+) -> None:
+    """Evaluate simulated recordings."""
+    at_least("--seed", seed, 0)
+    at_least("--threads", threads, 1)
+    outputs = Outputs(
+        report=output / "report.html",
+        json=output / "result.json",
+        csv=output / "predictions.csv",
+        figures=output,
+        checkpoint=checkpoint,
+        force=force,
+    )
+    named = dict.fromkeys(("--report", "--json", "--csv", "--figures"), "--output")
+    with outputs.ready(named=named), _saying_how_to_go_on(checkpoint):
+        _evaluate_simulated(outputs, QUICK if quick else FULL, seed, threads)
+
+
+def _evaluate_simulated(outputs: Outputs, counts: dict[str, Any], seed: int, threads: int | None) -> None:
+    from granular_id.evaluation import in_paper_order
+    from granular_id.spaces import feature_spaces
+    from granular_id.synthetic import PAPER_MATERIALS, synthesize
+
+    n_per_class = counts["train_per_class"] + counts["test_per_class"]
+    n = n_per_class * len(PAPER_MATERIALS)
+    Console(highlight=False).print(
+        f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
+        "figures below show that the program works, not how well it knows real materials."
+    )
+    console = Console(stderr=True, highlight=False)
+    step = f"simulating {n} pushes"
+    if not console.is_terminal:
+        console.print(step)
+    with console.status(step):
+        data = synthesize(n_per_class=n_per_class, seed=seed)
+    known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
+    _evaluate_and_show(
+        data,
+        {name: known[name] for name in in_paper_order(known)},
+        "auto",
+        outputs,
+        progress=True if console.is_terminal else _in_lines(),
+        **counts,
+        random_state=seed,
+        n_jobs=-1 if threads is None else threads,
+    )
+
+
+def _in_lines() -> ProgressCallback:
+    """Tell progress where there is no terminal for a bar: a line when a space or protocol is first met."""
+    told = set[str]()
+
+    def tell(done: int, total: int, what: str) -> None:
+        step = what.partition(", ")[0]
+        if step not in told:
+            told.add(step)
+            show(f"{done} of {total}: {step}", err=True)
+
+    return tell
+
+
+# ``granular-id select``
+
+SELECT = """
+Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
+
+Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
+Whole sessions are held out where the recordings have several of each material; else halves in time order, as
+`granular-id evaluate` does; else random folds. The output says which.
+
+Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for itself.
+`granular-id evaluate --spaces` compares them with others.
+
+PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+Examples:
+
+`granular-id select recordings`
+
+`granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
+
+`granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
+"""
+
+CHOICE = "Choice"
+
+
+@command(SELECT, Reading, Steps, Features)
+def select(
+    reading: Reading,
+    steps: Steps,
+    method: Features,
+    *,
+    spaces: Annotated[
+        str, option(CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones.")
+    ] = "",
+    outer: Annotated[int, option(CHOICE, "Folds that judge the choice. Halves in time are 2.")] = 5,
+    inner: Annotated[int, option(CHOICE, "Folds that choose, within each outer fold.")] = 4,
+    seed: Annotated[int, option(CHOICE, "Same seed, same choice.")] = 0,
+    json: Annotated[Path | None, option(OUTPUT, "Write everything the choice rests on.")] = None,
+    force: Force = False,
+    quiet: Annotated[bool, option(OUTPUT, "Print the choice only.", "--quiet")] = False,
+) -> None:
+    """Print the choice."""
+    at_least("--outer", outer, 2)
+    at_least("--inner", inner, 2)
+    at_least("--seed", seed, 0)
+    method.refuse_impossible(steps.rate_hz)
+    chosen = _candidates(spaces) if spaces else None
+    check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
+    notes = method.unused_in(chosen) if chosen else []
+    data = equal_recordings(reading, steps, quiet=quiet)
+
+    from granular_id.evaluation import DEFAULT_SPACES
+    from granular_id.evaluation import select as select_space
+
+    for note in [] if quiet else notes:
+        show(f"note: {note}")
+    known = method.spaces(data.rate_hz)
+    selection = select_space(
+        data,
+        spaces={name: known[name] for name in chosen or DEFAULT_SPACES},
+        n_outer=outer,
+        n_inner=inner,
+        random_state=seed,
+        n_jobs=method.n_jobs,
+        progress=not quiet,
+    )
+    console = Console(highlight=False)
+    console.print()
+    console.print(Text(selection.verdict()))
+    if not quiet:
+        print_table(selection.table(), strong=selection.synthetic)
+    if json is not None:
+        selection.to_json(json)
+    say_written([json], repeat=not quiet)
+
+
+def _candidates(spaces: str) -> list[str]:
+    from granular_id.evaluation import in_paper_order, refuse_own_classifiers
+    from granular_id.spaces import feature_spaces
+
+    known = feature_spaces()
+    chosen = chosen_spaces(spaces) or in_paper_order(known)
+    refuse_own_classifiers([known[name] for name in chosen])
+    return chosen

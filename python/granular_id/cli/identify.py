@@ -2,55 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from granular_id._files import MODELS
-from granular_id.cli.errors import guarded, words_of
-from granular_id.cli.method import onsets_in, option, positive, taking
-from granular_id.cli.prepare import (
-    MAX_GAP_S,
-    MaxGapS,
-    OnGap,
-    OnsetAt,
-    OnShort,
-    Preparation,
-    RateHz,
-    RestS,
-    prepare,
-    saying,
-    told,
-    with_onsets,
-)
-from granular_id.cli.reading import (
+from granular_id.cli.errors import words_of
+from granular_id.cli.options import Force, command, option
+from granular_id.cli.outputs import ANSWERS, JSON_FILE, check_outputs
+from granular_id.cli.printing import print_table, say_written, show, warn_of_setups
+from granular_id.cli.recordings import (
     ACCEPT,
     PANEL,
-    Accepted,
-    ArrayName,
-    Handling,
-    LabelName,
-    MaxFileMb,
-    OnError,
-    OnTimeError,
-    RecordedHz,
-    Repair,
-    TimeUnit,
-    Topic,
-    load_all,
-    load_settings,
+    Difference,
+    ReadingOptions,
+    StepOptions,
     say_loaded,
+    say_step,
 )
-from granular_id.cli.session import ANSWERS, JSON_FILE, Force, check_outputs, say_written
 
 if TYPE_CHECKING:
     from granular_id.identifier import Identifier
     from granular_id.recording import Dataset
-
-__all__ = ["identify"]
 
 TEXT = """
 Name the material in each recording, with a model that `granular-id train` has written.
@@ -86,36 +62,24 @@ class Beginning(str, Enum):
     onset = "onset"
 
 
-class Recordings:
-    """A model and the recordings to identify, with every option of reading checked."""
+@dataclass(kw_only=True)
+class Recordings(ReadingOptions):
+    """A model and the recordings to identify."""
 
-    def __init__(
-        self,
-        files: Annotated[
-            list[Path] | None,
-            typer.Argument(
-                metavar="MODEL PATH",
-                help="Model file, then folders and files of recordings.",
-                show_default=False,
-            ),
-        ] = None,
-        *,
-        model: Annotated[
-            Path | None,
-            option("--model -m", PANEL, "Model file; all arguments are recordings then."),
-        ] = None,
-        on_error: OnError = Handling.refuse,
-        on_time_error: OnTimeError = Repair.refuse,
-        recorded_hz: RecordedHz = None,
-        topic: Topic = None,
-        time_unit: TimeUnit = None,
-        array: ArrayName = None,
-        label: LabelName = None,
-        max_file_mb: MaxFileMb = None,
-    ) -> None:
-        self.is_named = model is not None
-        given = [*([] if model is None else [model]), *(files or [])]
-        if self.is_named and not files:
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="MODEL PATH", help="Model file, then folders and files of recordings.", show_default=False
+        ),
+    ] = None
+    model: Annotated[
+        Path | None, option(PANEL, "Model file; all arguments are recordings then.", "--model", "-m")
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = [*([] if self.model is None else [self.model]), *(self.files or [])]
+        if self.model is not None and not self.files:
             raise ValueError("no recordings given: granular-id identify -m MODEL PATH...")
         if len(given) < 2:
             got = f"{given[0]} alone" if given else "neither"
@@ -123,82 +87,79 @@ class Recordings:
                 f"a model file and recordings are needed, got {got}: granular-id identify MODEL PATH..., with the "
                 "MODEL that granular-id train wrote"
             )
-        self.model, *self.paths = given
-        self.settings = load_settings(
-            on_error=on_error,
-            on_time_error=on_time_error,
-            recorded_hz=recorded_hz,
-            topic=topic,
-            time_unit=time_unit,
-            array=array,
-            label=label,
-            max_file_mb=max_file_mb,
-        )
+        self.model_file, *self.paths = given
+
+    def load_model(self) -> Identifier:
+        """Read the model; where it may stand in another place, say which is the first."""
+        from granular_id.identifier import Identifier
+
+        try:
+            return Identifier.load(self.model_file)
+        except (OSError, ValueError) as error:
+            if self.model is not None or not any(path.suffix in MODELS for path in self.paths):
+                raise
+            raise ValueError(
+                f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
+            ) from None
 
     def load(self, *, quiet: bool) -> Dataset:
-        """Read the recordings and say what was read; when quiet, only what was skipped."""
-        data = load_all(self.paths, self.settings, quiet=quiet)
+        """Read the recordings into one data set and say what was read; when quiet, only what was skipped."""
+        from granular_id.recording import Dataset
+
+        parts = [self.load_path(path, quiet=quiet) for path in self.paths]
+        data = parts[0]
+        if len(parts) > 1:  # then recordings are named after the path they came from
+            named = [
+                Dataset(
+                    [replace(r, name=_place(path, r.name, alone=len(part) == 1)) for r in part], part.history
+                )
+                for path, part in zip(self.paths, parts, strict=True)
+            ]
+            data = Dataset.concatenate(named)
         say_loaded(data, quiet=quiet)
         return data
 
 
-class Fitting:
-    """How recordings come to the rate and length of the model, with every option checked."""
+def _place(path: Path, name: str, *, alone: bool) -> str:
+    if path.is_dir():
+        return str(path / name)
+    return str(path) if alone else f"{path}: {name}"
 
-    def __init__(
-        self,
-        *,
-        rate_hz: RateHz = None,
-        max_gap_s: MaxGapS = MAX_GAP_S,
-        on_gap: OnGap = Handling.refuse,
-        begin_at: Annotated[
-            Beginning,
-            option(
-                "--begin-at",
-                PANEL,
-                "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
-                "the forces; auto: as in the training.",
-            ),
-        ] = Beginning.auto,
-        lead_s: Annotated[
-            float | None,
-            option("--lead-s", PANEL, "Seconds ahead of trigger or onset. Default: as in the training."),
-        ] = None,
-        rest_s: RestS = 0.1,
-        onset_at: OnsetAt = None,
-        on_short: OnShort = Handling.refuse,
-        accept: Annotated[list[Accepted] | None, option("--accept", PANEL, ACCEPT)] = None,
-    ) -> None:
-        positive("--rate-hz", rate_hz)
-        positive("--max-gap-s", max_gap_s, infinite=True)
-        positive("--rest-s", rest_s)
-        if lead_s is not None and begin_at is Beginning.first:
+
+@dataclass(kw_only=True)
+class Fitting(StepOptions):
+    """How recordings come to the rate and length of the model."""
+
+    begin_at: Annotated[
+        Beginning,
+        option(
+            PANEL,
+            "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
+            "the forces; auto: as in the training.",
+        ),
+    ] = Beginning.auto
+    lead_s: Annotated[
+        float | None, option(PANEL, "Seconds ahead of trigger or onset. Default: as in the training.")
+    ] = None
+    accept: Annotated[list[Difference] | None, option(PANEL, ACCEPT)] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lead_s is not None and self.begin_at is Beginning.first:
             raise ValueError("--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first")
-        onsets = onsets_in(onset_at or [])
-        if onsets and begin_at is not Beginning.onset:
+        if self.onsets and self.begin_at is not Beginning.onset:
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
-        self.begin_at, self.lead_s, self.on_short = begin_at, lead_s, on_short
-        self.accept = [one.value for one in accept or []]
-        self.preparation = Preparation(
-            rate_hz=rate_hz,
-            max_gap_s=max_gap_s,
-            duration_s=None,
-            n_samples=None,
-            rest_s=rest_s,
-            onset_at=onsets,
-            on_gap=on_gap.value,
-        )
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
         """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
         from granular_id.identifier import fitted, refuse_others
 
-        say = saying(quiet=quiet)
-        data = prepare(data, self.preparation, say)
-        differences = refuse_others(data, identifier.core, self.accept)
+        accepted = [one.value for one in self.accept or []]
+        data = self.resampled(data, quiet=quiet)
+        differences = refuse_others(data, identifier.core, accepted)
         if self.begin_at is Beginning.onset:
-            data = told(with_onsets(data, self.preparation), say)
-            differences = refuse_others(data, identifier.core, self.accept)  # the trigger is another one
+            data = say_step(self.with_onsets(data), quiet=quiet)
+            differences = refuse_others(data, identifier.core, accepted)  # the trigger is another one
         cropped = fitted(
             data,
             identifier.core,
@@ -206,62 +167,41 @@ class Fitting:
             lead_s=self.lead_s,
             on_short=self.on_short.value,
         )
-        return cropped if cropped is data else told(cropped, say), differences
+        return cropped if cropped is data else say_step(cropped, quiet=quiet), differences
 
 
-@guarded
-@taking(Recordings, Fitting)
+@command(TEXT, Recordings, Fitting)
 def identify(
     recordings: Recordings,
     fitting: Fitting,
     *,
-    json: Annotated[Path | None, option("--json", OUTPUT, "Write answers with their rankings.")] = None,
-    csv: Annotated[Path | None, option("--csv", OUTPUT, "Write answers as a table.")] = None,
+    json: Annotated[Path | None, option(OUTPUT, "Write answers with their rankings.")] = None,
+    csv: Annotated[Path | None, option(OUTPUT, "Write answers as a table.")] = None,
     force: Force = False,
-    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print recording and answer only.")] = False,
+    quiet: Annotated[bool, option(OUTPUT, "Print recording and answer only.", "--quiet")] = False,
 ) -> None:
-    """Name the material in each recording; see `TEXT`."""
-    for path in (recordings.model, *recordings.paths):
+    """Name the material in each recording."""
+    for path in (recordings.model_file, *recordings.paths):
         check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
+    identifier = recordings.load_model()
+    data, differences = fitting.taken(recordings.load(quiet=quiet), identifier, quiet=quiet)
 
-    from granular_id.identifier import Identifier
-
-    try:
-        identifier = Identifier.load(recordings.model)
-    except (OSError, ValueError) as error:
-        if recordings.is_named or not any(path.suffix in MODELS for path in recordings.paths):
-            raise
-        raise ValueError(
-            f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
-        ) from None
-    data = recordings.load(quiet=quiet)
-    data, differences = fitting.taken(data, identifier, quiet=quiet)
-
-    from granular_id.cli.session import print_table
     from granular_id.identifier import identify_all
-    from granular_id.recording import other_setup
 
     answers = identify_all(identifier, data, differences)
-    console = Console(highlight=False)
     if quiet:
         for answer in answers:
             said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label
             typer.echo(f"{answer.name}\t{said}")  # rich would turn the tab into blanks
-        for difference in differences:
-            Console(stderr=True).print(
-                f"warning: {other_setup(difference)}", style="yellow", soft_wrap=True, markup=False
-            )
+        warn_of_setups(differences, err=True)
         if answers.synthetic:
-            Console(stderr=True).print(answers.synthetic, style="bold yellow")
+            show(answers.synthetic, "bold yellow", err=True)
     else:
-        print_table(console, answers.table(), strong=bool(answers.synthetic))
+        print_table(answers.table(), strong=bool(answers.synthetic))
     if json is not None:
         from granular_id._files import write_json
 
         write_json(json, answers.to_dict())
     if csv is not None:
         answers.to_csv(csv)
-    say_written(console, [path for path in (json, csv) if path is not None], None)
-
-
-identify.__doc__ = TEXT
+    say_written([json, csv])

@@ -13,16 +13,13 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TextIO
 
 import typer
-from rich.console import Console
-from rich.text import Text
+
+from granular_id.cli.printing import show
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-__all__ = ["heeding_interrupts", "leave_lost_terminal", "say", "stopping_the_robot"]
-
 _AGAIN_S = 0.02
-
 _LOOK_S = 0.1
 """Between two looks whether anybody reads what is written."""
 
@@ -62,12 +59,11 @@ def heeding_interrupts() -> Iterator[None]:
 @contextmanager
 def stopping_the_robot() -> Iterator[None]:
     """Stop the robot on every signal that ends a session, say so where it moved, and exit with the signal's code."""
-    from granular_id.live.stopping import (
-        robot_was_stopped,
-        stop_on_signals,
-    )
+    from granular_id.live.stopping import robot_was_stopped, stop_on_signals
 
-    with stop_on_signals(), _hanging_up_with_the_output():
+    over = threading.Event()
+    with stop_on_signals():
+        threading.Thread(target=_watch_output, args=(over,), daemon=True).start()
         try:
             yield
         except (KeyboardInterrupt, SystemExit) as end:
@@ -76,22 +72,14 @@ def stopping_the_robot() -> Iterator[None]:
                 raise
             leave_lost_terminal()
             robot = "the robot is stopped, " if robot_was_stopped() else ""
-            say(f"Ended by {number.name}: {robot}no file was left half-written.", "yellow")
+            show(f"Ended by {number.name}: {robot}no file was left half-written.", "yellow", err=True)
             raise typer.Exit(128 + number) from None
-
-
-@contextmanager
-def _hanging_up_with_the_output() -> Iterator[None]:
-    """Raise SIGHUP where nobody reads standard output any more: connections without a terminal end without a signal."""
-    over = threading.Event()
-    threading.Thread(target=_watch_output, args=(over,), daemon=True).start()
-    try:
-        yield
-    finally:
-        over.set()
+        finally:
+            over.set()
 
 
 def _watch_output(over: threading.Event) -> None:
+    """Raise SIGHUP where nobody reads standard output any more: connections without a terminal end without a signal."""
     while not over.wait(_LOOK_S):
         if _is_lost(sys.stdout):
             _thread.interrupt_main(signal.SIGHUP)
@@ -114,24 +102,15 @@ def leave_lost_terminal() -> None:
     """Write to nowhere from now on where a terminal is gone: what ends a program also ends what it writes to."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(ValueError):  # no file
-            _leave_lost(stream)
-
-
-def _leave_lost(stream: TextIO) -> None:
-    descriptor = stream.fileno()
-    try:
-        stream.flush()
-        os.write(descriptor, b"")
-        lost = _is_lost(stream)
-    except OSError:
-        lost = True
-    if lost:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
-
-
-def say(line: str, style: str) -> None:
-    """Print one line on standard error."""
-    Console(stderr=True).print(Text(line, style=style), soft_wrap=True)
+            descriptor = stream.fileno()
+            try:
+                stream.flush()
+                os.write(descriptor, b"")
+                lost = _is_lost(stream)
+            except OSError:
+                lost = True
+            if lost:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
 
 
 def _signal_of(error: BaseException | None) -> signal.Signals | None:

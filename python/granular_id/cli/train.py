@@ -1,44 +1,25 @@
-"""``granular-id train``: a model that names materials, in one safe file."""
+"""``granular-id train``: a model that names materials, in one safe file; ``granular-id model info`` looks into it."""
 
 from __future__ import annotations
 
 import json as json_format
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
-from granular_id.cli.errors import guarded
-from granular_id.cli.method import (
-    ONE_VS_ONE,
-    BlockWeights,
-    Method,
-    Space,
-    Weights,
-    at_least,
-    between,
-    option,
-    positive,
-    taking,
-)
-from granular_id.cli.prepare import Steps, equal_recordings
-from granular_id.cli.reading import Reading
-from granular_id.cli.session import (
-    JSON_FILE,
-    MODEL,
-    PICTURE,
-    Force,
-    check_outputs,
-    repeated_command,
-    say_written,
-)
+from granular_id.cli.method import ONE_VS_ONE, OneSpace
+from granular_id.cli.options import Force, at_least, between, command, option
+from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs
+from granular_id.cli.printing import say_written, show
+from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:
     from granular_id.identifier import Identifier, Training
     from granular_id.recording import Dataset
+
 TEXT = """
 Train a model on all recordings and write it into one file, which `granular-id identify` and `granular-id live` use.
 
@@ -65,7 +46,7 @@ Examples:
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 
 
-class Probabilities(str, Enum):
+class Posterior(str, Enum):
     """Choices of ``--posterior``."""
 
     none = "none"
@@ -73,63 +54,74 @@ class Probabilities(str, Enum):
     wu_lin_weng = "wu_lin_weng"
 
 
-@guarded
-@taking(Reading, Steps, Method)
+@dataclass(kw_only=True)
+class ModelOptions(OneSpace):
+    """What a model is made of."""
+
+    coding: Annotated[str, option(METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...")] = (
+        ONE_VS_ONE
+    )
+    posterior: Annotated[Posterior, option(METHOD, "Also fit probabilities of the materials.")] = (
+        Posterior.none
+    )
+
+    def given(self) -> dict[str, Any]:
+        """Return the settings that are not the usual ones; the recipe itself knows where C has no use."""
+        given = super().given()
+        given.pop("C", None)
+        return given if self.coding == ONE_VS_ONE else given | {"coding": self.coding}
+
+    def recipe(self) -> dict[str, Any]:
+        """Return the settings as `granular_id.identifier.Recipe` takes them."""
+        if self.tare_s is not None:
+            steady = "; --initial steady keeps an offset of the sensor out of the histogram"
+            raise ValueError(
+                "--tare-s is not for models, which take samples as they come: leave it out"
+                f"{steady if 'hfmh' in self.space else ''}"
+            )
+        return {
+            **{name: value for name, value in self.settings.items() if name != "tare_s"},
+            "space": self.space,
+            "C": self.c,
+            "coding": self.coding,
+            "posterior": None if self.posterior is Posterior.none else self.posterior.value,
+        }
+
+
+@command(TEXT, Reading, Steps, ModelOptions)
 def train(
     reading: Reading,
     steps: Steps,
-    method: Method,
+    method: ModelOptions,
     *,
-    output: Annotated[Path, option("--output -o", OUTPUT, "Model file to write: .safetensors.")],
-    space: Space = "best",
-    block_weights: BlockWeights = Weights.plain,
-    c: Annotated[float, option("--C", METHOD, "Box constraint of the support vector machines.")] = 1.0,
-    coding: Annotated[
-        str, option("--coding", METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...")
-    ] = ONE_VS_ONE,
-    posterior: Annotated[
-        Probabilities, option("--posterior", METHOD, "Also fit probabilities of the materials.")
-    ] = Probabilities.none,
-    target_error: Annotated[
-        float, option("--target-error", ESTIMATE, "Share of early answers that may be wrong.")
-    ] = 0.01,
+    output: Annotated[Path, option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o")],
+    target_error: Annotated[float, option(ESTIMATE, "Share of early answers that may be wrong.")] = 0.01,
     coverage: Annotated[
-        float, option("--coverage", ESTIMATE, "Share of recordings whose candidates hold the right material.")
+        float, option(ESTIMATE, "Share of recordings whose candidates hold the right material.")
     ] = 0.9,
     share_known: Annotated[
-        float, option("--share-known", ESTIMATE, "Share of known materials that is not called unknown.")
+        float, option(ESTIMATE, "Share of known materials that is not called unknown.")
     ] = 0.95,
-    early: Annotated[bool, option("--early/--no-early", ESTIMATE, "Allow answers before the end.")] = True,
-    folds: Annotated[
-        int, option("--folds", ESTIMATE, "Random folds, without sessions and order in time.")
-    ] = 5,
-    seed: Annotated[int, option("--seed", ESTIMATE, "Same seed, same bytes.")] = 0,
+    early: Annotated[bool, option(ESTIMATE, "Allow answers before the end.")] = True,
+    folds: Annotated[int, option(ESTIMATE, "Random folds, without sessions and order in time.")] = 5,
+    seed: Annotated[int, option(ESTIMATE, "Same seed, same bytes.")] = 0,
     figure: Annotated[
-        Path | None, option("--figure", OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf.")
+        Path | None, option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf.")
     ] = None,
     json: Annotated[
-        Path | None, option("--json", OUTPUT, "Write estimates, and accuracy against seconds seen.")
+        Path | None, option(OUTPUT, "Write estimates, and accuracy against seconds seen.")
     ] = None,
     force: Force = False,
-    quiet: Annotated[bool, option("--quiet", OUTPUT, "Print the estimate only.")] = False,
+    quiet: Annotated[bool, option(OUTPUT, "Print the estimate only.", "--quiet")] = False,
 ) -> None:
-    """Train, estimate, write; see `TEXT`."""
-    positive("--C", c)
+    """Train, estimate, write."""
     between("--target-error", target_error)
     between("--coverage", coverage)
     between("--share-known", share_known)
     at_least("--folds", folds, 2)
     at_least("--seed", seed, 0)
-    method.fits(steps.preparation.rate_hz)
-    settings: dict[str, Any] = {
-        **method.of_model(space),
-        "space": space,
-        "block_weights": None if block_weights is Weights.plain else block_weights.value,
-        "C": c,
-        "coding": coding,
-        "posterior": None if posterior is Probabilities.none else posterior.value,
-        "random_state": seed,
-    }
+    method.refuse_impossible(steps.rate_hz)
+    settings = method.recipe()
     check_outputs(
         ("--output", output, MODEL),
         ("--figure", figure, PICTURE),
@@ -140,9 +132,9 @@ def train(
     reading.refuse_absent()
     from granular_id.identifier import SPACES, Recipe
 
-    if space in SPACES:  # else the recipe says which there are
-        method.refuse_unused(space, block_weights, coding=coding)
-    recipe = Recipe(**settings)
+    if method.space in SPACES:  # else the recipe says which there are
+        method.refuse_unused()
+    recipe = Recipe(**settings, random_state=seed)
     data = equal_recordings(reading, steps, quiet=quiet)
 
     from granular_id.identifier import Identifier
@@ -159,20 +151,16 @@ def train(
         threads=method.threads,
         progress=not quiet,
     )
-    console = Console(highlight=False)
     identifier = Identifier(training.core)
     if figure is not None and training.held is None:
         raise ValueError(f"--figure shows held-out recordings, and there are none: {training.why_none}")
-    print_model(console, identifier, brief=True)
+    _print_model(identifier, brief=True)
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
-    written = [output, *_extras(training, data, figure, json)]
-    say_written(console, written, None if quiet else repeated_command())
+    _write_extras(training, data, figure, json)
+    say_written([output, figure, json], repeat=not quiet)
 
 
-train.__doc__ = TEXT
-
-
-def _extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> list[Path]:
+def _write_extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> None:
     """Write the figure and the JSON file that were asked for."""
     from granular_id._files import write_json
     from granular_id.identifier.over_time import over_time
@@ -186,14 +174,13 @@ def _extras(training: Training, data: Dataset, figure: Path | None, json: Path |
         plot_over_time(course, path=figure)
     if json is not None:
         write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})
-    return [path for path in (figure, json) if path is not None]
 
 
-# ``granular-id model``: what is in a model file.
+# ``granular-id model``
 
 model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
 
-TEXT_MODEL = """
+INFO = """
 Say what a model was trained on, which materials it knows, what it takes, how well it did on recordings held out, and
 when it answers early.
 
@@ -206,42 +193,36 @@ Examples:
 `granular-id model info kitchen.safetensors --json kitchen.json`
 """
 
-OUTPUT_MODEL = "Output"
-
 
 @model.command("info")
-@guarded
+@command(INFO)
 def info(
-    file: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
     *,
-    json: Annotated[Path | None, option("--json", OUTPUT_MODEL, "Write everything but the weights.")] = None,
+    file: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
+    json: Annotated[Path | None, option(OUTPUT, "Write everything but the weights.")] = None,
     force: Force = False,
 ) -> None:
-    """Print what is in a model file; see `TEXT_MODEL`."""
+    """Print what is in a model file."""
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
     from granular_id.identifier import Identifier
 
     identifier = Identifier.load(file)
-    console = Console(highlight=False)
-    print_model(console, identifier)
+    _print_model(identifier)
     if json is not None:
         from granular_id._files import write_json
 
         write_json(json, _everything(identifier))
-        say_written(console, [json], None)
+        say_written([json])
 
 
-info.__doc__ = TEXT_MODEL
-
-
-def print_model(console: Console, identifier: Identifier, *, brief: bool = False) -> None:
+def _print_model(identifier: Identifier, *, brief: bool = False) -> None:
     """Print what a model is and what may be expected of it; when brief, only the latter."""
     from granular_id.identifier import description, promises
 
     lines = promises(identifier) if brief else [*description(identifier), *promises(identifier)]
     for line in lines:
-        console.print(Text(line, style="bold yellow" if "SYNTHETIC" in line else ""), soft_wrap=True)
+        show(line, "bold yellow" if "SYNTHETIC" in line else "")
 
 
 def _plain(spec: Any) -> dict[str, object]:

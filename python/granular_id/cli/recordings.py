@@ -1,0 +1,454 @@
+"""The argument PATH, and the options that say how its recordings are read and prepared."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from granular_id._text import counted, verb
+from granular_id.cli.errors import words_of
+from granular_id.cli.options import at_least, names_in, option, positive
+from granular_id.cli.printing import show
+
+if TYPE_CHECKING:
+    from granular_id.recording import Dataset, StepReport
+
+PANEL = "Recordings"
+
+MAX_GAP_S = 0.25
+"""Default of ``--max-gap-s``."""
+
+_MOST_LINES = 10
+
+
+class Handling(str, Enum):
+    """Choices of ``--on-error``, ``--on-gap`` and the like."""
+
+    refuse = "raise"
+    skip = "skip"
+
+
+class Repair(str, Enum):
+    """Choices of ``--on-time-error``."""
+
+    refuse = "raise"
+    repair = "repair"
+
+
+class Unit(str, Enum):
+    """Choices of ``--time-unit``."""
+
+    s = "s"
+    ms = "ms"
+    us = "us"
+    ns = "ns"
+    sample = "sample"
+
+
+class Beginning(str, Enum):
+    """Choices of ``--begin-at``."""
+
+    first = "first"
+    trigger = "trigger"
+    onset = "onset"
+
+
+class Difference(str, Enum):
+    """Choices of ``--accept``."""
+
+    frame = "frame"
+    transform = "transform"
+    sign = "sign"
+    units = "units"
+
+
+ACCEPT = "Goes on though this is not as in the training, with a warning. Repeatable."
+"""Help of ``--accept``."""
+
+
+@dataclass(kw_only=True)
+class ReadingOptions:
+    """How files are read."""
+
+    on_error: Annotated[Handling, option(PANEL, "A file that cannot be read: refuse, or leave it out.")] = (
+        Handling.refuse
+    )
+    on_time_error: Annotated[
+        Repair, option(PANEL, "Time running backwards or repeated: refuse, or sort and merge.")
+    ] = Repair.refuse
+    recorded_hz: Annotated[
+        float | None,
+        option(PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."),
+    ] = None
+    topic: Annotated[
+        str | None,
+        option(
+            PANEL,
+            "Topic of a bag, where several hold a wrench; with .field after it one inside its messages.",
+        ),
+    ] = None
+    time_unit: Annotated[
+        Unit | None, option(PANEL, "What stamps count, where a file does not state it. Default: seconds.")
+    ] = None
+    array: Annotated[
+        str | None, option(PANEL, "Array or group of a file that holds the samples, where several may.")
+    ] = None
+    label: Annotated[
+        str | None, option(PANEL, "Array or column of a file that holds the labels, where several may.")
+    ] = None
+    max_file_mb: Annotated[
+        float | None, option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
+    ] = None
+
+    def __post_init__(self) -> None:
+        positive("--recorded-hz", self.recorded_hz)
+        positive("--max-file-mb", self.max_file_mb)
+
+    def load_path(self, path: Path, *, quiet: bool) -> Dataset:
+        """Read one file or folder."""
+        from granular_id.io import RecordingFileError, load
+
+        try:
+            return load(
+                path,
+                progress=not quiet,
+                rate_hz=self.recorded_hz,
+                on_error=self.on_error.value,
+                on_time_error=self.on_time_error.value,
+                topic=self.topic,
+                time_unit=None if self.time_unit is None else self.time_unit.value,
+                array=self.array,
+                label=self.label,
+                max_file_bytes=None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
+            )
+        except ValueError as error:
+            skippable = isinstance(error, RecordingFileError) and error.skippable
+            hint = "; add --on-error skip to leave such files out" if skippable else ""
+            raise ValueError(words_of(error, rate_option="--recorded-hz") + hint) from None
+
+
+@dataclass(kw_only=True)
+class Reading(ReadingOptions):
+    """Recordings to read, all in one file or folder."""
+
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or file of recordings.")]
+
+    def refuse_absent(self) -> None:
+        """Refuse a path with nothing there, before an import that takes longer than a look."""
+        from granular_id._files import check_source
+
+        check_source(self.path)
+
+    def load(self, *, quiet: bool = False) -> Dataset:
+        """Read the recordings and say what was read; when quiet, only what was skipped."""
+        data = self.load_path(self.path, quiet=quiet)
+        say_loaded(data, quiet=quiet)
+        return data
+
+
+@dataclass(kw_only=True)
+class StepOptions:
+    """How recordings come to one rate, and which of them are left out."""
+
+    rate_hz: Annotated[
+        float | None,
+        option(
+            PANEL, "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz."
+        ),
+    ] = None
+    max_gap_s: Annotated[float, option(PANEL, "Longest gap to fill when resampling; inf: any.")] = MAX_GAP_S
+    on_gap: Annotated[Handling, option(PANEL, "A longer gap: refuse, or leave the recording out.")] = (
+        Handling.refuse
+    )
+    on_short: Annotated[
+        Handling,
+        option(PANEL, "A recording too short, or without trigger or onset: refuse, or leave it out."),
+    ] = Handling.refuse
+    rest_s: Annotated[float, option(PANEL, "Rest at the start from which the onset is judged.")] = 0.1
+    onset_at: Annotated[
+        list[str] | None,
+        option(PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."),
+    ] = None
+    onsets: dict[str, float | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        positive("--rate-hz", self.rate_hz)
+        positive("--max-gap-s", self.max_gap_s, infinite=True)
+        positive("--rest-s", self.rest_s)
+        self.onsets = _onsets_in(self.onset_at or [])
+
+    def resampled(self, data: Dataset, *, quiet: bool) -> Dataset:
+        """Resample what has another rate than the one asked for."""
+        if self.rate_hz is None or all(recording.rate_hz == self.rate_hz for recording in data):
+            return data
+        limit = None if math.isinf(self.max_gap_s) else self.max_gap_s
+        data = data.resample(self.rate_hz, max_gap_s=limit, on_gap=self.on_gap.value)
+        return say_step(data, quiet=quiet)
+
+    def with_onsets(self, data: Dataset) -> Dataset:
+        """Find the onsets of recordings that share a rate; triggers that were stored give way."""
+        _refuse_unequal_rates(data)
+        return data.find_onsets(rest_s=self.rest_s, overrule=self.onsets or None, replace=True)
+
+
+@dataclass(kw_only=True)
+class Steps(StepOptions):
+    """What to do with recordings once they are read."""
+
+    begin_at: Annotated[
+        Beginning,
+        option(
+            PANEL,
+            "Keep from the first sample, the stored trigger, or the onset of motion found in the forces.",
+        ),
+    ] = Beginning.first
+    lead_s: Annotated[float, option(PANEL, "Seconds to keep ahead of trigger or onset.")] = 0.0
+    duration_s: Annotated[float | None, option(PANEL, "Keep this many seconds from there on.")] = None
+    n_samples: Annotated[str | None, option(PANEL, "Keep this many samples, or: shortest.")] = None
+    exclude: Annotated[str, option(PANEL, "Materials to leave out, separated by commas.")] = ""
+    length: int | Literal["shortest"] | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.duration_s is not None and self.n_samples is not None:
+            raise ValueError("give one of --duration-s and --n-samples, not both")
+        if self.begin_at is not Beginning.first and self.duration_s is None and self.n_samples is None:
+            raise ValueError(
+                f"--begin-at {self.begin_at.value} crops recordings: add --duration-s or --n-samples (a number, or "
+                "shortest)"
+            )
+        if self.lead_s and self.begin_at is Beginning.first:
+            raise ValueError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
+        positive("--duration-s", self.duration_s)
+        super().__post_init__()
+        if self.rate_hz is None and (self.max_gap_s != MAX_GAP_S or self.on_gap is not Handling.refuse):
+            unused = "--max-gap-s" if self.max_gap_s != MAX_GAP_S else "--on-gap"
+            raise ValueError(f"{unused} is about gaps that resampling fills: add --rate-hz")
+        self.length = _length_of(self.n_samples)
+
+    def taken(self, data: Dataset, *, quiet: bool = False, onsets_later: bool = False) -> Dataset:
+        """Leave out labels, resample, find onsets and crop as asked; say what each step did.
+
+        `onsets_later`: stating some onsets makes sense without ``--begin-at onset``.
+        """
+        if self.onsets and self.begin_at is not Beginning.onset and not onsets_later:
+            raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
+        data = self.resampled(self._without_excluded(data, quiet=quiet), quiet=quiet)
+        if self.begin_at is Beginning.onset:
+            data = say_step(self.with_onsets(data), quiet=quiet)
+            self._refuse_missing_onsets(data)
+        if self.duration_s is None and self.length is None:
+            return data
+        _refuse_unequal_rates(data)
+        aligned = data.align(
+            self.length,
+            duration_s=self.duration_s,
+            trigger=None if self.begin_at is Beginning.first else "recorded",
+            lead_s=self.lead_s,
+            on_short=self.on_short.value,
+            on_missing=self.on_short.value,
+        )
+        return say_step(aligned, quiet=quiet)
+
+    def _without_excluded(self, data: Dataset, *, quiet: bool) -> Dataset:
+        excluded = names_in(self.exclude)
+        if not excluded:
+            return data
+        unknown = sorted(set(excluded) - set(data.labels))
+        if unknown:
+            known = ", ".join(data.labels)
+            raise ValueError(f"--exclude names {unknown[0]!r}, which is no label here; there are {known}")
+        kept = [label for label in data.labels if label not in excluded]
+        if not kept:
+            raise ValueError("--exclude leaves no recording")
+        remaining = data.select(labels=kept)
+        if not quiet:
+            counts = Counter(r.label for r in data if r.label not in remaining.labels)
+            out = ", ".join(f"{label or 'no label'} ({counted(n)})" for label, n in counts.items())
+            show(f"--exclude left out {out}; {_size(remaining)} remain")
+        return remaining
+
+    def _refuse_missing_onsets(self, data: Dataset) -> None:
+        without = [recording.name for recording in data if recording.trigger_index is None]
+        if without and self.on_short is Handling.refuse:
+            raise ValueError(
+                f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
+                "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
+            )
+
+
+def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:
+    """Read and prepare labelled recordings of one rate and one length, as every method needs them.
+
+    Where they have no labels or differ, and no option says what to do, the error proposes the option.
+    """
+    data = reading.load(quiet=quiet)
+    if not data.labels:
+        notes = (note for note in data.history[-1].notes if "no column label" in note)
+        raise ValueError(f"{reading.path}: {next(notes, 'no recording has a label')}")
+    data = steps.taken(data, quiet=quiet)
+    refuse_unequal(data)
+    return data
+
+
+def refuse_unequal(data: Dataset) -> None:
+    """Raise ValueError proposing an option where recordings differ in rate or length."""
+    _refuse_unequal_rates(data)
+    lengths = sorted(recording.n_samples for recording in data)
+    if lengths[0] == lengths[-1]:
+        return
+    short = min(data, key=lambda recording: recording.n_samples)
+    middle = lengths[len(lengths) // 2]
+    raise ValueError(
+        f"recordings last {lengths[0]} to {lengths[-1]} samples ({lengths[0] / data.rate_hz:g} to "
+        f"{lengths[-1] / data.rate_hz:g} s), the shortest is {short.name!r}; nothing is cropped unasked: "
+        f"add --n-samples shortest to keep the first {lengths[0]} of all, or a larger number with "
+        f"--on-short skip to leave out the shorter ones (half have at least {middle})"
+    )
+
+
+def _refuse_unequal_rates(data: Dataset) -> None:
+    irregular = [recording for recording in data if recording.rate_hz is None]
+    rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
+    if not irregular and len(rates) == 1:
+        return
+    if not irregular:
+        raise ValueError(
+            f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked: "
+            f"add --rate-hz {rates[0]:g}"
+        )
+    import numpy as np
+
+    some = f"{len(irregular)} of {counted(len(data))}"
+    steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
+    if not steps.size:
+        raise ValueError(
+            f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is "
+            f"{irregular[0].name!r}: wanted recordings of a whole push"
+        )
+    step_s = float(np.median(steps))
+    raise ValueError(
+        f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
+        f"{1000 * step_s:.3g} ms; nothing is resampled unasked: add --rate-hz {_round_below(1 / step_s):g}"
+    )
+
+
+def _round_below(rate_hz: float) -> float:
+    """Return the largest of 1, 2, 5, 10, 20, 50, ... that is not above a rate."""
+    power = 10.0 ** math.floor(math.log10(rate_hz))
+    return max(step * power for step in (1, 2, 5) if step * power <= rate_hz * (1 + 1e-9))
+
+
+def _length_of(text: str | None) -> int | Literal["shortest"] | None:
+    """Read ``--n-samples``."""
+    if text is None or text == "shortest":
+        return "shortest" if text else None
+    try:
+        length = int(text)
+    except ValueError:
+        raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
+    at_least("--n-samples", length, 1)
+    return length
+
+
+def _onsets_in(texts: Sequence[str]) -> dict[str, float | None]:
+    """Read ``--onset-at``: NAME=SECONDS, or NAME=none for a recording without an onset."""
+    onsets: dict[str, float | None] = {}
+    for text in texts:
+        name, _, value = text.rpartition("=")
+        try:
+            seconds = None if value == "none" else float(value)
+        except ValueError:
+            name = ""
+        if not name:
+            raise ValueError(f"--onset-at must be NAME=SECONDS or NAME=none, got {text!r}")
+        if name in onsets:
+            raise ValueError(f"--onset-at names {name!r} twice")
+        onsets[name] = seconds
+    return onsets
+
+
+# What was read, done and left out, in words.
+
+
+def say_loaded(data: Dataset, *, quiet: bool) -> None:
+    """Say what was read: numbers, length, rate, and what deserves mention; when quiet, only what was skipped."""
+    report = data.history[-1]
+    lines = _skipped(report)
+    if not quiet:
+        lines = [_size_and_length(data), *lines, *_repaired(report), *_remarks(report)]
+    if lines:
+        show("\n".join(lines))
+
+
+def say_step(data: Dataset, *, quiet: bool) -> Dataset:
+    """Say what the last step of a data set did, or when quiet only what it left out; return the data set."""
+    step = data.history[-1]
+    # of single recordings only those left out; the JSON file has all
+    brief = replace(step, rows=[row for row in step.rows if "skipped" in row])
+    text = "\n".join(_skipped(step)) if quiet else str(brief)
+    if text:
+        show(text)
+    return data
+
+
+def _skipped(report: StepReport) -> list[str]:
+    reading = report.step == "load"
+    rows = [row for row in report.rows if "skipped" in row]
+    if not rows:
+        return []
+    lines = [f"{counted(len(rows), 'file' if reading else 'recording')} skipped:"]
+    # The problem of a file names it, with its folder.
+    lines += [f"  {'' if reading else row['name'] + ': '}{row['skipped']}" for row in rows[:_MOST_LINES]]
+    if len(rows) > _MOST_LINES:
+        lines.append(f"  ... and {len(rows) - _MOST_LINES} more")
+    return lines
+
+
+def _repaired(report: StepReport) -> list[str]:
+    names = [row["name"] for row in report.rows if row.get("moved") or row.get("merged")]
+    if not names:
+        return []
+    moved, merged = (report.totals.get(name, 0) for name in ("moved_samples", "merged_samples"))
+    did = [f"{counted(moved, 'sample')} moved"] * bool(moved) + [f"{merged} merged"] * bool(merged)
+    return [f"time repaired in {_named(names, ' (' + ', '.join(did) + ')')}"]
+
+
+def _remarks(report: StepReport) -> list[str]:
+    remarks: dict[str, list[str]] = {}
+    for row in report.rows:
+        if row.get("remark"):
+            remarks.setdefault(row["remark"], []).append(row["name"])
+    lines = [f"{remark}, in {_named(names)}" for remark, names in remarks.items()]
+    return [*lines, *(f"note: {note}" for note in report.notes)]
+
+
+def _named(names: Sequence[str], remark: str = "") -> str:
+    shown = ", ".join(names[:_MOST_LINES]) + (" ..." if len(names) > _MOST_LINES else "")
+    return f"{counted(len(names))}{remark}: {shown}"
+
+
+def _size(data: Dataset) -> str:
+    return f"{counted(len(data))}, {counted(len(data.labels), 'material')}"
+
+
+def _size_and_length(data: Dataset) -> str:
+    lengths = [recording.n_samples for recording in data]
+    rates = [recording.rate_hz for recording in data if recording.rate_hz is not None]
+    said = f"{_size(data)}, {_span(lengths)} {verb(max(lengths), 'sample', 'samples')}"
+    if not rates:
+        return f"{said}, irregular in time"
+    irregular = len(data) - len(rates)
+    remark = f", {irregular} of them irregular in time" if irregular else ""
+    return f"{said} at {_span(rates)} Hz{remark}"
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
