@@ -1,4 +1,7 @@
-"""Arguments that must be single numbers."""
+"""Checks of arguments: numbers, choices, texts, arrays, trees that nobody can change afterwards.
+
+Each error begins with the argument's name, and holds it as `argument`, so that the command line can say its option.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import unicodedata
 from collections.abc import Mapping
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,180 +18,196 @@ from numpy.typing import NDArray
 
 from granular_id._text import fixed
 
+FloatArray = NDArray[np.float64]
+
+ArgumentError = TypeVar("ArgumentError", ValueError, TypeError)
+
 # Beyond this no force-torque sensor samples, and a mistyped rate would only fill the memory.
 _MAX_RATE_HZ = 50_000.0
 
 
+def argument_error(kind: type[ArgumentError], argument: str, problem: str) -> ArgumentError:
+    """Return a ValueError or TypeError about an argument, with the argument's name also in `error.argument`."""
+    error = kind(f"{argument} {problem}")
+    error.argument = argument  # type: ignore[attr-defined]
+    return error
+
+
+# Numbers. True and False are none.
+
+
 def real_number(name: str, value: object, wanted: str = "a number") -> float:
-    """Return an argument as a float, or name it in an error.
-
-    Parameters
-    ----------
-    name : str
-        Its name, for the message.
-    value : object
-        True and False are no numbers. A whole number beyond float64 becomes infinite: the caller, who knows the
-        range, refuses it as any other infinity.
-    wanted : str
-        What it must be, with its unit.
-
-    Raises
-    ------
-    TypeError
-        It is no real number.
-
-    Examples
-    --------
-    >>> from granular_id._checks import real_number
-    >>> real_number("tare_s", 1), real_number("tare_s", 10**400)
-    (1.0, inf)
-    """
+    """Return a float; a whole number beyond float64 is infinite, and so refused by whoever knows the range."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
-        raise TypeError(f"{name} must be {wanted}, got {value!r:.60}")
+        raise argument_error(TypeError, name, f"must be {wanted}, got {value!r:.60}")
     try:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf  # type: ignore[operator]  # Real knows it, its stub does not
 
 
-def finite_number(name: str, value: object, wanted: str = "a real number") -> float:
-    """Return an argument as a finite float, or name it in an error; see `real_number`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        It is no real number; it is infinite or NaN.
-    """
+def finite_number(
+    name: str,
+    value: object,
+    wanted: str = "a real number",
+    *,
+    positive: bool = False,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> float:
+    """Return a finite float within bounds."""
     number = real_number(name, value, wanted)
     if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {number}")
+        raise argument_error(ValueError, name, f"must be finite, got {number:g}")
+    if positive and number <= 0:
+        raise argument_error(ValueError, name, f"must be positive, got {number:g}")
+    if number < least:
+        bound = "not be negative" if least == 0 else f"be at least {least:g}"
+        raise argument_error(ValueError, name, f"must {bound}, got {number:g}")
+    if number > most:
+        raise argument_error(ValueError, name, f"must be at most {most:g}, got {number:g}")
     return number
 
 
-def non_negative_number(name: str, value: object, wanted: str = "a real number") -> float:
-    """Return an argument as a finite float of at least 0, or name it in an error; see `real_number`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        It is no real number; it is infinite, NaN or below 0.
-    """
-    number = finite_number(name, value, wanted)
-    if number < 0:
-        raise ValueError(f"{name} must not be negative, got {number:g}")
-    return number
+def non_negative_number(name: str, value: object) -> float:
+    """Return a finite float of at least 0."""
+    return finite_number(name, value, least=0)
 
 
 def positive_number(name: str, value: object, wanted: str = "a number") -> float:
-    """Return an argument as a positive finite float, or name it in an error; see `real_number`.
-
-    Raises
-    ------
-    TypeError, ValueError
-        It is no real number; it is not positive and finite.
-    """
+    """Return a positive finite float."""
     number = real_number(name, value, wanted)
     if not 0 < number < math.inf:
-        raise ValueError(f"{name} must be positive and finite, got {number!r}")
+        raise argument_error(ValueError, name, f"must be positive and finite, got {number!r}")
     return number
 
 
 def sampling_rate(name: str, value: object) -> float:
-    """Return an argument as the rate of something that is to be simulated, up to 50 kHz; see `real_number`.
+    """Return the rate of something that is to be simulated, up to 50 kHz."""
+    return finite_number(name, value, positive=True, most=_MAX_RATE_HZ)
 
-    Raises
-    ------
-    TypeError, ValueError
-        It is no real number; it is not positive, or beyond what sensors sample at.
-    """
-    number = finite_number(name, value)
-    if number <= 0:
-        raise ValueError(f"{name} must be positive, got {number:g}")
-    if number > _MAX_RATE_HZ:
-        raise ValueError(f"{name} must be at most {_MAX_RATE_HZ:g}, got {number:g}")
-    return number
+
+def checked_number(value: object, name: str) -> float:
+    """Return a finite float."""
+    return finite_number(name, value, "a number")
+
+
+def checked_rate(value: object, name: str = "rate_hz") -> float:
+    """Return a positive finite sampling rate in Hz."""
+    return finite_number(name, value, "a number", positive=True)
 
 
 def whole_number(name: str, value: object, least: int = 1) -> int:
-    """Return an argument as an int, or name it in an error.
-
-    Raises
-    ------
-    TypeError, ValueError
-        It is no whole number; it is below `least`.
-    """
+    """Return an int of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise TypeError(f"{name} must be a whole number, got {value!r:.60}")
+        raise argument_error(TypeError, name, f"must be a whole number, got {value!r:.60}")
     if value < least:
-        raise ValueError(f"{name} must be at least {least}, got {fixed(int(value))}")
+        raise argument_error(ValueError, name, f"must be at least {least}, got {fixed(int(value))}")
     return int(value)
 
 
+def checked_index(value: object, name: str) -> int:
+    """Return an int of any sign."""
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise argument_error(TypeError, name, f"must be an int, got {type(value).__name__}")
+    return int(value)
+
+
+def checked_n_jobs(n_jobs: object) -> int | None:
+    """Return the number of threads as joblib takes it."""
+    if n_jobs is None:
+        return None
+    if isinstance(n_jobs, bool) or not isinstance(n_jobs, Integral):
+        raise argument_error(TypeError, "n_jobs", f"must be None or a whole number, got {n_jobs!r}")
+    if n_jobs == 0:
+        wanted = "None, positive, or negative to leave processors out (-1: none)"
+        raise argument_error(ValueError, "n_jobs", f"must be {wanted}, got 0")
+    return int(n_jobs)
+
+
+# Choices and texts.
+
+
 def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
-    """Return the entry of a table of options, or raise a ValueError that lists their names."""
+    """Return the entry of a table of choices, or list their names in the error."""
     if not isinstance(name, str) or name not in table:
-        raise ValueError(f"{argument} must be one of {', '.join(map(repr, table))}, got {name!r}")
+        known = ", ".join(map(repr, table))
+        raise argument_error(ValueError, argument, f"must be one of {known}, got {name!r}")
     return table[name]
 
 
 def checked_flag(argument: str, value: object) -> bool:
-    """Return True or False as a bool, or raise a TypeError for anything else (1 and "yes" included)."""
+    """Return True or False as a bool; 1 and "yes" are neither."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{argument} must be True or False, got {value!r}")
+        raise argument_error(TypeError, argument, f"must be True or False, got {value!r}")
     return bool(value)
 
 
-def checked_n_jobs(n_jobs: object) -> int | None:
-    """Return the number of threads as joblib takes it, or say in an error what is wrong with it."""
-    if n_jobs is None:
-        return None
-    if isinstance(n_jobs, bool) or not isinstance(n_jobs, (int, np.integer)):
-        raise TypeError(f"n_jobs must be None or a whole number, got {n_jobs!r}")
-    if n_jobs == 0:
-        raise ValueError(
-            "n_jobs must be None, positive, or negative to leave processors out (-1: none), got 0"
-        )
-    return int(n_jobs)
+_CONTROLS = ("Cc", "Cs", "Zl", "Zp")
+OVERRIDES = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+"""They turn the order of letters around, so that a text reads as another one."""
 
 
-# Arguments that must be numbers, as float64 arrays.
+def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool = True) -> str:
+    """Return a str of printable, encodable characters."""
+    if not isinstance(value, str):
+        raise argument_error(TypeError, name, f"must be a str, got {type(value).__name__}")
+    text = str(value)
+    if not text and not empty:
+        raise argument_error(ValueError, name, "is empty; give a text or leave it out (None)")
+    if not text.isprintable():  # asked of all texts; which character it is, of those few that are not
+        bad = next((c for c in text if unicodedata.category(c) in _CONTROLS or c in OVERRIDES), None)
+        if bad is not None:
+            raise argument_error(ValueError, name, f"{text[:40]!r} holds the control character {bad!r}")
+    if not spaced and text != text.strip():
+        problem = "begins or ends with a space: it would not equal its own name"
+        raise argument_error(ValueError, name, f"{text[:40]!r} {problem}")
+    return text
 
 
-def float_array(argument: str, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Return an argument as float64, or name it in an error.
+# Arrays, as float64.
 
-    Parameters
-    ----------
-    argument : str
-        Its name, for the message.
-    values : array-like
-        Numbers. float64 arrays come back as they are, without a copy.
 
-    Raises
-    ------
-    TypeError
-        Complex numbers, whose imaginary part numpy would drop.
-    ValueError
-        No array of numbers: text, objects, rows of different lengths.
-
-    Examples
-    --------
-    >>> from granular_id._checks import float_array
-    >>> float_array("gram", [[1, 2]])
-    array([[1., 2.]])
-    """
+def float_array(argument: str, values: npt.ArrayLike) -> FloatArray:
+    """Return numbers as float64, without a copy where they are; complex ones, of which numpy would drop half, raise."""
     try:
         given = np.asarray(values)
         if given.dtype.kind != "c":
             return given.astype(np.float64, copy=False)
     except (TypeError, ValueError) as reason:
-        raise ValueError(f"{argument} must be an array of numbers: {reason}") from None
-    raise TypeError(f"{argument} must hold real numbers, got {given.dtype}")
+        raise argument_error(ValueError, argument, f"must be an array of numbers: {reason}") from None
+    raise argument_error(TypeError, argument, f"must hold real numbers, got {given.dtype}")
 
 
-# Checked and frozen values: JSON trees and arrays that nobody can change afterwards.
+def as_floats(value: object, name: str, wanted: str) -> FloatArray:
+    """Convert to float64 in C order, refusing what would lose meaning (complex, text, objects, masks, booleans)."""
+    if isinstance(value, np.ma.MaskedArray):
+        raise argument_error(
+            TypeError, name, f"is a masked array; wanted {wanted}: fill or drop the masked samples first"
+        )
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise argument_error(ValueError, name, f"is not a rectangular array; wanted {wanted}") from error
+    if array.dtype.kind not in "iuf":
+        raise argument_error(TypeError, name, f"has dtype {array.dtype}; wanted {wanted}")
+    with np.errstate(over="ignore"):  # what overflows becomes infinite and is refused by the caller's check
+        return np.asarray(array, dtype=np.float64, order="C")
 
-FloatArray = NDArray[np.float64]
+
+def locked(array: NDArray[Any]) -> NDArray[Any]:
+    """Return the array read-only, copied unless nobody can hold a writable view of it."""
+    base = array.base
+    private = not array.flags.writeable and (
+        base is None or (isinstance(base, np.ndarray) and not base.flags.writeable and base.base is None)
+    )
+    if not private:
+        array = array.copy(order="C")
+        array.flags.writeable = False
+    return array
+
+
+# JSON-like trees.
 
 _PLAIN = frozenset((type(None), bool, int, str))
 """Types whose values a tree holds as they are; asked first, as nearly all values are of one of them."""
@@ -204,12 +223,12 @@ def freeze(value: object, name: str) -> Any:
         return value
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise ValueError(f"{name} is {value}; numbers must be finite")
+            raise argument_error(ValueError, name, f"is {value}; numbers must be finite")
         return value
     if isinstance(value, Mapping):
         for key in value:
             if not isinstance(key, str):
-                raise TypeError(f"{name} has the key {key!r}; keys must be str")
+                raise argument_error(TypeError, name, f"has the key {key!r}; keys must be str")
         # most items are plain, and making a name for each would take longer than everything else
         tree = {
             str(key): item if _is_plain(item) else freeze(item, f"{name}[{key!r}]")
@@ -220,9 +239,8 @@ def freeze(value: object, name: str) -> Any:
         return tuple(
             item if _is_plain(item) else freeze(item, f"{name}[{i}]") for i, item in enumerate(value)
         )
-    raise TypeError(
-        f"{name} is a {type(value).__name__}; wanted None, bool, int, float, str, lists or mappings of them"
-    )
+    wanted = "None, bool, int, float, str, lists or mappings of them"
+    raise argument_error(TypeError, name, f"is a {type(value).__name__}; wanted {wanted}")
 
 
 def _is_plain(item: object) -> bool:
@@ -237,73 +255,3 @@ def thaw(value: Any) -> Any:
     if isinstance(value, tuple):
         return [thaw(item) for item in value]
     return value
-
-
-_CONTROLS = ("Cc", "Cs", "Zl", "Zp")
-OVERRIDES = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
-"""They turn the order of letters around, so that a text reads as another one."""
-
-
-def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool = True) -> str:
-    """Return a str of printable, encodable characters, or say which argument is not one."""
-    if not isinstance(value, str):
-        raise TypeError(f"{name} must be a str, got {type(value).__name__}")
-    text = str(value)
-    if not text and not empty:
-        raise ValueError(f"{name} is empty; give a text or leave it out (None)")
-    if not text.isprintable():  # asked of all texts; which character it is, of those few that are not
-        bad = next((c for c in text if unicodedata.category(c) in _CONTROLS or c in OVERRIDES), None)
-        if bad is not None:
-            raise ValueError(f"{name} {text[:40]!r} holds the control character {bad!r}")
-    if not spaced and text != text.strip():
-        raise ValueError(f"{name} {text[:40]!r} begins or ends with a space: it would not equal its own name")
-    return text
-
-
-def checked_number(value: object, name: str) -> float:
-    """Return a finite float, or say which argument is not one."""
-    number = real_number(name, value)
-    if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {number:g}")
-    return number
-
-
-def checked_rate(value: object, name: str = "rate_hz") -> float:
-    """Return a positive finite sampling rate in Hz."""
-    rate = checked_number(value, name)
-    if rate <= 0:
-        raise ValueError(f"{name} must be positive, got {rate:g}")
-    return rate
-
-
-def checked_index(value: object, name: str) -> int:
-    """Return an int that is not a bool."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name} must be an int, got {type(value).__name__}")
-    return int(value)
-
-
-def as_floats(value: object, name: str, wanted: str) -> FloatArray:
-    """Convert to float64, refusing what would lose meaning (complex, text, objects, masks)."""
-    if isinstance(value, np.ma.MaskedArray):
-        raise TypeError(f"{name} is a masked array; wanted {wanted}: fill or drop the masked samples first")
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        raise ValueError(f"{name} is not a rectangular array; wanted {wanted}") from error
-    if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name} has dtype {array.dtype}; wanted {wanted}")
-    with np.errstate(over="ignore"):  # what overflows becomes infinite and is refused by the caller's check
-        return np.asarray(array, dtype=np.float64, order="C")
-
-
-def locked(array: NDArray[Any]) -> NDArray[Any]:
-    """Return the array read-only, copied unless nobody can hold a writable view of it."""
-    base = array.base
-    private = not array.flags.writeable and (
-        base is None or (isinstance(base, np.ndarray) and not base.flags.writeable and base.base is None)
-    )
-    if not private:
-        array = array.copy(order="C")
-        array.flags.writeable = False
-    return array
