@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved
-from granular_id.cli.errors import in_options
+from granular_id._checks import argument_error
+from granular_id.cli.errors import in_options, words_of
 from granular_id.cli.recordings import refuse_unequal
 from granular_id.recording import Dataset, Recording
 
@@ -246,6 +247,13 @@ def test_messages_speak_in_options():
         "no_rate_hz",
     ):
         assert in_options(untouched) == untouched
+
+
+def test_errors_that_hold_an_argument_speak_of_its_option():
+    for argument, option in {"C": "--C", "order": "--order", "n_folds": "--folds", "format": "--to"}.items():
+        assert words_of(argument_error(ValueError, argument, "is wrong")) == f"{option} is wrong"
+    rate = argument_error(ValueError, "rate_hz", "must be positive")
+    assert words_of(rate, rate_option="--recorded-hz") == "--recorded-hz must be positive"
 
 
 def test_recordings_of_one_sample_are_refused(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
@@ -60,7 +60,10 @@ class Outputs:
         ):
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
-        with _folder(self.figures), _folder(self.checkpoint):
+        with ExitStack() as folders:
+            for folder in (self.figures, self.checkpoint):
+                if folder is not None:
+                    folders.enter_context(made_folder(folder))
             outputs = [
                 ("--report", self.report, PAGE),
                 ("--json", self.json, JSON_FILE),
@@ -82,12 +85,15 @@ class Outputs:
         return [path for path in paths if path.exists()]
 
     def _refuse_other_folder(self) -> None:
-        if self.checkpoint is not None and (there := sorted(self.checkpoint.iterdir())):
+        if self.checkpoint is None:
+            return
+        there = sorted(path.name for path in self.checkpoint.iterdir() if not path.name.startswith("."))
+        if there:
             from granular_id.evaluation import RUN
 
-            if self.checkpoint / RUN not in there:
+            if RUN not in there:
                 raise ValueError(
-                    f"--checkpoint {self.checkpoint} holds {there[0].name!r} and is no checkpoint: give a new folder"
+                    f"--checkpoint {self.checkpoint} holds {there[0]!r} and is no checkpoint: give a new folder"
                 )
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
@@ -106,12 +112,6 @@ class Outputs:
 
             written += figures(result, self.figures, "png", space=space)
         return written
-
-
-@contextmanager
-def _folder(path: Path | None) -> Iterator[None]:
-    with nullcontext() if path is None else made_folder(path):
-        yield
 
 
 def _evaluate_and_show(

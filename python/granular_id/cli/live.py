@@ -23,15 +23,10 @@ from granular_id.cli.printing import show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:
-    from granular_id.live.capture import Capture
+    from granular_id.live import Capture, LiveIdentifier, Push, Recorder, Stream, Views, WrenchSource
     from granular_id.live.drive import Step
-    from granular_id.live.identification import LiveIdentifier
-    from granular_id.live.push import Push
-    from granular_id.live.recorder import Recorder
     from granular_id.live.setup import Setup
-    from granular_id.live.source import WrenchSource
-    from granular_id.live.stream import Stream
-    from granular_id.live.view import View, Views
+    from granular_id.live.view import View
 
 _MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
 """At 500 Hz a buffer of so many seconds takes 30 MB; at the highest speed a push takes 4 ms."""
@@ -88,7 +83,7 @@ class Sensing:
 
     def open(self, url: str | None = None) -> WrenchSource:
         """Make the source; nothing is read yet."""
-        from granular_id.live.source import open_source
+        from granular_id.live import open_source
 
         options: dict[str, object] = {} if self.speed is None else {"speed": self.speed}
         return open_source(self.source if url is None else url, **options)
@@ -147,7 +142,7 @@ class Moving:
 
     def setup(self, source: WrenchSource) -> Setup:
         """Choose robot and trigger."""
-        from granular_id.live.setup import setup_of
+        from granular_id.live import setup_of
 
         return setup_of(source, self.robot.value, self.trigger.value, threshold_n=self.threshold_n)
 
@@ -233,10 +228,7 @@ def live(
 
     from granular_id._files import whole_lines
     from granular_id.identifier import Identifier
-    from granular_id.live.capture_state import CaptureError
-    from granular_id.live.identification import LiveIdentifier
-    from granular_id.live.stream import opened
-    from granular_id.live.view import Views
+    from granular_id.live import CaptureError, LiveIdentifier, Views, opened
 
     identifier = Identifier.load(model)
     source = sensing.open()
@@ -294,7 +286,7 @@ def _views(
 ) -> Iterator[View]:
     """Open what was asked for, and say where it is."""
     if view:
-        from granular_id.live.monitor import MonitorServer
+        from granular_id.live import MonitorServer
 
         page = MonitorServer(port)
         show(f"page: {page.url}")
@@ -302,11 +294,11 @@ def _views(
             webbrowser.open(page.url)
         yield page
     if rerun is not None:
-        from granular_id.live.rerun_log import RerunLog
+        from granular_id.live import RerunLog
 
         yield RerunLog(rerun)
     if not quiet:
-        from granular_id.live.terminal import TerminalView
+        from granular_id.live import TerminalView
 
         yield TerminalView(console)
 
@@ -401,8 +393,7 @@ def record(
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")
 
-    from granular_id.live.recorder import Recorder
-    from granular_id.live.stream import opened
+    from granular_id.live import Recorder, opened
 
     labels = _labels_in(label)
     # All of them before the first push: a misspelt material is found out now.
@@ -472,7 +463,7 @@ def _places(labels: list[str], url: str) -> dict[str, list[str]]:
 
 def _recorded(recorder: Recorder, label: str, title: str, retries: int) -> tuple[int, str]:
     """Record until it is accepted; return how many were refused, and a line about the recording."""
-    from granular_id.live.capture_state import CaptureError
+    from granular_id.live import CaptureError
 
     refused = 0
     while True:

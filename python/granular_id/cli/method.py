@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from granular_id.cli.errors import in_options
+from granular_id.cli.errors import OPTIONS
 from granular_id.cli.options import at_least, names_in, option, positive
 
 if TYPE_CHECKING:
@@ -98,8 +98,10 @@ class Features:
             without = [space for space, reasons in unused.items() if name in reasons]
             if len(without) == len(unused):
                 reason = unused[without[0]][name] if len(without) == 1 else "have no use for it"
-                raise ValueError(f"{name} must be left out with spaces={','.join(without)!r}, which {reason}")
-            notes.append(in_options(f"{name}= changes nothing in {', '.join(without)}"))
+                raise ValueError(
+                    f"{OPTIONS[name]} must be left out with --spaces {','.join(without)}, which {reason}"
+                )
+            notes.append(f"{OPTIONS[name]} changes nothing in {', '.join(without)}")
         return notes
 
     def given(self) -> dict[str, Any]:
@@ -152,7 +154,7 @@ class OneSpace(Method):
         """Refuse what was asked for and would change nothing in the feature space."""
         known_spaces(self.space)
         for name, reason in self._unused((self.space,))[self.space].items():
-            raise ValueError(f"{name} must be left out with space={self.space!r}, which {reason}")
+            raise ValueError(f"{OPTIONS[name]} must be left out with --space {self.space}, which {reason}")
 
     def pipeline(self, rate_hz: float) -> Pipeline:
         """Return the feature space with its own classifier, or the paper's, unfitted."""
