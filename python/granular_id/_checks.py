@@ -27,8 +27,11 @@ _MAX_RATE_HZ = 50_000.0
 
 
 def argument_error(kind: type[ArgumentError], argument: str, problem: str) -> ArgumentError:
-    """Return a ValueError or TypeError about an argument, with the argument's name also in `error.argument`."""
-    error = kind(f"{argument} {problem}")
+    """Return a ValueError or TypeError that begins with the name of an argument, and holds it as `error.argument`.
+
+    The problem may also follow the name without a blank: ``"='x'; wanted 'raise' or 'skip'"``.
+    """
+    error = kind(f"{argument}{'' if problem[0] in '=[:' else ' '}{problem}")
     error.argument = argument  # type: ignore[attr-defined]
     return error
 

@@ -95,7 +95,8 @@ def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
     message, argument = str(error), getattr(error, "argument", None)
     if argument in OPTIONS and message.startswith(argument):
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
-        message = option + message.removeprefix(argument)
+        problem = message.removeprefix(argument)
+        message = option + (f" {problem[1:]}" if problem[0] == "=" else problem)
     return in_options(message, rate_option)
 
 
