@@ -56,6 +56,7 @@ def command(text: str, *groups: type) -> Callable[[Callable[..., None]], Callabl
     return decorate
 
 
+@functools.cache  # commands share groups, and reading annotations takes time
 def _parameters(group: type) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
     return [
