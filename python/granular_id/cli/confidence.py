@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import Force, at_least, between, command, option
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs
-from granular_id.cli.printing import print_table, say_written, show
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, print_table, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from rich.console import Console
 
 from granular_id._text import counted
 from granular_id.cli.options import Force, at_least, between, command, names_in, option, positive
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs
-from granular_id.cli.printing import say_written, show
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
 from granular_id.cli.recordings import Reading, Steps
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import ParamSpec
 import typer
 
 from granular_id.cli.interrupts import heeding_interrupts
-from granular_id.cli.printing import show
+from granular_id.cli.outputs import show
 
 DEBUG = "GRANULAR_ID_DEBUG"
 """Environment variable: when set, an error ends in its traceback instead of one line."""

@@ -17,8 +17,18 @@ from rich.text import Text
 from granular_id._files import made_folder
 from granular_id.cli.method import Features, Method, chosen_spaces
 from granular_id.cli.options import Force, at_least, command, option
-from granular_id.cli.outputs import JSON_FILE, PAGE, PICTURE, PREDICTIONS, check_outputs
-from granular_id.cli.printing import fits, print_table, repeated_command, say_written, show
+from granular_id.cli.outputs import (
+    JSON_FILE,
+    PAGE,
+    PICTURE,
+    PREDICTIONS,
+    check_outputs,
+    fits,
+    print_table,
+    repeated_command,
+    say_written,
+    show,
+)
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:

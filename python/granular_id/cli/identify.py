@@ -12,8 +12,15 @@ import typer
 from granular_id._files import MODELS
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import Force, command, option
-from granular_id.cli.outputs import ANSWERS, JSON_FILE, check_outputs
-from granular_id.cli.printing import print_table, say_written, show, warn_of_setups
+from granular_id.cli.outputs import (
+    ANSWERS,
+    JSON_FILE,
+    check_outputs,
+    print_table,
+    say_written,
+    show,
+    warn_of_setups,
+)
 from granular_id.cli.recordings import (
     ACCEPT,
     PANEL,

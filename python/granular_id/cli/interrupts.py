@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TextIO
 
 import typer
 
-from granular_id.cli.printing import show
+from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs

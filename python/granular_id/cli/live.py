@@ -18,8 +18,7 @@ from rich.console import Console
 from granular_id._text import counted
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import Force, at_least, command, names_in, option, positive
-from granular_id.cli.outputs import LIVE_ANSWERS, RERUN_LOG, check_outputs
-from granular_id.cli.printing import show, warn_of_setups
+from granular_id.cli.outputs import LIVE_ANSWERS, RERUN_LOG, check_outputs, show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:

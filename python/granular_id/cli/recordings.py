@@ -15,7 +15,7 @@ import typer
 from granular_id._text import counted, verb
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import at_least, names_in, option, positive
-from granular_id.cli.printing import show
+from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, StepReport

@@ -12,8 +12,7 @@ import typer
 
 from granular_id.cli.method import ONE_VS_ONE, OneSpace
 from granular_id.cli.options import Force, at_least, between, command, option
-from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs
-from granular_id.cli.printing import say_written, show
+from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:
