@@ -52,7 +52,7 @@ def real_number(name: str, value: object, wanted: str = "a number") -> float:
 def finite_number(
     name: str,
     value: object,
-    wanted: str = "a real number",
+    wanted: str = "a number",
     *,
     positive: bool = False,
     least: float = -math.inf,
@@ -72,11 +72,6 @@ def finite_number(
     return number
 
 
-def non_negative_number(name: str, value: object) -> float:
-    """Return a finite float of at least 0."""
-    return finite_number(name, value, least=0)
-
-
 def positive_number(name: str, value: object, wanted: str = "a number") -> float:
     """Return a positive finite float."""
     number = real_number(name, value, wanted)
@@ -88,16 +83,6 @@ def positive_number(name: str, value: object, wanted: str = "a number") -> float
 def sampling_rate(name: str, value: object) -> float:
     """Return the rate of something that is to be simulated, up to 50 kHz."""
     return finite_number(name, value, positive=True, most=_MAX_RATE_HZ)
-
-
-def checked_number(value: object, name: str) -> float:
-    """Return a finite float."""
-    return finite_number(name, value, "a number")
-
-
-def checked_rate(value: object, name: str = "rate_hz") -> float:
-    """Return a positive finite sampling rate in Hz."""
-    return finite_number(name, value, "a number", positive=True)
 
 
 def whole_number(name: str, value: object, least: int = 1) -> int:

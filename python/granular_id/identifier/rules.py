@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import checked_number
+from granular_id._checks import finite_number
 from granular_id._text import fixed
 
 if TYPE_CHECKING:
@@ -192,7 +192,7 @@ def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
 
 def checked_target(target_error: object) -> float:
     """Return the share of early answers that may be wrong, or say what it must be."""
-    target = checked_number(target_error, "target_error")
+    target = finite_number("target_error", target_error)
     if not 0 < target < 1:
         raise ValueError(f"target_error must lie between 0 and 1, got {target:g}")
     return target

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
 from granular_id import _core
-from granular_id._checks import checked_index, checked_number
+from granular_id._checks import checked_index, finite_number
 from granular_id._estimators import heard_complaints, versions
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
@@ -104,7 +104,7 @@ def train(
     """
     target_error = checked_target(target_error)
     for name, share in (("coverage", coverage), ("share_known", share_known)):
-        if share is not None and not 0 < checked_number(share, name) < 1:
+        if share is not None and not 0 < finite_number(name, share) < 1:
             raise ValueError(f"{name} must lie between 0 and 1, got {share:g}")
     if checked_index(n_folds, "n_folds") < 2:
         raise ValueError(f"n_folds must be at least 2, got {n_folds}")

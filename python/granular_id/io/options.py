@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id._checks import checked_rate, checked_text
+from granular_id._checks import checked_text, finite_number
 
 MAX_TEXT_BYTES = 8 * 1024 * 1024
 """Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
@@ -35,7 +35,7 @@ class LoadOptions:
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
-            object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
+            object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
         for name, wanted in (("on_error", ("raise", "skip")), ("on_time_error", ("raise", "repair"))):
             if getattr(self, name) not in wanted:
                 raise ValueError(f"{name}={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}")

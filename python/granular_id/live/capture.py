@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import checked_rate, non_negative_number, whole_number
+from granular_id._checks import finite_number, whole_number
 from granular_id._text import fixed
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import rate_complaint, recording_of
@@ -97,9 +97,9 @@ class Capture:
         info: SourceInfo | None = None,
         utc_at_zero_s: float | None = None,
     ) -> None:
-        self.rate_hz = checked_rate(rate_hz)
+        self.rate_hz = finite_number("rate_hz", rate_hz, positive=True)
         self.n_samples = whole_number("n_samples", n_samples, least=2)
-        self.n_pre = round(non_negative_number("pre_s", pre_s) * self.rate_hz)
+        self.n_pre = round(finite_number("pre_s", pre_s, least=0) * self.rate_hz)
         if self.n_pre >= self.n_samples:
             raise ValueError(
                 f"pre_s={pre_s:g} is {fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
@@ -110,9 +110,9 @@ class Capture:
         self.info = info
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
-        self._rate_tolerance = non_negative_number("rate_tolerance", rate_tolerance)
+        self._rate_tolerance = finite_number("rate_tolerance", rate_tolerance, least=0)
         self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
-        self._rest = Rest(self.n_pre, non_negative_number("timeout_s", timeout_s), self.rate_hz)
+        self._rest = Rest(self.n_pre, finite_number("timeout_s", timeout_s, least=0), self.rate_hz)
         self._utc_at_zero_s = utc_at_zero_s
         self._device_clock = info is None or info.device_clock
         self._speed = 1.0 if info is None else info.speed

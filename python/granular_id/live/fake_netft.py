@@ -19,7 +19,7 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import as_floats, checked_rate
+from granular_id._checks import as_floats, finite_number
 from granular_id.live.fake_netft_faults import Faults, Injected
 from granular_id.live.fake_netft_page import PageServer, page_text
 from granular_id.live.fake_netft_plan import Datagram, FaultPlan
@@ -113,8 +113,8 @@ class FakeNetft:
         ):
             if unit not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, got {unit!r}")
-        self.tick_hz = checked_rate(tick_hz, "tick_hz")
-        self._step = max(1, round(self.tick_hz / checked_rate(rate_hz)))
+        self.tick_hz = finite_number("tick_hz", tick_hz, positive=True)
+        self._step = max(1, round(self.tick_hz / finite_number("rate_hz", rate_hz, positive=True)))
         self.rate_hz = self.tick_hz / self._step
         self.faults, self.n_records, self.per_datagram, self._seed = (
             faults or Faults(),

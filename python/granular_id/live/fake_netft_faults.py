@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from granular_id._checks import checked_number
+from granular_id._checks import finite_number
 
 __all__ = ["FATES", "STATUSES", "Faults", "Injected"]
 
@@ -77,7 +77,7 @@ bad_status, saturation, warning, jitter_s, drift, wrap, restart, stall, stall_s,
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = checked_number(getattr(self, field.name), field.name)
+            value = finite_number(field.name, getattr(self, field.name))
             low, high = (-0.5, 0.5) if field.name == "drift" else (0.0, 1.0)
             if isinstance(field.default, int):
                 if value < 0 or value != int(value):

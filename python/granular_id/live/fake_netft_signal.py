@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import checked_rate
+from granular_id._checks import finite_number
 
 __all__ = ["counts_of", "played", "pushes"]
 
@@ -89,6 +89,6 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
         raise ValueError(f"{path}: {error}") from error
     return (
         np.concatenate([r.wrench for r in data]),
-        checked_rate(own if rate_hz is None else rate_hz),
+        finite_number("rate_hz", own if rate_hz is None else rate_hz, positive=True),
         data.is_synthetic,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular_id._checks import non_negative_number
+from granular_id._checks import finite_number
 from granular_id._text import fixed
 
 __all__ = ["LagWatch"]
@@ -30,8 +30,8 @@ class LagWatch:
     """
 
     def __init__(self, max_lag_s: float, patience_s: float, rate_hz: float) -> None:
-        self.max_lag_s = non_negative_number("max_lag_s", max_lag_s)
-        self._patience_s = non_negative_number("lag_patience_s", patience_s)
+        self.max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
+        self._patience_s = finite_number("lag_patience_s", patience_s, least=0)
         self._rate_hz = rate_hz
         self._n_late = 0
 

@@ -9,7 +9,7 @@ import math
 import weakref
 from typing import Literal
 
-from granular_id._checks import checked_rate
+from granular_id._checks import finite_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_http import read_page
 from granular_id.live.netft_page import NetftPage, NetftPageError
@@ -90,8 +90,8 @@ class RdtSource:
     ) -> None:
         if variant not in VARIANTS:
             raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
-        stated = None if rate_hz is None else checked_rate(rate_hz)
-        ticks = None if tick_hz is None else checked_rate(tick_hz, "tick_hz")
+        stated = None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True)
+        ticks = None if tick_hz is None else finite_number("tick_hz", tick_hz, positive=True)
         self._place = f"{host}:{port}"
         if variant == "onrobot":
             kind, self._info = "onrobot", _on_robot(host, stated or 500.0, ticks)

@@ -9,7 +9,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from granular_id._checks import non_negative_number, positive_number
+from granular_id._checks import finite_number, positive_number
 from granular_id._text import counted
 from granular_id.io import load
 from granular_id.live.clock import host_ns
@@ -58,7 +58,7 @@ class ReplaySource(ThreadedSource):
         rate_hz = common_rate(recordings)
         speed = positive_number("speed", speed)
         # Whole samples, so that every sample stands where it would in one long recording.
-        pause = max(1, round(non_negative_number("pause_s", pause_s) * rate_hz))
+        pause = max(1, round(finite_number("pause_s", pause_s, least=0) * rate_hz))
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]

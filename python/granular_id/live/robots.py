@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TextIO
 
-from granular_id._checks import non_negative_number
+from granular_id._checks import finite_number
 from granular_id.live.clock import host_ns
 from granular_id.live.robot import Pose, TimedMotion, checked_move
 
@@ -35,7 +35,7 @@ class ManualRobot:
     """
 
     def __init__(self, countdown_s: float = 3.0, console: TextIO | None = None) -> None:
-        self._countdown_s = non_negative_number("countdown_s", countdown_s)
+        self._countdown_s = finite_number("countdown_s", countdown_s, least=0)
         self._console = console
         self._motion: TimedMotion | None = None
         self._stopped = threading.Event()

@@ -6,7 +6,7 @@ import threading
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from granular_id._checks import finite_number, non_negative_number, whole_number
+from granular_id._checks import finite_number, whole_number
 
 __all__ = ["Fault", "FaultKind", "FaultPlan"]
 
@@ -47,7 +47,7 @@ class Fault:
         if self.after_s is not None:
             finite_number("after_s", self.after_s)
         whole_number("rows", self.rows)
-        non_negative_number("stall_s", self.stall_s)
+        finite_number("stall_s", self.stall_s, least=0)
 
 
 class FaultPlan:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id._checks import as_floats, checked_index, checked_number, checked_rate
+from granular_id._checks import as_floats, checked_index, finite_number
 from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.features import FeatureSpec
@@ -95,11 +95,11 @@ class SnapshotBuilder:
         axes: Sequence[str] = AXES,
         units: Sequence[str] = UNITS,
     ) -> None:
-        rate = checked_rate(rate_hz)
+        rate = finite_number("rate_hz", rate_hz, positive=True)
         spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
         if not math.isclose(spec.rate_hz, rate, rel_tol=1e-3):
             raise ValueError(f"rate_hz is {rate:g}, but spec was made for {spec.rate_hz:g} Hz")
-        view = checked_number(view_s, "view_s")
+        view = finite_number("view_s", view_s)
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
         if checked_index(n_samples, "n_samples") < 1:

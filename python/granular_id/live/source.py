@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from granular_id._checks import checked_rate, checked_text, freeze, positive_number, thaw
+from granular_id._checks import checked_text, finite_number, freeze, positive_number, thaw
 from granular_id.live.source_url import SourceUrl
 
 __all__ = ["SCHEMES", "Health", "SourceInfo", "WrenchSink", "WrenchSource", "open_source"]
@@ -87,8 +87,8 @@ class SourceInfo:
 
     def __post_init__(self) -> None:
         checked_text(self.name, "name")
-        object.__setattr__(self, "rate_hz", checked_rate(self.rate_hz))
-        object.__setattr__(self, "tick_hz", checked_rate(self.tick_hz, "tick_hz"))
+        object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
+        object.__setattr__(self, "tick_hz", finite_number("tick_hz", self.tick_hz, positive=True))
         if self.full_scale is not None:
             full_scale = tuple(positive_number("full_scale", value) for value in self.full_scale)
             if len(full_scale) != 6:

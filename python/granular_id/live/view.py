@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from typing_extensions import Self
 
-from granular_id._checks import checked_number
+from granular_id._checks import finite_number
 from granular_id.live.view_thread import ViewThread
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ MAX_HZ = 30.0
 
 def checked_max_hz(value: object) -> float:
     """Return a number of updates per second that a view may have, or say which it may."""
-    rate = checked_number(value, "max_hz")
+    rate = finite_number("max_hz", value)
     if not 0 < rate <= MAX_HZ:
         raise ValueError(f"max_hz must be above 0 and at most {MAX_HZ:g}, got {rate:g}")
     return rate

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import FloatArray, as_floats, checked_number, checked_rate
+from granular_id._checks import FloatArray, as_floats, finite_number
 from granular_id._core import AXES
 from granular_id._text import counted, verb
 from granular_id.recording.change_detection import SPAN, WINDOWS_IN_REST, Detection, change_times, detect
@@ -163,20 +163,20 @@ def find_onset(
     if axes is None and samples.shape[1] != 6:
         axes = [f"axis {i}" for i in range(samples.shape[1])]
     names = checked_axes(axes, samples.shape)
-    rate = checked_rate(rate_hz)
+    rate = finite_number("rate_hz", rate_hz, positive=True)
     alarms = _checked_false_alarm_rate(false_alarm_rate)
     return find_onsets_in_block(samples[np.newaxis], rate, rest_samples(rest_s, rate), alarms, names)[0]
 
 
 def _checked_false_alarm_rate(value: object) -> float:
-    rate = checked_number(value, "false_alarm_rate")
+    rate = finite_number("false_alarm_rate", value)
     if not 1e-12 <= rate <= 0.5:
         raise ValueError(f"false_alarm_rate must be between 1e-12 and 0.5, got {rate:g}")
     return rate
 
 
 def _checked_rest(value: object) -> float:
-    seconds = checked_number(value, "rest_s")
+    seconds = finite_number("rest_s", value)
     if seconds <= 0:
         raise ValueError(f"rest_s must be positive, got {seconds:g}")
     return seconds
@@ -353,7 +353,9 @@ def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rat
             ".resample(rate_hz) first, or overrule these"
         )
     onsets: dict[int, Onset] = {}
-    alike = places_of((r.n_samples, checked_rate(r.rate_hz), r.axes) for r in recordings)
+    alike = places_of(
+        (r.n_samples, finite_number("rate_hz", r.rate_hz, positive=True), r.axes) for r in recordings
+    )
     for (_, rate_hz, axes), places in alike.items():
         wrenches = [recordings[i].wrench for i in places]
         block = find_onsets_in_block(wrenches, rate_hz, rest_samples(rest_s, rate_hz), rate, axes)
@@ -398,7 +400,7 @@ def _stated_indices(
 
 
 def _index_at(recording: Recording, seconds: float) -> int:
-    time_s = checked_number(seconds, f"overrule[{recording.name!r}]")
+    time_s = finite_number(f"overrule[{recording.name!r}]", seconds)
     if not 0 <= time_s <= recording.duration_s:
         raise ValueError(
             f"overrule[{recording.name!r}] is {time_s:g} s; the recording lasts from 0 to "

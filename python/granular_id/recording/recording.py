@@ -14,9 +14,8 @@ from granular_id._checks import (
     FloatArray,
     as_floats,
     checked_index,
-    checked_number,
-    checked_rate,
     checked_text,
+    finite_number,
     freeze,
     locked,
     thaw,
@@ -126,7 +125,7 @@ class Recording:
             came = "neither" if self.rate_hz is None else "both"
             raise ValueError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
         if self.rate_hz is not None:
-            checked["rate_hz"] = rate = checked_rate(self.rate_hz)
+            checked["rate_hz"] = rate = finite_number("rate_hz", self.rate_hz, positive=True)
             if not np.isfinite(n_samples / rate):
                 raise ValueError(f"rate_hz={self.rate_hz} makes {n_samples} samples last for ever")
         if self.time_s is not None:
@@ -136,7 +135,7 @@ class Recording:
                 checked[name] = checked_text(getattr(self, name), name, spaced=False)
         checked["name"] = checked_text(self.name, "name", empty=True)
         if self.start_time is not None:
-            checked["start_time"] = checked_number(self.start_time, "start_time")
+            checked["start_time"] = finite_number("start_time", self.start_time)
         if self.trigger_index is not None:
             index = checked_index(self.trigger_index, "trigger_index")
             if not 0 <= index < n_samples:
@@ -191,7 +190,7 @@ class Recording:
         """Return seconds from the first sample, shape (T,), whether uniform or not."""
         if self.time_s is not None:
             return self.time_s
-        return np.arange(self.n_samples) / checked_rate(self.rate_hz)
+        return np.arange(self.n_samples) / finite_number("rate_hz", self.rate_hz, positive=True)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Recording):

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._checks import FloatArray, checked_number, checked_rate
+from granular_id._checks import FloatArray, finite_number
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, SampleFlag, checked_choice
 from granular_id.recording.report import StepReport
@@ -119,12 +119,12 @@ def resample_recordings(
     on_gap: Literal["raise", "skip"] = "raise",
 ) -> tuple[list[Recording], StepReport]:
     """Resample each recording; see :meth:`Dataset.resample`, which calls this."""
-    rate = checked_rate(rate_hz)
+    rate = finite_number("rate_hz", rate_hz, positive=True)
     checked_choice("method", method, "linear", "polyphase")
     checked_choice("on_gap", on_gap, "raise", "skip")
     if isinstance(max_gap_s, (float, np.floating)) and max_gap_s == np.inf:
         max_gap_s = None
-    limit = np.inf if max_gap_s is None else checked_number(max_gap_s, "max_gap_s")
+    limit = np.inf if max_gap_s is None else finite_number("max_gap_s", max_gap_s)
     if limit <= 0:
         raise ValueError(f"max_gap_s must be positive (or None for no limit), got {limit:g}")
     results: list[Recording] = []

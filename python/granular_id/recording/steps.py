@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import checked_index, checked_number
+from granular_id._checks import checked_index, finite_number
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.recording import Recording, checked_choice, common_axes, common_rate
 from granular_id.recording.report import StepReport
@@ -177,7 +177,7 @@ def _starts(
     lead_s: float,
 ) -> list[int]:
     """Return the sample at which each recording is to begin; negative where there is no room for the lead."""
-    lead = round(checked_number(checked_number(lead_s, "lead_s") * rate, "lead_s times the rate"))
+    lead = round(finite_number("lead_s times the rate", finite_number("lead_s", lead_s) * rate))
     if trigger is None:
         if lead:
             raise ValueError(f"lead_s={lead_s:g} is time kept before the trigger: give trigger= too")
@@ -218,8 +218,8 @@ def _length(
     if (n_samples is None) == (duration_s is None):
         raise ValueError("give exactly one of n_samples (a number, or 'shortest') and duration_s")
     if duration_s is not None:
-        seconds = checked_number(duration_s, "duration_s")
-        n = round(checked_number(seconds * rate, "duration_s times the rate"))
+        seconds = finite_number("duration_s", duration_s)
+        n = round(finite_number("duration_s times the rate", seconds * rate))
         what = f"duration_s={seconds:g} at {rate:g} Hz"
     elif isinstance(n_samples, str):
         if n_samples != "shortest":

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import non_negative_number, positive_number
+from granular_id._checks import finite_number, positive_number
 from granular_id.synthetic.materials import Material
 
 FloatArray = NDArray[np.float64]
@@ -70,7 +70,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            check = non_negative_number if field.name == "sensor_to_tool_m" else positive_number
+            check = finite_number if field.name == "sensor_to_tool_m" else positive_number
             check(field.name, getattr(self, field.name))
         if self.depth_m > self.tool_length_m:
             raise ValueError(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from granular_id._checks import finite_number, non_negative_number, positive_number
+from granular_id._checks import finite_number, positive_number
 
 _RANGES = {
     # Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
@@ -97,7 +97,7 @@ class Material:
                     wanted = f"lie in [{least:g}, {most:g}]" if most < math.inf else f"be at least {least:g}"
                     raise ValueError(f"{where} must {wanted}, got {number:g}")
             else:
-                non_negative_number(where, value)
+                finite_number(where, value, least=0)
         if self.bulk_density_kg_m3 == 0 and self.cohesion_pa == 0:
             raise ValueError(f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0")
 

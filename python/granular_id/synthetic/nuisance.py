@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import non_negative_number
+from granular_id._checks import finite_number
 from granular_id.synthetic.drag import Rig
 from granular_id.synthetic.materials import Material
 
@@ -152,11 +152,11 @@ class Nuisance:
                     f"{field.name} must be (per recording, per fill, per session), got {levels!r:.60}"
                 )
             for level in levels:
-                non_negative_number(field.name, level)
+                finite_number(field.name, level, least=0)
 
     def scaled(self, factor: float) -> Nuisance:
         """Return the same nuisance with every level times `factor`; 0 switches it off."""
-        factor = non_negative_number("factor", factor)
+        factor = finite_number("factor", factor, least=0)
         return Nuisance(**{f.name: tuple(factor * s for s in getattr(self, f.name)) for f in fields(self)})
 
     def draw(self, *rngs: np.random.Generator) -> Conditions:

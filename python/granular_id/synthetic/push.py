@@ -8,7 +8,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import non_negative_number, positive_number, sampling_rate, whole_number
+from granular_id._checks import finite_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
 from granular_id.synthetic.drag import N_LAYERS, Rig, drag_profile, layers, mean_drag_n
 from granular_id.synthetic.fluctuations import (
@@ -114,7 +114,7 @@ def simulate_push(
     conditions = conditions or Conditions()
     rate_hz = sampling_rate("rate_hz", rate_hz)
     duration_s = positive_number("duration_s", duration_s)
-    lead_s = non_negative_number("lead_s", lead_s)
+    lead_s = finite_number("lead_s", lead_s, least=0)
     unknown = sorted(set(parts) - set(PARTS))
     if unknown:
         raise ValueError(f"parts has no part {unknown[0]!r}; known: {', '.join(PARTS)}")

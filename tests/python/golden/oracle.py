@@ -126,7 +126,7 @@ def api() -> Figures:
 
 
 def own(kind: type, member: str) -> bool:
-    """Tell whether a class of this library defines a member: those of Python and scikit-learn change with their versions."""
+    """Tell whether a class of this library defines a member: those of others change with their versions."""
     return next(base for base in kind.__mro__ if member in vars(base)).__module__.startswith("granular_id")
 
 

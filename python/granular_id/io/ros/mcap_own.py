@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_number, checked_rate, thaw
+from granular_id._checks import FloatArray, finite_number, thaw
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat_checks import checked_history
 from granular_id.io.json_text import check_parts
@@ -173,7 +173,7 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
         raise ValueError(f"version is {texts.get('version', 'missing')[:40]!r}; wanted {_VERSION!r}")
     rate_hz = _number(texts, "rate_hz")
     if rate_hz is not None:
-        time_s = np.arange(n_samples) / checked_rate(rate_hz)
+        time_s = np.arange(n_samples) / finite_number("rate_hz", rate_hz, positive=True)
     else:
         time_s = _attached(own, _TIME_S, n_samples, np.dtype("<f8")).astype(np.float64)
         if not (
@@ -194,7 +194,7 @@ def _parsed(own: OwnRecords, n_samples: int) -> _Known:
 
 
 def _number(texts: Mapping[str, str], key: str) -> float | None:
-    return checked_number(float(texts[key]), key) if key in texts else None
+    return finite_number(key, float(texts[key])) if key in texts else None
 
 
 def _attached(own: OwnRecords, name: str, n_samples: int, dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular_id._checks import checked_number
+from granular_id._checks import finite_number
 from granular_id._core import AXES
 
 SensorRange = str | float | Sequence[float] | Mapping[str, float]
@@ -58,8 +58,8 @@ def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
             raise ValueError(f"sensor_range has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}")
         numbers = dict(zip(axes, value, strict=True))
     else:
-        numbers = dict.fromkeys(axes, checked_number(value, "sensor_range"))
-    checked = {axis: checked_number(number, "sensor_range") for axis, number in numbers.items()}
+        numbers = dict.fromkeys(axes, finite_number("sensor_range", value))
+    checked = {axis: finite_number("sensor_range", number) for axis, number in numbers.items()}
     wrong = next((f"{axis}: {number:g}" for axis, number in checked.items() if number <= 0), None)
     if wrong is not None:
         raise ValueError(f"sensor_range must be positive, got {wrong}")
