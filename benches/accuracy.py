@@ -26,7 +26,7 @@ from accuracy_methods import METHODS, Method, chosen_methods
 from accuracy_run import THREADS, Row, run_method
 from accuracy_table import as_json, averaged, compare, table
 from granular_id._files import check_target, write_json
-from granular_id.splits import Partition
+from granular_id.partitions import Partition
 
 PACKAGES = ("numpy", "scipy", "scikit-learn", "aeon", "numba", "torch")
 BAD_INPUT, INTERRUPTED = 2, 130

@@ -9,15 +9,9 @@ import numpy as np
 from sklearn.model_selection import StratifiedShuffleSplit
 
 import granular_id as gid
+from granular_id.partitions import Partition, chronological_partitions, kfold_partitions, session_partitions
 from granular_id.recording import Dataset, Recording
-from granular_id.splits import (
-    Partition,
-    chronological_partitions,
-    describe_order,
-    kfold_partitions,
-    session_partitions,
-    strictest,
-)
+from granular_id.splits import describe_order, strictest
 
 SPLITS = ("auto", "sessions", "halves", "kfold", "random")
 TEST_SHARE = 0.2

@@ -16,8 +16,9 @@ from threadpoolctl import threadpool_limits
 from accuracy_data import BenchSet
 from accuracy_methods import Method, OurFeatures
 from accuracy_stages import NotAvailableError, Setting
+from granular_id.partitions import Partition
 from granular_id.recording import Dataset
-from granular_id.splits import Partition, origins_of
+from granular_id.splits import groups_of
 
 THREADS = 1
 """Of everything: peers are told by their own settings, libraries of linear algebra by a limit."""
@@ -133,7 +134,7 @@ def _add(row: Row, features: Any, classifier: Any, data: Dataset, partition: Par
         features, OurFeatures
     ):  # a classifier of ours may ask for blocks, sessions, and order in time
         features.tell_blocks(classifier)
-        known = origins_of(data).fit_arguments(classifier, train)
+        known = groups_of(data).fit_arguments(classifier, train)
     classifier.fit(rows, y_train, **known)
     fit_s = clock() - start
     features_s, tested = _timed(lambda: features.transform(X_test))

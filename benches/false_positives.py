@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest
 
-from granular_id.splits import paper_partitions
+from granular_id.partitions import paper_partitions
 from granular_id.statistics import bayesian_correlated_t, corrected_resampled_t, mann_whitney
 
 N_CLASSES, PER_CLASS = 11, 62

@@ -77,7 +77,7 @@ def learns(transformer: Any) -> bool:
     return bool(getattr(transformer, "learns", True))
 
 
-def asked_for(estimator: Any, known: Mapping[str, Any]) -> dict[str, Any]:
+def routed(estimator: Any, known: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the known things that `fit` has a parameter for, in a pipeline as ``step__name`` of its last step."""
     prefix = ""
     while isinstance(estimator, Pipeline):
@@ -112,7 +112,7 @@ def named_errors(name: str, kind: str = "feature space") -> Iterator[None]:
 
 
 @contextmanager
-def heard_complaints(who: str) -> Iterator[list[str]]:
+def convergence_warnings(who: str) -> Iterator[list[str]]:
     """Gather the convergence warnings of a block, from any thread: lines that begin with `who`, filled at its end."""
     lines: list[str] = []
     with warnings.catch_warnings(record=True) as caught:

@@ -16,69 +16,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import whole_number
-from granular_id._estimators import asked_for
+from granular_id._estimators import routed
 from granular_id._text import counted, verb
 from granular_id.partitions import (
     MAX_SESSION_FOLDS,
     PROTOCOLS,
-    RANDOM_TEST_SHARE,
     Partition,
     Rows,
     Sessions,
-    are_blocks,
     block_partitions,
     check_folds,
     chronological_partitions,
     kfold_partitions,
     lone_session,
     paper_partitions,
-    protocol_name,
-    random_partition,
     rows_of_class,
     session_partitions,
-    splittable_rows,
     why_no_sessions,
 )
 from granular_id.recording import Dataset
-
-__all__ = [
-    "AUTO",
-    "BLOCKS",
-    "HALVES",
-    "NONE",
-    "PROTOCOLS",
-    "RANDOM",
-    "RANDOM_TEST_SHARE",
-    "SESSIONS",
-    "ChoiceFolds",
-    "Folds",
-    "Groups",
-    "NestedFold",
-    "Origins",
-    "Partition",
-    "are_blocks",
-    "block_partitions",
-    "checked_groups",
-    "choice_folds",
-    "chronological_partitions",
-    "describe_order",
-    "groups_of",
-    "kfold_partitions",
-    "nested_folds",
-    "origins_of",
-    "pair_partition",
-    "paper_partitions",
-    "plan_partitions",
-    "plan_protocols",
-    "protocol_name",
-    "random_partition",
-    "rows_of_class",
-    "session_partitions",
-    "splittable_rows",
-    "strict_partitions",
-    "strictest",
-    "why_no_sessions",
-]
 
 AUTO = "auto"
 """The paper's protocol and, beside it, the strictest that the data allow."""
@@ -119,7 +75,7 @@ class Groups:
         They are those of the training rows, and ``order`` holds places in `rows`.
         """
         own = self.take(rows)
-        return asked_for(estimator, {"sessions": own.sessions, "order": own.order})
+        return routed(estimator, {"sessions": own.sessions, "order": own.order})
 
 
 def groups_of(data: Dataset) -> Groups:
@@ -421,7 +377,3 @@ def nested_folds(data: Dataset, n_outer: int, n_inner: int, seed: int) -> Folds:
         inner_notes.append(f"inner folds (make the choice): {note}")
     notes = (f"outer folds (judge the choice): {outer_note}", *dict.fromkeys(inner_notes))
     return Folds(tuple(nested), held_out, notes)
-
-
-Origins = Groups
-origins_of = groups_of

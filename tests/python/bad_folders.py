@@ -15,8 +15,7 @@ import pyarrow.parquet
 from bad_contents import HISTORIES, MANY
 from bad_files import MAGIC, ODD_PLACES, BadCase, outside
 from good_files import PATHS, write_good
-from test_csv_bad_index import BAD_INDEX
-from test_csv_bad_index import GOOD as GOOD_CSV
+from test_csv_bad_index import BAD_INDEX, GOOD as GOOD_CSV
 from test_parquet_bad_files import INDEX, PART, rewrite, with_column
 
 SECRET = "0,1,2,3,4,5,6\n"

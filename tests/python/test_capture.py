@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from capture_cases import RATE_HZ, Block, Line, N, capture, moving_at, run
 from granular_id.live.capture_state import CaptureState, FailureReason

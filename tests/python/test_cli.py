@@ -108,7 +108,7 @@ def test_excluded_materials_are_counted(folder):
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
     drawn = []
-    files = import_module("granular_id.report.figures")
+    files = import_module("granular_id.report.pictures")
     for name in (name for name in vars(files) if name.startswith("plot_")):
         monkeypatch.setattr(files, name, lambda *_, **more: None)
     monkeypatch.setattr(files, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))

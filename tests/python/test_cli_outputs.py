@@ -104,7 +104,7 @@ def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
 
 def test_what_commands_write_is_known_again_and_replaced_by_force(tmp_path):
     pytest.importorskip("matplotlib")
-    from granular_id.report.figures import FIGURES
+    from granular_id.report.pictures import FIGURES
 
     folder = saved(make(), tmp_path / "recordings")
     outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}

@@ -15,9 +15,9 @@ from granular_id.confidence import held_out_scores, reliability
 from granular_id.confidence.calibration import probabilities_of
 from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
+from granular_id.partitions import kfold_partitions
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import HFMH
-from granular_id.splits import kfold_partitions
 
 X, Y = load_iris(return_X_y=True)
 

@@ -7,8 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from granular_id.confidence import ConformalRule, HeldOutScores, conformal_rule
 from granular_id.confidence.conformal import (

@@ -17,10 +17,10 @@ from granular_id.confidence.calibration import reliability
 from granular_id.confidence.coverage import CoverageResult, Covered
 from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
+from granular_id.partitions import random_partition
 from granular_id.plotting.confidence import plot_confidence
 from granular_id.recording import Dataset
 from granular_id.spaces import RawHFMH
-from granular_id.splits import random_partition
 from granular_id.synthetic import synthesize
 
 X, Y = load_iris(return_X_y=True)

@@ -1,8 +1,7 @@
 """What names of columns mean: each alias once, and what is refused with its reason."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from granular_id.io.columns import ColumnError, axis_of, columns_of, refusal
 from granular_id.recording import AXES

@@ -6,8 +6,7 @@ from sklearn.base import clone
 from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.exceptions import NotFittedError
 
-from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc import codings as random_codings
+from granular_id.ecoc import ECOCClassifier, codings as random_codings
 
 
 def blobs(n_classes, per_class=24, n_features=60):

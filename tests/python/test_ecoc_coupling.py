@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.optimize import minimize
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc import codings as random_codings
-from granular_id.ecoc import posterior as coupling
+from granular_id.ecoc import ECOCClassifier, codings as random_codings, posterior as coupling
 from granular_id.ecoc.codings import CODINGS, design, onevsone
 from granular_id.ecoc.posterior import couple_kullback_leibler, couple_wu_lin_weng, pairs_of
 from posterior_cases import WLW, blobs

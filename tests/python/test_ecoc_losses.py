@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from granular_id.ecoc.codings import design, onevsone
 from granular_id.ecoc.decoding import DECODINGS, LOSSES, SCORE_RANGES, decode, fitting_loss

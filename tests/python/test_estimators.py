@@ -6,7 +6,7 @@ from sklearn.linear_model import SGDClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id._estimators import asked_for, learns, named_errors, real_steps, seeded_clone
+from granular_id._estimators import learns, named_errors, real_steps, routed, seeded_clone
 from granular_id.spaces import BestClassifier, RawSignal
 
 
@@ -20,8 +20,8 @@ def test_open_random_states_are_set_from_the_seed_and_others_kept():
 
 def test_what_fit_takes_goes_to_the_last_step():
     known = {"order": None, "weather": "dry"}
-    assert asked_for(BestClassifier(), known) == {"order": None}
-    assert asked_for(make_pipeline(BestClassifier()), known) == {"bestclassifier__order": None}
+    assert routed(BestClassifier(), known) == {"order": None}
+    assert routed(make_pipeline(BestClassifier()), known) == {"bestclassifier__order": None}
 
 
 def test_a_pipeline_learns_when_one_of_its_steps_does():

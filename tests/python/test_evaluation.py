@@ -18,9 +18,9 @@ from evaluation_cases import SMALL, THREE, changed, flat, make_data
 from granular_id._estimators import describe_estimator
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
+from granular_id.partitions import chronological_partitions, paper_partitions
 from granular_id.recording import SampleFlag
 from granular_id.spaces import feature_spaces
-from granular_id.splits import chronological_partitions, paper_partitions
 
 
 @pytest.fixture(scope="module")

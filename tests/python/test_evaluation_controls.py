@@ -7,8 +7,8 @@ from evaluation_cases import SMALL, changed, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.evaluation.controls import Control, PlannedControl, judge
+from granular_id.partitions import kfold_partitions, paper_partitions
 from granular_id.recording import Dataset, Recording
-from granular_id.splits import kfold_partitions, paper_partitions
 
 ON = {**SMALL, "controls": True}
 

@@ -4,22 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from evaluation_cases import SMALL, changed, make_data
 from granular_id.evaluation import evaluate
+from granular_id.partitions import block_partitions, kfold_partitions, protocol_name, session_partitions
 from granular_id.recording import Dataset, Recording
-from granular_id.splits import (
-    block_partitions,
-    checked_groups,
-    kfold_partitions,
-    plan_partitions,
-    protocol_name,
-    session_partitions,
-    strict_partitions,
-    strictest,
-)
+from granular_id.splits import checked_groups, plan_partitions, strict_partitions, strictest
 
 
 @st.composite

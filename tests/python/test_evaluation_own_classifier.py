@@ -28,7 +28,7 @@ from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import HFMH, FeatureSpace
 from granular_id.spaces.best import BestClassifier, Chosen
-from granular_id.splits import origins_of
+from granular_id.splits import groups_of
 from multiband_cases import louder
 
 OURS = ["multiband", "best"]
@@ -107,7 +107,7 @@ def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_pa
     model = BestClassifier(optional_blocks=["level"])
     space = clone(plan_spaces("best", data.rate_hz)[0].transformer).fit(data.X)
     model.set_params(blocks=space.block_sizes_)
-    known = origins_of(data).fit_arguments(model, np.arange(len(data)))
+    known = groups_of(data).fit_arguments(model, np.arange(len(data)))
     features = space.transform(data.X)
     model.fit(features, data.y, **known)
     assert all(model.choice_.machines[k].name in seen.looked_with for k in model.choice_.chosen)

@@ -4,14 +4,10 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from granular_id.splits import (
-    chronological_partitions,
-    describe_order,
-    paper_partitions,
-)
+from granular_id.partitions import chronological_partitions, paper_partitions
+from granular_id.splits import describe_order
 
 
 @st.composite

@@ -11,7 +11,7 @@ from sklearn.metrics import confusion_matrix, f1_score, recall_score
 
 from granular_id.evaluation.result import CSV_COLUMNS, EvaluationResult, SpaceSummary
 from granular_id.evaluation.tables import confusion_table, gap_lines, mistakes_table, seconds_table
-from granular_id.splits import chronological_partitions, paper_partitions
+from granular_id.partitions import chronological_partitions, paper_partitions
 from granular_id.synthetic import PAPER_MATERIALS
 
 LABELS = ("oat flakes", "rice", 'süß, "fine"')

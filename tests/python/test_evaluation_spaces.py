@@ -10,7 +10,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from evaluation_cases import SMALL, changed, flat, make_data
-from granular_id._estimators import heard_complaints
+from granular_id._estimators import convergence_warnings
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate, scoring
 from granular_id.evaluation.scoring import in_paper_order
@@ -112,7 +112,7 @@ def test_complaints_are_counted_and_other_warnings_pass():
     import warnings
 
     def complain():
-        with heard_complaints("raw") as lines:
+        with convergence_warnings("raw") as lines:
             for k in range(6):
                 warnings.warn(f"learner {k % 5}", ConvergenceWarning, stacklevel=1)
             warnings.warn("other", UserWarning, stacklevel=1)

@@ -1,8 +1,7 @@
 """Stretches that hold most of the contributions, beside a search over all stretches."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from granular_id.explanation.result import regions_of

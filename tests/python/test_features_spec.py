@@ -9,8 +9,7 @@ import sys
 import joblib
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 import granular_id as gid
 from granular_id import FeatureSpec

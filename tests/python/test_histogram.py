@@ -6,8 +6,7 @@ import types
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from granular_id import signal
 from granular_id.signal import histogram

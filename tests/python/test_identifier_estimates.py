@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from evaluation_cases import LABELS, changed, make_data
 from granular_id import evaluate, synthesize
 from granular_id.identifier import Identifier, Recipe, accuracy_over_time, description, promises
-from granular_id.identifier.over_time import over_time
 from granular_id.identifier.rules import checkpoints, provisional_answers
+from granular_id.identifier.time_course import over_time
 from granular_id.identifier.training import group_aware_splits, train
 from granular_id.recording import Dataset, Recording
 from identifier_twin import hinge_losses, provisional_scores

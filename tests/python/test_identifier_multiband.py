@@ -20,7 +20,7 @@ from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
-from granular_id.splits import origins_of
+from granular_id.splits import groups_of
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def same_answers(identifier, pipeline, X):
 def test_labels_and_scores_are_those_of_the_pipeline(data, new, space, settings):
     identifier = Identifier.fit(data, space, estimate=False, **settings)
     pipeline = Recipe(space=space, **settings).pipeline(500.0)
-    same_answers(identifier, fit_pipeline(pipeline, data.X, data.y, origins_of(data)), new.X)
+    same_answers(identifier, fit_pipeline(pipeline, data.X, data.y, groups_of(data)), new.X)
     assert identifier.classes == LABELS
     assert identifier.space == space
 

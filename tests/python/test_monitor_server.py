@@ -10,8 +10,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from granular_id.live.monitor import MonitorServer
 from granular_id.live.monitor.request import answer

@@ -9,8 +9,7 @@ from contextlib import contextmanager
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from granular_id.live.fake_netft import FakeNetft
 from granular_id.live.fake_netft_page import page_text

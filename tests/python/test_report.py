@@ -13,8 +13,8 @@ import pytest
 from evaluation_cases import make_data
 from granular_id.plotting import INK, new_figure
 from granular_id.report import figures, report
-from granular_id.report.figures import inline_svg
 from granular_id.report.page import gap_of, html, split_notes
+from granular_id.report.pictures import inline_svg
 from granular_id.synthetic import synthesize
 from report_cases import HOSTILE, page_of, result_of, small_result
 

@@ -15,7 +15,7 @@ from granular_id.identifier import description, promises, refuse_others
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import ACCEPTABLE, setups_in, values_in, warnings_in
+from granular_id.recording.setup import ACCEPTABLE, data_warnings, setups_in, values_in
 from model_cases import put_together, taken_apart
 
 PAGE = Path(__file__).parents[2] / "docs" / "live" / "setup.md"
@@ -211,7 +211,7 @@ def test_a_training_on_several_set_ups_knows_each(data):
         refuse_others(with_meta(data, frame="table"), model.core)
     note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
     assert note in "\n".join(promises(model))
-    assert note in "\n".join(warnings_in(mixed))
+    assert note in "\n".join(data_warnings(mixed))
     varied = Dataset([replace(r, meta={"tool": f"spoon {k}"}) for k, r in enumerate(data)])
     assert gid.Identifier.fit(varied, "hfmh", estimate=False).trained["setup"] == {}
 

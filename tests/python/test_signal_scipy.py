@@ -9,8 +9,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.signal import butter as scipy_butter
-from scipy.signal import sos2tf
+from scipy.signal import butter as scipy_butter, sos2tf
 
 from granular_id import signal as twins
 

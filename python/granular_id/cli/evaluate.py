@@ -493,8 +493,7 @@ def select(
     notes = method.unused_in(chosen) if chosen else []
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.evaluation import DEFAULT_SPACES
-    from granular_id.evaluation import select as select_space
+    from granular_id.evaluation import DEFAULT_SPACES, select as select_space
 
     for note in [] if quiet else notes:
         show(f"note: {note}")

@@ -100,14 +100,14 @@ def _explained(
     from granular_id.explanation import explain as explain_pair
     from granular_id.identifier import fit_pipeline
     from granular_id.spaces import Chosen
-    from granular_id.splits import origins_of, pair_partition
+    from granular_id.splits import groups_of, pair_partition
 
     X, y = data.X, data.y
     for label in (first, second):
         if (y == label).sum() < 2:
             raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
     part, held_out = pair_partition(data, first, second)
-    model = fit_pipeline(pipeline, X[part.train], y[part.train], origins_of(data), part.train)
+    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data), part.train)
     chosen = Chosen.of(model[-1])
     how = "" if chosen is None else f"; {chosen.words}"
     split = {

@@ -26,10 +26,10 @@ def show(text: str, style: str = "", *, err: bool = False) -> None:
 
 def warn_of_setups(differences: Sequence[str], *, err: bool = False) -> None:
     """Warn of what recordings or a sensor have otherwise than the training of a model."""
-    from granular_id.recording import other_setup
+    from granular_id.recording import setup_mismatch
 
     for difference in differences:
-        show(f"warning: {other_setup(difference)}", "bold yellow", err=err)
+        show(f"warning: {setup_mismatch(difference)}", "bold yellow", err=err)
 
 
 def print_table(table: Table, *, strong: bool = False, tight: bool = False) -> None:

@@ -136,8 +136,7 @@ def train(
     recipe = Recipe(**settings, random_state=seed)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier
-    from granular_id.identifier import train as fit
+    from granular_id.identifier import Identifier, train as fit
 
     training = fit(
         data,
@@ -162,7 +161,7 @@ def train(
 def _write_extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> None:
     """Write the figure and the JSON file that were asked for."""
     from granular_id._files import write_json
-    from granular_id.identifier.over_time import over_time
+    from granular_id.identifier import over_time
 
     course = None
     if training.held is not None:

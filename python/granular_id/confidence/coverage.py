@@ -25,8 +25,8 @@ from granular_id.confidence.held_out import (
     scores_of,
     without_fixed_steps,
 )
+from granular_id.partitions import RANDOM_TEST_SHARE, Partition, random_partition
 from granular_id.recording import Dataset
-from granular_id.splits import RANDOM_TEST_SHARE, Partition, random_partition
 
 
 @dataclass(frozen=True)

@@ -19,19 +19,16 @@ from sklearn.pipeline import Pipeline
 from granular_id._checks import whole_number
 from granular_id._estimators import learns
 from granular_id._parallel import in_threads
-from granular_id.recording import Dataset
-from granular_id.splits import (
-    Groups,
+from granular_id.partitions import (
     Partition,
     block_partitions,
-    checked_groups,
-    groups_of,
     kfold_partitions,
     protocol_name,
     splittable_rows,
-    strict_partitions,
     why_no_sessions,
 )
+from granular_id.recording import Dataset
+from granular_id.splits import Groups, checked_groups, groups_of, strict_partitions
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]

@@ -25,8 +25,8 @@ from granular_id.confidence.held_out import (
     without_fixed_steps,
 )
 from granular_id.confidence.unknown import STRANGENESS, UnknownRule, available_kinds, unknown_rule
+from granular_id.partitions import Partition
 from granular_id.recording import Dataset
-from granular_id.splits import Partition
 
 FloatArray = npt.NDArray[np.float64]
 

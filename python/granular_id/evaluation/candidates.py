@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from granular_id._estimators import heard_complaints, named_errors, real_steps, seeded_clone
+from granular_id._estimators import convergence_warnings, named_errors, real_steps, seeded_clone
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram import GramBank
 from granular_id.evaluation.scoring import SpaceFeatures, plan_spaces
+from granular_id.partitions import Partition
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
-from granular_id.splits import Partition
 
 Floats = NDArray[np.float64]
 
@@ -197,7 +197,7 @@ def score_all(
         return scored
 
     # Threads share the scalar products; more than one for the algebra of each would only take turns with the others.
-    with single_threaded_blas(), heard_complaints("candidates") as not_converged:
+    with single_threaded_blas(), convergence_warnings("candidates") as not_converged:
         prepared = [(candidate, _features(candidate, bank)) for candidate in candidates]
         scored = in_threads(score, product(partitions, prepared), n_jobs)
     accuracies = np.array([shares for shares, _ in scored])
@@ -209,7 +209,7 @@ def spread_of(candidate: Candidate, bank: GramBank, y: NDArray[np.str_]) -> floa
     """Mean squared distance of all recordings from their mean, in the features of a candidate fitted on them."""
     rows = np.arange(len(y))
     # What does not converge here has been told of the folds.
-    with single_threaded_blas(), heard_complaints(candidate.name):
+    with single_threaded_blas(), convergence_warnings(candidate.name):
         gram, _, _ = _features(candidate, bank).products(Partition("all", 0, "all", rows, rows[:1]), y, {})
     return _spread(candidate, gram)
 

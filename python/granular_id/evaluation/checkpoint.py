@@ -17,9 +17,9 @@ import numpy as np
 
 from granular_id._files import made_folder, whole_file
 from granular_id.evaluation.scoring import STAGES, Answer
+from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 from granular_id.spaces import Chosen
-from granular_id.splits import Partition
 
 FORMAT = "granular_id.checkpoint/3"
 RUN = "run.json"

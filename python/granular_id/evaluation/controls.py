@@ -23,9 +23,9 @@ from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.gram import GramBank
 from granular_id.evaluation.scoring import Task
+from granular_id.partitions import Partition, protocol_name
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace, RawSignal, TimePermutation
-from granular_id.splits import Partition, protocol_name
 from granular_id.statistics import confusion_counts
 
 Codes = NDArray[np.intp]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import Portrait
+from granular_id.partitions import Partition, are_blocks
 from granular_id.spaces import Chosen
-from granular_id.splits import Partition, are_blocks
 from granular_id.statistics import (
     MIN_PARTITIONS,
     confusion_counts,

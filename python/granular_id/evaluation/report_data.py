@@ -30,7 +30,7 @@ from granular_id.spaces import (
     folded_back,
     tell_blocks,
 )
-from granular_id.splits import origins_of
+from granular_id.splits import groups_of
 
 Floats = NDArray[np.float64]
 
@@ -296,7 +296,7 @@ def _weights(
             return name, weight_blocks(X, y, fitted, classifier), ""
         trained = clone(own[name])
         tell_blocks(trained, block_sizes(fitted))
-        groups = origins_of(data).fit_arguments(trained, np.arange(len(data)))
+        groups = groups_of(data).fit_arguments(trained, np.arange(len(data)))
         with single_threaded_blas():  # as the partitions do: bits must not depend on the number of threads
             trained.fit(fitted.transform(X), y, **groups)
         chosen = Chosen.of(trained)

@@ -22,8 +22,8 @@ from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
 from granular_id.evaluation.report_data import Portrait
 from granular_id.evaluation.scoring import STAGES
 from granular_id.evaluation.tables import plain_text
+from granular_id.partitions import Partition
 from granular_id.spaces import Chosen
-from granular_id.splits import Partition
 
 __all__ = ["CSV_COLUMNS", "FORMAT", "EvaluationResult", "Prediction", "SpaceSummary"]
 

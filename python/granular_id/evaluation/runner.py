@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
 from granular_id._checks import checked_flag
-from granular_id._estimators import describe_estimator, heard_complaints, named_errors, versions
+from granular_id._estimators import convergence_warnings, describe_estimator, named_errors, versions
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
@@ -35,9 +35,10 @@ from granular_id.evaluation.scoring import (
     seeded,
     timed,
 )
-from granular_id.recording import Dataset, describe_data, warnings_in
+from granular_id.partitions import Partition
+from granular_id.recording import Dataset, data_warnings, describe_data
 from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
-from granular_id.splits import Partition, origins_of, plan_partitions, plan_protocols
+from granular_id.splits import groups_of, plan_partitions, plan_protocols
 
 Codes = NDArray[np.intp]
 
@@ -176,7 +177,7 @@ def evaluate(
 
     labels, truth = np.unique(data.y, return_inverse=True)
     bank = GramBank(X)
-    origins = origins_of(data)
+    origins = groups_of(data)
     tasks = [Task(space, space.classifier or model, bank, origins) for space in planned]
     checks = plan_controls(data, planned, model, bank) if controls else []
     n_tasks = len(tasks) + sum(check.task is not None for check in checks)
@@ -219,7 +220,7 @@ def evaluate(
         versions=versions(),
         notes=(
             *notes,
-            *warnings_in(data),
+            *data_warnings(data),
             *not_drawn(data),
             *(line for _, not_converged in runs.values() for line in not_converged),
             *(kept.notes() if kept is not None else ()),
@@ -270,7 +271,7 @@ def _answers(
 
     # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
     # matrices of a pair of classes are small: more threads for each took twice the time of one.
-    with single_threaded_blas(), heard_complaints(name) as not_converged:
+    with single_threaded_blas(), convergence_warnings(name) as not_converged:
         computed = iter(in_threads(compute, missing, n_jobs))
     answers = iter([next(computed) if answer is None else answer for answer in known])
     return {protocol: [next(answers) for _ in drawn] for protocol, drawn in partitions.items()}, not_converged

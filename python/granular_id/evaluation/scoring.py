@@ -18,9 +18,10 @@ from granular_id._estimators import seeded_clone
 from granular_id._progress import ProgressCallback
 from granular_id.evaluation.gram import GramBank, features_of, plan_for
 from granular_id.gram import linear_gram
+from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 from granular_id.spaces import Chosen, FeatureSpace, block_sizes, feature_spaces, learns
-from granular_id.splits import Origins, Partition
+from granular_id.splits import Groups
 
 # From the arguments of `evaluate` and `select` to feature spaces and a seed.
 
@@ -128,7 +129,7 @@ class Task:
     classifier: BaseEstimator
     bank: GramBank
     """Of the recordings; tasks on the same recordings share it."""
-    origins: Origins | None = None
+    origins: Groups | None = None
     """Sessions and order, for a classifier that asks for them."""
     shuffled: bool = False
     """Whether the labels of the training rows are shuffled first."""

@@ -31,9 +31,10 @@ from granular_id.evaluation.compare import Comparison, Pair, compare
 from granular_id.evaluation.gram import GramBank
 from granular_id.evaluation.scoring import check_arguments, plan_seed
 from granular_id.evaluation.tables import probability
-from granular_id.recording import Dataset, describe_data, of_check, warnings_in
+from granular_id.partitions import Partition
+from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
 from granular_id.spaces import FeatureSpace
-from granular_id.splits import HALVES, RANDOM, SESSIONS, Partition, nested_folds
+from granular_id.splits import HALVES, RANDOM, SESSIONS, nested_folds
 from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_interval, corrected_resampled_t, sample_sd
 
 Floats = NDArray[np.float64]
@@ -207,7 +208,7 @@ def select(
         data=describe_data(data),
         versions=versions(),
         held_out=planned.held_out,
-        notes=(*planned.notes, *warnings_in(data), *not_converged),
+        notes=(*planned.notes, *data_warnings(data), *not_converged),
         synthetic=data.is_synthetic,
     )
 
@@ -454,7 +455,7 @@ class Selection:
             f"Candidates{' (SYNTHETIC recordings)' if self.synthetic else ''}",
             ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension"),
             tuple(rows),
-            (*notes, *map(of_check, self.notes)),
+            (*notes, *map(labelled_check_note, self.notes)),
         )
 
     def __str__(self) -> str:

@@ -12,9 +12,9 @@ from granular_id._text import Table, percent, whole_percent
 from granular_id.evaluation.compare import probability
 from granular_id.evaluation.outcome import Outcome
 from granular_id.evaluation.scoring import STAGES
-from granular_id.recording import of_check
+from granular_id.partitions import are_blocks, protocol_name
+from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
-from granular_id.splits import are_blocks, protocol_name
 from granular_id.synthetic import PAPER_MATERIALS
 
 __all__ = [
@@ -80,7 +80,7 @@ def accuracy_table(result: Outcome) -> Table:
         f"Accuracy on {kind} ({counts})",
         (*header, "gap") if with_gap else tuple(header),
         tuple(rows),
-        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(of_check, result.notes)),
+        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(labelled_check_note, result.notes)),
     )
 
 

@@ -6,45 +6,36 @@ What trains is loaded when first used: a robot that only identifies does not wai
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id.identifier.batch import Batch, identify_all
+from granular_id.identifier.batch import Batch as Batch, identify_all as identify_all
 from granular_id.identifier.decision import Decision
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import SPACES, comparison, fitted, refuse_others
-from granular_id.identifier.model_card import description, promises
-from granular_id.identifier.rules import N_CHECKPOINTS
+from granular_id.identifier.metadata import (
+    SPACES as SPACES,
+    comparison as comparison,
+    fitted as fitted,
+    refuse_others as refuse_others,
+)
+from granular_id.identifier.model_card import description as description, promises as promises
+from granular_id.identifier.rules import N_CHECKPOINTS as N_CHECKPOINTS
 from granular_id.identifier.streaming import StreamingIdentifier
 
 if TYPE_CHECKING:
-    from granular_id.identifier.over_time import OverTime, accuracy_over_time
-    from granular_id.identifier.recipe import Recipe
-    from granular_id.identifier.training import Training, fit_pipeline, train
+    from granular_id.identifier.recipe import Recipe as Recipe
+    from granular_id.identifier.time_course import OverTime, accuracy_over_time
+    from granular_id.identifier.training import (
+        Training as Training,
+        fit_pipeline as fit_pipeline,
+        train as train,
+    )
 
-__all__ = [
-    "N_CHECKPOINTS",
-    "SPACES",
-    "Batch",
-    "Decision",
-    "Identifier",
-    "OverTime",
-    "Recipe",
-    "StreamingIdentifier",
-    "Training",
-    "accuracy_over_time",
-    "comparison",
-    "description",
-    "fit_pipeline",
-    "fitted",
-    "identify_all",
-    "promises",
-    "refuse_others",
-    "train",
-]
+__all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accuracy_over_time"]
 
 _LAZY = {
-    "OverTime": "over_time",
+    "OverTime": "time_course",
     "Recipe": "recipe",
     "Training": "training",
-    "accuracy_over_time": "over_time",
+    "accuracy_over_time": "time_course",
+    "over_time": "time_course",
     "fit_pipeline": "training",
     "train": "training",
 }

@@ -16,7 +16,7 @@ from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import fingerprint, marks_in, marks_of
 from granular_id.identifier.rules import margins_of, probabilities
-from granular_id.recording import Dataset, Recording, SampleFlag, other_setup
+from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch
 
 CSV_COLUMNS = (
     *("recording", "label", "margin", "probability", "truth", "warnings"),
@@ -146,7 +146,7 @@ class Batch:
 
     def _notes(self) -> Iterator[str]:
         if self.differences:
-            yield f"warning: {other_setup(*self.differences)}"
+            yield f"warning: {setup_mismatch(*self.differences)}"
         judged, accuracy = self.judged, self.accuracy
         if accuracy is not None:
             right = _rightly(judged)

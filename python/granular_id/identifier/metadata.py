@@ -13,7 +13,15 @@ import numpy as np
 from granular_id import _core
 from granular_id._schema import EACH, check_form
 from granular_id._text import counted, verb
-from granular_id.recording import Dataset, Difference, Setup, other_units, other_values, settled, setups_in
+from granular_id.recording import (
+    Dataset,
+    Difference,
+    Setup,
+    refuse_or_list,
+    setup_differences,
+    setups_in,
+    unit_differences,
+)
 
 MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
 """Largest model file that is made, and read unless more is allowed: 16 MiB."""
@@ -176,7 +184,7 @@ def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] 
     compared = comparison(core)
     told: dict[str, None] = {}
     for recording, setup in zip(data, setups_in(data), strict=True):
-        found = settled(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
+        found = refuse_or_list(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
         told.update(dict.fromkeys(found))
     return tuple(told)
 
@@ -185,7 +193,7 @@ def comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[D
     """Return what compares a set-up, and units in metadata, with those that a model was trained with."""
     trained = json.loads(core.metadata["trained"]).get("setup", {})
     units = dict(zip(axes_of(core), json.loads(core.metadata["units"]), strict=True))
-    return lambda setup, meta: [*other_units(units, meta), *other_values(trained, setup)]
+    return lambda setup, meta: [*unit_differences(units, meta), *setup_differences(trained, setup)]
 
 
 def fitted(

@@ -12,7 +12,7 @@ from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import begins_at_first
 from granular_id.identifier.rules import Rules, outcome_text
-from granular_id.recording import SEVERE, of_check
+from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
 _MOST_NOTES = 8
 
@@ -69,7 +69,10 @@ def promises(model: Identifier) -> list[str]:
     if trained.get("left_out"):
         lines.append(f"note: {trained['left_out']}")
     notes = trained.get("notes", [])
-    lines += [of_check(note) if note.startswith(SEVERE) else f"note: {note}" for note in notes[:_MOST_NOTES]]
+    lines += [
+        labelled_check_note(note) if note.startswith(SEVERE_PREFIXES) else f"note: {note}"
+        for note in notes[:_MOST_NOTES]
+    ]
     if len(notes) > _MOST_NOTES:
         lines.append(f"note: {len(notes) - _MOST_NOTES} more, see --json")
     return lines

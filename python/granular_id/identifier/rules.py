@@ -23,8 +23,8 @@ from granular_id._text import fixed
 
 if TYPE_CHECKING:
     from granular_id.confidence import ConformalRule, UnknownRule
+    from granular_id.partitions import Partition
     from granular_id.spaces import Chosen
-    from granular_id.splits import Partition
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -62,7 +62,7 @@ class HeldOut:
     margins : ndarray, shape (n, M)
         Second least mean loss minus the least.
     protocol, held_out, note : str
-        Key of `granular_id.splits.PROTOCOLS`; what a partition holds out, in words; how the partitions were drawn,
+        Key of `granular_id.partitions.PROTOCOLS`; what a partition holds out, in words; how the partitions were drawn,
         and what kept stricter ones out.
     partitions : tuple of Partition
     values, scores : ndarrays, shapes (n, K) and (n, L)

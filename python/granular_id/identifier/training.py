@@ -13,7 +13,7 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._checks import checked_index, finite_number
-from granular_id._estimators import heard_complaints, versions
+from granular_id._estimators import convergence_warnings, versions
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
@@ -29,31 +29,23 @@ from granular_id.identifier.rules import (
     checkpoints,
     provisional_answers,
 )
+from granular_id.partitions import Partition, protocol_name, rows_of_class, splittable_rows
 from granular_id.recording import (
     Dataset,
     common_units,
+    data_warnings,
     describe_data,
-    mixed,
+    mixed_setup_warnings,
     setups_in,
     values_in,
-    warnings_in,
 )
 from granular_id.spaces import BestClassifier, Choice, Chosen, block_sizes, tell_blocks
-from granular_id.splits import (
-    Origins,
-    Partition,
-    origins_of,
-    plan_partitions,
-    protocol_name,
-    rows_of_class,
-    splittable_rows,
-    strictest,
-)
+from granular_id.splits import Groups, groups_of, plan_partitions, strictest
 from granular_id.statistics import MIN_PARTITIONS, confusion_counts, corrected_interval, recall_per_class
 
 FloatArray = npt.NDArray[np.float64]
 Splits = tuple[str, list[Partition], str]
-"""A key of `granular_id.splits.PROTOCOLS`, the partitions, and how they were drawn."""
+"""A key of `granular_id.partitions.PROTOCOLS`, the partitions, and how they were drawn."""
 
 _HEADER_BYTES = 2**16
 """Kept free for what is no weight: names, settings, estimates."""
@@ -123,10 +115,10 @@ def train(
             why_none = str(why)
     held = posterior = None
     # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
-    with showing(progress or False) as callback, heard_complaints(recipe.space) as complaints:
+    with showing(progress or False) as callback, convergence_warnings(recipe.space) as complaints:
         ticker = Ticker(1 if splits is None else 1 + len(splits[1]), callback)
         with single_threaded_blas():
-            origins = origins_of(data)
+            origins = groups_of(data)
             pipeline = recipe.pipeline(rate_hz, threads=threads)
             classifier = fit_pipeline(pipeline, X, y, origins)[-1]
             chooses = isinstance(classifier, BestClassifier)
@@ -149,7 +141,7 @@ def train(
         **({KEY: rules} if rules else {}),
         "left_out": getattr(pipeline[0], "dropped_", ""),
         # What may mislead a reader of the estimate.
-        "notes": [*(mixed(data) if held is None else warnings_in(data)), *complaints],
+        "notes": [*(mixed_setup_warnings(data) if held is None else data_warnings(data)), *complaints],
     }
     with single_threaded_blas():
         core = model_of(
@@ -203,7 +195,7 @@ def fit_pipeline(
     pipeline: Pipeline,
     X: FloatArray,
     y: npt.NDArray[np.str_],
-    origins: Origins | None = None,
+    origins: Groups | None = None,
     rows: npt.NDArray[np.intp] | None = None,
 ) -> Pipeline:
     """Fit a pipeline in place on recordings X (n, T, C) and labels y (n,).
@@ -244,7 +236,7 @@ def group_aware_splits(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> Spl
 def _answers(
     data: Dataset,
     recipe: Recipe,
-    origins: Origins,
+    origins: Groups,
     splits: Splits,
     threads: int | None,
     tick: Callable[[str], None],

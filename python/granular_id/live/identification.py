@@ -18,8 +18,7 @@ from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.live.stream import Stream
 from granular_id.live.view import Views
-from granular_id.recording import SampleFlag, settled
-from granular_id.recording import Setup as RecordedSetup
+from granular_id.recording import SampleFlag, Setup as RecordedSetup, refuse_or_list
 
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
@@ -133,7 +132,7 @@ class LiveIdentifier:
         # Recordings that are played again may be of several set-ups.
         each = [now.completed(one) for one in getattr(stream.source, "setups", ())] or [now]
         found = dict.fromkeys(difference for one in each for difference in compared(one, meta))
-        self.differences = settled(found, accept, f"{info.name} has ")
+        self.differences = refuse_or_list(found, accept, f"{info.name} has ")
         synthetic = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
         self._always = (*synthetic, *self.differences)
         self._builder = SnapshotBuilder(

@@ -5,45 +5,41 @@ Each takes an optional `path`, saves whole or not at all, and returns the ``matp
 
 from granular_id.plotting.confidence import plot_confidence
 from granular_id.plotting.evaluation import (
-    as_percent,
-    draw_confusion,
+    as_percent as as_percent,
+    draw_confusion as draw_confusion,
     plot_accuracy,
     plot_confusion,
     plot_gap,
     plot_over_time,
     plot_recall,
 )
-from granular_id.plotting.explanation import blocks_with_weight, draw_weights, plot_explanation, plot_weights
+from granular_id.plotting.explanation import (
+    blocks_with_weight as blocks_with_weight,
+    draw_weights as draw_weights,
+    plot_explanation,
+    plot_weights,
+)
 from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.recordings import (
-    AXIS_LINES,
-    Curves,
-    curves_in,
-    draw_hfmh,
-    draw_mean_forces,
-    draw_residual,
+    AXIS_LINES as AXIS_LINES,
+    Curves as Curves,
+    curves_in as curves_in,
+    draw_hfmh as draw_hfmh,
+    draw_mean_forces as draw_mean_forces,
+    draw_residual as draw_residual,
     plot_hfmh,
     plot_mean_forces,
     plot_recordings,
     plot_residual,
 )
-from granular_id.plotting.style import FAINT, INK, file_format, new_figure
+from granular_id.plotting.style import (
+    FAINT as FAINT,
+    INK as INK,
+    file_format as file_format,
+    new_figure as new_figure,
+)
 
 __all__ = [
-    "AXIS_LINES",
-    "FAINT",
-    "INK",
-    "Curves",
-    "as_percent",
-    "blocks_with_weight",
-    "curves_in",
-    "draw_confusion",
-    "draw_hfmh",
-    "draw_mean_forces",
-    "draw_residual",
-    "draw_weights",
-    "file_format",
-    "new_figure",
     "plot_accuracy",
     "plot_confidence",
     "plot_confusion",

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._text import fixed, short, whole_percent
+from granular_id.partitions import protocol_name
 from granular_id.plotting.style import FAINT, INK, new_figure, quiet, row_names, save, share_axis
 from granular_id.recording import AXIS_COLOURS
-from granular_id.splits import protocol_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,8 +14,8 @@ from granular_id._text import fixed, short
 from granular_id.plotting.style import INK, axis_line, evenly, new_figure, pretty, quiet, save
 from granular_id.recording import (
     FALSE_ALARM_RATE,
+    ONSET_STEP,
     REST_S,
-    STEP,
     Dataset,
     Onset,
     Recording,
@@ -97,9 +97,9 @@ def plot_onsets(
     """
     if checked_index(n, "n") < 1:
         raise ValueError(f"n must be at least 1, got {n}")
-    if not any(step.step == STEP for step in dataset.history):
+    if not any(step.step == ONSET_STEP for step in dataset.history):
         dataset = dataset.find_onsets(rest_s=rest_s, false_alarm_rate=false_alarm_rate)
-    step = next(step for step in reversed(dataset.history) if step.step == STEP)
+    step = next(step for step in reversed(dataset.history) if step.step == ONSET_STEP)
     settings = {name: step.parameters[name] for name in ("rest_s", "false_alarm_rate")}
     rows = {row["name"]: row for row in step.rows}
     places = _places(dataset, rows, n)

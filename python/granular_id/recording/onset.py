@@ -31,7 +31,7 @@ REST_S = 0.1
 FALSE_ALARM_RATE = 1e-3
 """Default of ``false_alarm_rate``: one false onset in a thousand recordings, fewer than a data set has."""
 
-STEP = "find_onsets"
+ONSET_STEP = "find_onsets"
 """Name of this step in ``Dataset.history``."""
 
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
@@ -339,7 +339,7 @@ def find_all_onsets(
         "overrule": dict(overrule) if overrule else None,
         "replace": replace_recorded,
     }
-    return results, StepReport(STEP, parameters, totals, rows, _notes(recordings, found))
+    return results, StepReport(ONSET_STEP, parameters, totals, rows, _notes(recordings, found))
 
 
 def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rate: float) -> list[Onset]:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from granular_id._checks import thaw
 from granular_id.recording.dataset import Dataset
-from granular_id.recording.onset import STEP as ONSET
+from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import KNOWN_UNITS, unit_of
 
 ACCEPTABLE = ("frame", "transform", "sign", "units")
@@ -137,7 +137,7 @@ class Setup:
 
     def differences(self, other: Setup) -> list[Difference]:
         """Compare the set-up of a training with another one; what either does not know is no difference."""
-        return other_values(values_in([self]), other)
+        return setup_differences(values_in([self]), other)
 
 
 def setups_in(data: Dataset) -> list[Setup]:
@@ -158,7 +158,7 @@ def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
 
 
-def other_values(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
+def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
     """Compare what the recordings of a training had, as `values_in` gives it, with a set-up."""
     same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
     return [
@@ -171,7 +171,7 @@ def other_values(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Diffe
     ]
 
 
-def other_units(trained: Mapping[str, str], meta: Mapping[str, Any]) -> list[Difference]:
+def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> list[Difference]:
     """Compare units of axes with those of a recording; an axis whose unit nobody stated counts as N, and agrees."""
     return [
         Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
@@ -186,7 +186,7 @@ def common_units(data: Dataset) -> list[str]:
     """Return the unit of each axis, or refuse recordings that differ in them."""
     units = {axis: unit_of(axis, data[0].meta) for axis in data.axes}
     for recording in data:
-        for other in other_units(units, recording.meta):
+        for other in unit_differences(units, recording.meta):
             raise ValueError(
                 f"recordings differ in the units of their axes: {data[0].name!r} has {other.trained[0]}, "
                 f"{recording.name!r} has {other.now}; convert the samples to the same before"
@@ -194,7 +194,7 @@ def common_units(data: Dataset) -> list[str]:
     return list(units.values())
 
 
-def settled(
+def refuse_or_list(
     found: Iterable[Difference], accept: str | Sequence[str] = (), where: str = ""
 ) -> tuple[str, ...]:
     """Refuse what cannot work unless it is accepted, and return the rest in words; `where` begins a message."""
@@ -206,18 +206,18 @@ def settled(
     for difference in found:
         if difference.consequence == "refuse" and difference.name not in accepted:
             raise ValueError(
-                f"{where}{other_setup(str(difference))}; nothing is turned or converted: train on "
+                f"{where}{setup_mismatch(str(difference))}; nothing is turned or converted: train on "
                 f"recordings of this set-up, or where it is the same all the same, pass accept=({difference.name!r},)"
             )
     return tuple(str(difference) for difference in found)
 
 
-def other_setup(*differences: str) -> str:
+def setup_mismatch(*differences: str) -> str:
     """Say that recordings or a sensor are not of the set-up of a training, for messages and warnings."""
     return f"another set-up than in the training: {'; '.join(differences)}"
 
 
-def mixed(data: Dataset) -> list[str]:
+def mixed_setup_warnings(data: Dataset) -> list[str]:
     """Say where the recordings of one data set differ in what another set-up is refused for, one line each."""
     setups = setups_in(data)
     lines = []
@@ -259,18 +259,20 @@ def _plain(unit: str) -> str:
 
 # What a reader of accuracies should know of the recordings.
 
-SEVERE = ("error: ", "warning: ")
-"""How the lines of `warnings_in` begin."""
+SEVERE_PREFIXES = ("error: ", "warning: ")
+"""How the lines of `data_warnings` begin."""
 
 
-def warnings_in(data: Dataset) -> list[str]:
+def data_warnings(data: Dataset) -> list[str]:
     """Return what may mislead a reader of the accuracies, one line each.
 
     These are set-ups that differ, and the errors and warnings of `Dataset.check`.
     """
-    return mixed(data) + [str(finding) for finding in data.check() if finding.severity != "info"]
+    return mixed_setup_warnings(data) + [
+        str(finding) for finding in data.check() if finding.severity != "info"
+    ]
 
 
-def of_check(note: str) -> str:
-    """Say whose a line of `warnings_in` is: "error: " alone is what a command prints that has failed."""
-    return f"data check: {note}" if note.startswith(SEVERE) else note
+def labelled_check_note(note: str) -> str:
+    """Say whose a line of `data_warnings` is: "error: " alone is what a command prints that has failed."""
+    return f"data check: {note}" if note.startswith(SEVERE_PREFIXES) else note

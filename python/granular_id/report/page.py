@@ -26,10 +26,10 @@ from granular_id.evaluation import (
     seconds_table,
     shows_paper,
 )
+from granular_id.partitions import protocol_name
 from granular_id.plotting import AXIS_LINES
-from granular_id.recording import SEVERE, StepReport
-from granular_id.report.figures import inline_svg, pictures
-from granular_id.splits import protocol_name
+from granular_id.recording import SEVERE_PREFIXES, StepReport
+from granular_id.report.pictures import inline_svg, pictures
 
 if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
@@ -148,8 +148,8 @@ def _template() -> Any:
 
 def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the warnings and the other notes, without the word that marks them."""
-    marked = (note for note in result.notes if note.startswith(SEVERE))
-    others = (note for note in result.notes if not note.startswith(SEVERE))
+    marked = (note for note in result.notes if note.startswith(SEVERE_PREFIXES))
+    others = (note for note in result.notes if not note.startswith(SEVERE_PREFIXES))
     return tuple(note.partition(": ")[2] for note in marked), tuple(others)
 
 

@@ -44,6 +44,9 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
     without_effect: ClassVar[frozenset[str]] = frozenset()
     """Parameters that change no feature: threads, or a rate that labels coordinates only."""
 
+    _core_refuses_gaps: ClassVar[bool] = False
+    """Whether `_features` hands recordings to the core, which refuses NaN and infinity: looking twice takes time."""
+
     @property
     def learns(self) -> bool:
         """Whether `fit` takes anything from the data but their shape."""
@@ -83,7 +86,12 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Another shape, NaN or infinity.
         """
         check_is_fitted(self)
-        return self._features(self._recordings(X, reset=False))
+        recordings = self._recordings(X, reset=False)
+        try:
+            return self._features(recordings)
+        except ValueError:
+            _refuse_gaps(recordings)  # the core's error knows no name of the caller's
+            raise
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``.
@@ -150,7 +158,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if not reset and values.shape[2] != self.n_axes_in_:
             raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
         recordings: FloatArray = values
-        _refuse_gaps(recordings)
+        if reset or not self._core_refuses_gaps:
+            _refuse_gaps(recordings)
         return recordings
 
     def _same_shape(self, shape: tuple[int, ...]) -> None:

@@ -87,6 +87,7 @@ class HFMH(RecordingTransformer):
     bin_range_: FloatArray
     spec_: FeatureSpec
 
+    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"threads"})
 
     _raw = False
@@ -281,6 +282,8 @@ class RawHistogram(RecordingTransformer):
     """
 
     bin_range_: FloatArray
+
+    _core_refuses_gaps = True
 
     def __init__(self, *, n_bins: int = 100, bin_range: BinRange = "auto", outside: str = "drop") -> None:
         self.n_bins = n_bins

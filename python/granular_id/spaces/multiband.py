@@ -132,6 +132,7 @@ class MultiBand(RecordingTransformer):
     ['b0_coupling_fx_fx', 'b0_q02_fx', 'b0_logrms_fx', 'b0_envelope_fx_0', 'spectrum_fx_00']
     """
 
+    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     bands_: tuple[FrequencyBand, ...]

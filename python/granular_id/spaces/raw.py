@@ -52,6 +52,7 @@ class RawSignal(RecordingTransformer):
 
     spec_: FeatureSpec
 
+    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     def __init__(self, *, rate_hz: float | None = None, threads: int | None = None) -> None:
@@ -102,6 +103,7 @@ class RangeNormalizer(RecordingTransformer):
            [0. , 0. , 0. ]])
     """
 
+    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz"})
 
     def __init__(self, *, rate_hz: float | None = None) -> None:

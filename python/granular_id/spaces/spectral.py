@@ -63,6 +63,7 @@ class DFT(RecordingTransformer):
     (array([[0.   , 2.828, 0.   ]]), ['dft_axis0_0000', 'dft_axis0_0001', 'dft_axis0_0002'])
     """
 
+    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz"})
 
     def __init__(self, kind: str = "complex", *, floor: float = 1e-3, rate_hz: float | None = None) -> None:

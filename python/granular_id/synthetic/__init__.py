@@ -19,17 +19,21 @@ from granular_id.synthetic.fluctuations import (
     slip_length_m,
     stick_slip,
 )
-from granular_id.synthetic.generate import FRAME, SIGN, draw_push, push_meta, synthesize
-from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
+from granular_id.synthetic.generate import (
+    FRAME as FRAME,
+    SIGN as SIGN,
+    draw_push as draw_push,
+    push_meta as push_meta,
+    synthesize,
+)
+from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials as resolve_materials
 from granular_id.synthetic.nuisance import Conditions, Nuisance
-from granular_id.synthetic.push import PARTS, random_stream, simulate_push
+from granular_id.synthetic.push import PARTS, random_stream as random_stream, simulate_push
 from granular_id.synthetic.sensor import Sensor, tool_resonance
 
 __all__ = [
-    "FRAME",
     "PAPER_MATERIALS",
     "PARTS",
-    "SIGN",
     "Conditions",
     "Material",
     "Nuisance",
@@ -39,14 +43,10 @@ __all__ = [
     "contact_breaks",
     "contact_count",
     "drag_profile",
-    "draw_push",
     "froude_number",
     "heterogeneity",
     "mean_drag_n",
-    "push_meta",
-    "random_stream",
     "relative_fluctuation",
-    "resolve_materials",
     "shear_band_wave",
     "simulate_push",
     "slip_length_m",

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from granular_id._files import made_folder
 from granular_id._text import percent
 from granular_id.evaluation import shows_paper
+from granular_id.partitions import PROTOCOLS, protocol_name
 from granular_id.plotting import (
     FAINT,
     INK,
@@ -39,13 +40,11 @@ from granular_id.plotting import (
     plot_weights,
 )
 from granular_id.recording import AXIS_COLOURS
-from granular_id.splits import PROTOCOLS, protocol_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from granular_id.evaluation import EvaluationResult, Portrait
-
 FIGURES = (
     *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
     *("mean_forces", "residual", "hfmh", "weights"),
