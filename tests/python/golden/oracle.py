@@ -113,6 +113,8 @@ def api() -> Figures:
         module = importlib.import_module(f"granular_id{package}")
         names = getattr(module, "__all__", None) or [name for name in dir(module) if not name.startswith("_")]
         for name in names:
+            if package and name in gid.__all__:
+                continue  # said already
             value = getattr(module, name)
             place = f"gid{package}.{name}"
             figures[place] = signature(value)
