@@ -31,7 +31,7 @@ def argument_error(kind: type[ArgumentError], argument: str, problem: str) -> Ar
 
     The problem may also follow the name without a blank: ``"='x'; wanted 'raise' or 'skip'"``.
     """
-    error = kind(f"{argument}{'' if problem[0] in '=[:' else ' '}{problem}")
+    error = kind(f"{argument}{'' if problem[0] in '=[: ' else ' '}{problem}")
     error.argument = argument  # type: ignore[attr-defined]
     return error
 

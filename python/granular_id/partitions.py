@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import whole_number
+from granular_id._checks import argument_error, whole_number
 from granular_id._text import counted
 
 Rows = NDArray[np.intp]
@@ -232,9 +232,11 @@ def check_folds(n_folds: int, rows: dict[Any, Rows], argument: str = "n_folds", 
     n_folds = whole_number(argument, n_folds, least=2)
     label, own = max(rows.items(), key=lambda item: item[1].size)
     if n_folds > own.size:
-        raise ValueError(
-            f"{argument} must not exceed the {own.size} recordings of the largest class, {label!r},{where} "
-            f"got {n_folds}"
+        raise argument_error(
+            ValueError,
+            argument,
+            f"must not exceed the {own.size} recordings of the largest class, {label!r},{where} "
+            f"got {n_folds}",
         )
     return n_folds
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import whole_number
+from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, verb
 from granular_id.partitions import (
@@ -105,8 +105,10 @@ def checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
         or rows.dtype.kind not in "iu"
         or not np.array_equal(np.sort(rows), np.arange(n_rows))
     ):
-        raise ValueError(
-            f"order must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
+        raise argument_error(
+            ValueError,
+            "order",
+            f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest",
         )
     return Groups(known, np.argsort(rows, kind="stable"))
 
@@ -183,9 +185,11 @@ def plan_protocols(protocol: str | Sequence[str], data: Dataset) -> tuple[list[s
     known = ", ".join(map(repr, PROTOCOLS))
     for name in names:
         if name not in PROTOCOLS:
-            raise ValueError(f"protocol must be {AUTO!r} or among {known}, got {name!r}")
+            raise argument_error(ValueError, "protocol", f"must be {AUTO!r} or among {known}, got {name!r}")
     if not names or len(set(names)) < len(names):
-        raise ValueError(f"protocol must name one or more of {known}, each once, got {names!r}")
+        raise argument_error(
+            ValueError, "protocol", f"must name one or more of {known}, each once, got {names!r}"
+        )
     return names, []
 
 

@@ -254,7 +254,7 @@ def test_errors_that_hold_an_argument_speak_of_its_option():
         assert words_of(argument_error(ValueError, argument, "is wrong")) == f"{option} is wrong"
     gap = argument_error(ValueError, "on_gap", "='x'; wanted 'raise' or 'skip'")
     assert str(gap) == "on_gap='x'; wanted 'raise' or 'skip'"
-    assert words_of(gap) == "--on-gap 'x'; wanted 'raise' or 'skip'"
+    assert words_of(gap) == "--on-gap x; wanted 'raise' or 'skip'"
     rate = argument_error(ValueError, "rate_hz", "must be positive")
     assert words_of(rate, rate_option="--recorded-hz") == "--recorded-hz must be positive"
 

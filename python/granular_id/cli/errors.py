@@ -92,41 +92,31 @@ def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         said = f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
         return " ".join(said.split())
-    message, argument = str(error), getattr(error, "argument", None)
-    if argument in OPTIONS and message.startswith(argument):
+    message = str(error)
+    # The compiled core cannot set `argument`; its errors begin with the name, too: "order must be ...".
+    argument = getattr(error, "argument", None) or re.split(" must |: ", message, maxsplit=1)[0]
+    if argument in OPTIONS and re.match(f"{argument}(?!=)", message):
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
-        problem = message.removeprefix(argument)
-        message = option + (f" {problem[1:]}" if problem[0] == "=" else problem)
+        message = option + message.removeprefix(argument)
     return in_options(message, rate_option)
 
 
 def in_options(message: str, rate_option: str = "--rate-hz") -> str:
-    """Say in options what a message proposes in arguments, ``pass on_short='skip'``, on one line.
-
-    For messages that name arguments in their text; one whose `argument` is set needs none of this for it.
-    """
+    """Say in options, on one line, the ways out that a message offers in arguments: ``pass on_short='skip'``."""
     said = " ".join(message.split())
     if said.startswith("url '"):  # it speaks of what stands behind the question mark there
         return said
-    said = re.sub(r"\bNone(?=(:| for) no limit)", "inf", said)
-    said = re.sub(r"pass train_per_class=(\d+), test_per_class=(\d+)", r"add --train \1 --test \2", said)
-    said = re.sub(r"leave out ((?:'[^']*', )*'[^']*'), or record more", _excluded, said)
-    said = said.replace(".find_onsets(overrule={name: seconds})", "--onset-at NAME=SECONDS")
-    said = said.replace("call .find_onsets()", "add --begin-at onset")
-    said = re.sub(r"(?:call )?\.resample\((?:rate_hz|([\d.e+]+))\)", _resampled, said)
-    said = re.sub(r"raise max_file_bytes\b", "raise --max-file-mb", said)
-    said = re.sub(r"\bpass accept=\('(\w+)',\)", r"add --accept \1", said)
-    for name, option in (OPTIONS | {"rate_hz": rate_option}).items():
-        # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
-        word = rf"(?<![\w.\-/\\'\"])(?<!column ){name}"
-        said = re.sub(rf"{word}='([^']*)'", rf"{option} \1", said)
-        said = re.sub(rf"{word}=(?=[\w.\-])", f"{option} ", said)
-        said = re.sub(rf"{word}=", option, said)
-        if "_" in name:
-            said = re.sub(rf"{word}(?![\w/\\'\"]|\.\w| column)", option, said)
-        else:  # also an everyday word: an argument only where a message begins with it
-            said = re.sub(rf"^{name}(?= must |: )", option, said)
-    return said
+    for way_out, in_words in _WAYS_OUT.items():
+        said = re.sub(way_out, in_words, said)
+
+    def as_option(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        if value is None and "_" not in name:  # without a value it is also an everyday word
+            return name
+        option = rate_option if name == "rate_hz" else OPTIONS[name]
+        return option + (" " + value.strip("'") if value else "")
+
+    return _MENTION.sub(as_option, said)
 
 
 def _excluded(few: re.Match[str]) -> str:
@@ -134,5 +124,22 @@ def _excluded(few: re.Match[str]) -> str:
     return f"leave out with --exclude {shlex.quote(names)}, or record more"
 
 
-def _resampled(call: re.Match[str]) -> str:
-    return f"add --rate-hz {call[1]}" if call[1] else "add --rate-hz"
+_WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
+    r"\bNone(?=(:| for) no limit)": "inf",
+    r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
+    r"leave out ((?:'[^']*', )*'[^']*'), or record more": _excluded,
+    r"\.find_onsets\(overrule=\{name: seconds\}\)": "--onset-at NAME=SECONDS",
+    r"call \.find_onsets\(\)": "add --begin-at onset",
+    r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
+    r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
+    r"raise max_file_bytes\b": "raise --max-file-mb",
+    r"\bpass accept=\('(\w+)',\)": r"add --accept \1",
+}
+"""Ways out that the command line offers under other words."""
+
+_MENTION = re.compile(
+    # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
+    rf"(?<![\w.\-/\\'\"])(?<!column )({'|'.join(sorted(OPTIONS, key=len, reverse=True))})"
+    rf"(?:=('[^']*'|[\w.\-]*)|(?![\w/\\'\"=]|\.\w| column))"
+)
+"""An argument in a message: ``on_gap='skip'``, ``max_gap_s=0.25``, ``format=`` or ``max_gap_s`` alone."""

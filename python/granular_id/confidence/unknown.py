@@ -19,7 +19,7 @@ import numpy.typing as npt
 from sklearn.covariance import ledoit_wolf
 
 from granular_id import _core
-from granular_id._checks import named
+from granular_id._checks import argument_error, named
 from granular_id.confidence._stored import Reader
 from granular_id.confidence.conformal import check_classes, checked_scores, conformal_quantile
 from granular_id.confidence.held_out import HeldOutScores
@@ -124,7 +124,7 @@ class UnknownRule:
         if of_learners:
             coding = _matrix("coding", self.coding, n_classes)
             if not (coding != 0).any(axis=1).all():
-                raise ValueError("coding must show each class to at least one learner")
+                raise argument_error(ValueError, "coding", "must show each class to at least one learner")
         object.__setattr__(self, "_nearest", nearest)
         object.__setattr__(self, "_coding", coding)
 

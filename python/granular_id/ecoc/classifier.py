@@ -18,7 +18,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
-from granular_id._checks import checked_flag, checked_n_jobs, float_array, named, real_number
+from granular_id._checks import argument_error, checked_flag, checked_n_jobs, float_array, named, real_number
 from granular_id.ecoc.codings import CodingMatrix, design
 from granular_id.ecoc.decoding import DECODINGS, class_values, fitting_loss
 from granular_id.ecoc.estimators import (
@@ -405,7 +405,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         named(DECODINGS, "decoding", self.decoding)
         cost = real_number("C", self.C)
         if not 0 < cost < math.inf:
-            raise ValueError(f"C must be positive and finite, got {cost!r}; for no limit hard_margin=True")
+            raise argument_error(
+                ValueError, "C", f"must be positive and finite, got {cost!r}; for no limit hard_margin=True"
+            )
         checked_flag("hard_margin", self.hard_margin)
         checked_flag("standardize", self.standardize)
         checked_n_jobs(self.n_jobs)

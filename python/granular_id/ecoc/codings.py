@@ -18,7 +18,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import named
+from granular_id._checks import argument_error, named
 from granular_id._parallel import single_threaded_blas
 
 CodingMatrix = npt.NDArray[np.int8]
@@ -68,9 +68,11 @@ def design(coding: object, n_classes: int, rng: np.random.Generator) -> CodingMa
     n_learners = entry.n_learners(n_classes)
     if n_learners > MAX_LEARNERS:
         count = f"{n_learners:,}" if n_learners < 10**12 else f"{Decimal(n_learners):.2e}"
-        raise ValueError(
-            f"coding={coding!r} needs {entry.formula} = {count} learners for K = {n_classes} classes, more than "
-            f"{MAX_LEARNERS:,}; 'denserandom' needs {CODINGS['denserandom'].n_learners(n_classes)}"
+        raise argument_error(
+            ValueError,
+            "coding",
+            f"={coding!r} needs {entry.formula} = {count} learners for K = {n_classes} classes, more than "
+            f"{MAX_LEARNERS:,}; 'denserandom' needs {CODINGS['denserandom'].n_learners(n_classes)}",
         )
     return entry.matrix(n_classes, rng)
 
@@ -286,10 +288,14 @@ def own_coding(coding: object, n_classes: int) -> CodingMatrix:
     except ValueError:  # rows of different lengths
         is_matrix = False
     if not is_matrix:
-        raise TypeError(f"coding must be the name of a design or a matrix of -1, 0 and +1, got {coding!r}")
+        raise argument_error(
+            TypeError, "coding", f"must be the name of a design or a matrix of -1, 0 and +1, got {coding!r}"
+        )
     matrix = check_coding_matrix(given)
     if len(matrix) != n_classes:
-        raise ValueError(f"coding must have {n_classes} rows, one per class, got shape {matrix.shape}")
+        raise argument_error(
+            ValueError, "coding", f"must have {n_classes} rows, one per class, got shape {matrix.shape}"
+        )
     # A column and its negative make the same learner: compare them with their first sign +.
     leading = matrix[(matrix != 0).argmax(axis=0), np.arange(matrix.shape[1])]
     for what, lines, why in (
@@ -300,7 +306,7 @@ def own_coding(coding: object, n_classes: int) -> CodingMatrix:
         for number, line in enumerate(lines):
             first = seen.setdefault(line.tobytes(), number)
             if first != number:
-                raise ValueError(f"coding {what} {first} and {number} are alike: {why}")
+                raise argument_error(ValueError, "coding", f"{what} {first} and {number} are alike: {why}")
     return matrix
 
 

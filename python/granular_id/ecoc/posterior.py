@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import expit
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id._checks import named
+from granular_id._checks import argument_error, named
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc.codings import CodingMatrix
 from granular_id.ecoc.task import Task
@@ -93,9 +93,11 @@ def check_posterior(method: object, coding_matrix: CodingMatrix) -> None:
     """Raise a ValueError for an unknown method, or one that does not serve the coding."""
     named(POSTERIORS, "posterior", method)
     if method == "wu_lin_weng" and pairs_of(coding_matrix) is None:
-        raise ValueError(
-            "posterior='wu_lin_weng' needs one learner for each pair of classes (coding='onevsone'); "
-            "'kullback_leibler' serves any coding"
+        raise argument_error(
+            ValueError,
+            "posterior",
+            "='wu_lin_weng' needs one learner for each pair of classes (coding='onevsone'); "
+            "'kullback_leibler' serves any coding",
         )
 
 

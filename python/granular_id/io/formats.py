@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from granular_id._checks import argument_error
 from granular_id.io.csv.file import read_csv
 from granular_id.io.csv.gm10 import is_gm10, read_gm10
 from granular_id.io.csv.save import save_csv
@@ -127,7 +128,7 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     by_ending = _by_ending(Path(path))
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
     if chosen is None and name is not None:
-        raise ValueError(f"format={name!r}; wanted one of {writable}")
+        raise argument_error(ValueError, "format", f"={name!r}; wanted one of {writable}")
     if chosen is None:
         raise ValueError(
             f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or an "

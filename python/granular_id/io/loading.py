@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from granular_id._checks import argument_error
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
 from granular_id._text import counted
@@ -164,7 +165,7 @@ def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:
                 "label": "of named arrays or a table",
             }
             what = kinds[name]
-            raise ValueError(f"{name} must be left out where no file is {what}: {came}")
+            raise argument_error(ValueError, name, f"must be left out where no file is {what}: {came}")
 
 
 def _read_one(source: FileSource, options: LoadOptions) -> FileContent:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id._checks import checked_text, finite_number
+from granular_id._checks import argument_error, checked_text, finite_number
 
 MAX_TEXT_BYTES = 8 * 1024 * 1024
 """Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
@@ -38,15 +38,23 @@ class LoadOptions:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
         for name, wanted in (("on_error", ("raise", "skip")), ("on_time_error", ("raise", "repair"))):
             if getattr(self, name) not in wanted:
-                raise ValueError(f"{name}={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}")
+                raise argument_error(
+                    ValueError, name, f"={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}"
+                )
         if self.max_file_bytes is not None:
             if isinstance(self.max_file_bytes, bool) or not isinstance(self.max_file_bytes, int):
-                raise TypeError(f"max_file_bytes must be an int, got {type(self.max_file_bytes).__name__}")
+                raise argument_error(
+                    TypeError, "max_file_bytes", f"must be an int, got {type(self.max_file_bytes).__name__}"
+                )
             if self.max_file_bytes < 1:
-                raise ValueError(f"max_file_bytes must be positive, got {self.max_file_bytes}")
+                raise argument_error(
+                    ValueError, "max_file_bytes", f"must be positive, got {self.max_file_bytes}"
+                )
         if self.time_unit not in (None, *TIME_UNITS):
-            raise ValueError(
-                f"time_unit={self.time_unit!r}; wanted one of {', '.join(map(repr, TIME_UNITS))}"
+            raise argument_error(
+                ValueError,
+                "time_unit",
+                f"={self.time_unit!r}; wanted one of {', '.join(map(repr, TIME_UNITS))}",
             )
         for name in ("topic", "array", "label"):
             if getattr(self, name) is not None:

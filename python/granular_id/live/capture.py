@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import finite_number, whole_number
+from granular_id._checks import argument_error, finite_number, whole_number
 from granular_id._text import fixed
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import rate_complaint, recording_of
@@ -101,11 +101,15 @@ class Capture:
         self.n_samples = whole_number("n_samples", n_samples, least=2)
         self.n_pre = round(finite_number("pre_s", pre_s, least=0) * self.rate_hz)
         if self.n_pre >= self.n_samples:
-            raise ValueError(
-                f"pre_s={pre_s:g} is {fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
+            raise argument_error(
+                ValueError,
+                "pre_s",
+                f"={pre_s:g} is {fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all",
             )
         if isinstance(trigger, type) or not callable(getattr(trigger, "arm", None)):
-            raise TypeError(f"trigger must be a trigger like ForceTrigger(), got {trigger!r:.60}")
+            raise argument_error(
+                TypeError, "trigger", f"must be a trigger like ForceTrigger(), got {trigger!r:.60}"
+            )
         self.trigger = trigger
         self.info = info
         self._max_gap = whole_number("max_gap", max_gap, least=0)

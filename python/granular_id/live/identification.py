@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
+from granular_id._checks import argument_error
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, comparison
@@ -101,13 +102,17 @@ class LiveIdentifier:
         refuse_other_stream(model, stream)
         rest_s = model.lead_s if pre_s is None else pre_s
         if rest_s is None:
-            raise ValueError(
-                "pre_s must be given: the recordings that the model was trained on do not say how much rest they "
-                f"begin with (recorded here, it is {_PRE_S:g} s)"
+            raise argument_error(
+                ValueError,
+                "pre_s",
+                "must be given: the recordings that the model was trained on do not say how much rest they "
+                f"begin with (recorded here, it is {_PRE_S:g} s)",
             )
         if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
-            raise ValueError(
-                f"pre_s is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
+            raise argument_error(
+                ValueError,
+                "pre_s",
+                f"is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out",
             )
         self.stream, self.model = stream, model
         self.n_pushes = self.n_answered = self.n_right = self.n_unknown = 0

@@ -9,7 +9,7 @@ import math
 import weakref
 from typing import Literal
 
-from granular_id._checks import finite_number
+from granular_id._checks import argument_error, finite_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_http import read_page
 from granular_id.live.netft_page import NetftPage, NetftPageError
@@ -223,8 +223,10 @@ def _switch(url: SourceUrl, name: str) -> bool:
 def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
     period_ms = max(1, round(1000 / rate_hz))
     if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
-        raise ValueError(
-            f"rate_hz must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
+        raise argument_error(
+            ValueError,
+            "rate_hz",
+            f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}",
         )
     # its second counter has no documented unit: taken as one per record unless stated
     return SourceInfo(
@@ -250,9 +252,11 @@ def _of_page(
     assert ticks is not None
     rate_hz = _actual_rate(page.rate_hz, ticks)
     if stated_hz is not None and not math.isclose(stated_hz, rate_hz, rel_tol=1e-3):
-        raise ValueError(
-            f"rate_hz={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the "
-            "box's own web page, or leave it out"
+        raise argument_error(
+            ValueError,
+            "rate_hz",
+            f"={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the "
+            "box's own web page, or leave it out",
         )
     filter_number = page.fields.get("setuserfilter", "")
     cut_off = {str(number): hz for number, hz in enumerate(_NET_FT_FILTER_HZ)}.get(filter_number)

@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular_id._checks import checked_text, freeze, thaw
+from granular_id._checks import argument_error, checked_text, freeze, thaw
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
@@ -100,11 +100,15 @@ class Recorder:
         **limits: Any,
     ) -> None:
         if robot is not None and not isinstance(robot, Robot):
-            raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
+            raise argument_error(
+                TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
+            )
         if trigger is not None and not callable(trigger):
-            raise TypeError(
-                "trigger must make a new trigger for each recording, like ForceTrigger or lambda: "
-                f"ForceTrigger(1.0); got a {type(trigger).__name__}"
+            raise argument_error(
+                TypeError,
+                "trigger",
+                "must make a new trigger for each recording, like ForceTrigger or lambda: "
+                f"ForceTrigger(1.0); got a {type(trigger).__name__}",
             )
         if trigger is None:
             trigger = MotionTrigger if starts_exactly(robot) else ForceTrigger
@@ -200,7 +204,9 @@ def checked_label(label: str) -> str:
     checked_text(label, "label", spaced=False)
     n_bytes = len(label.encode())
     if n_bytes > MAX_NAME_BYTES:
-        raise ValueError(f"label must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}")
+        raise argument_error(
+            ValueError, "label", f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
+        )
     return label
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
-from granular_id._checks import finite_number, positive_number
+from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id.live.clock import host_ns
 
 __all__ = ["Motion", "Pose", "Robot", "TimedMotion", "checked_move"]
@@ -89,15 +89,19 @@ def checked_move(
     ((0.0, 1.0, 0.0), 0.03, 3.0)
     """
     if isinstance(direction, str) or not isinstance(direction, Iterable):
-        raise TypeError(f"direction must hold three numbers, got {direction!r:.60}")
+        raise argument_error(TypeError, "direction", f"must hold three numbers, got {direction!r:.60}")
     parts = [finite_number("direction", part) for part in direction]
     length = math.hypot(*parts)
     if len(parts) != 3 or length == 0:
-        raise ValueError(f"direction must hold three numbers, not all 0, got {tuple(parts)!r:.60}")
+        raise argument_error(
+            ValueError, "direction", f"must hold three numbers, not all 0, got {tuple(parts)!r:.60}"
+        )
     speed_m_s, duration_s = positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
     if speed_m_s > MAX_SPEED_M_S:
-        raise ValueError(
-            f"speed_m_s must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres"
+        raise argument_error(
+            ValueError,
+            "speed_m_s",
+            f"must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres",
         )
     x, y, z = (part / length for part in parts)
     return (x, y, z), speed_m_s, duration_s

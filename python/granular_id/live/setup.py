@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from granular_id._checks import argument_error
 from granular_id.live.robot import Robot
 from granular_id.live.robots import ManualRobot
 from granular_id.live.source import WrenchSource
@@ -80,11 +81,11 @@ def setup_of(
     if callable(trigger):
         return Setup(mover, trigger)
     if trigger not in TRIGGERS:
-        raise ValueError(f"trigger must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
+        raise argument_error(ValueError, "trigger", f"must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
     exact = starts_exactly(mover)
     if trigger == "motion" and not exact:
         who = "there is no robot" if mover is None else "a person's motion has no exact start"
-        raise ValueError(f"trigger='motion' needs a robot: {who}; use trigger='force'")
+        raise argument_error(ValueError, "trigger", f"='motion' needs a robot: {who}; use trigger='force'")
     if trigger == "manual":
         return Setup(mover, ManualTrigger)
     own: Callable[[], Trigger] | None = getattr(source, "trigger", None)
@@ -109,8 +110,10 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return own() if own is not None and source.info.synthetic else None
     if robot == "source":
         if own is None:
-            raise ValueError(
-                f"robot='source' asks for the robot of the source, and {source.info.name} has none"
+            raise argument_error(
+                ValueError,
+                "robot",
+                f"='source' asks for the robot of the source, and {source.info.name} has none",
             )
         return own()
     if robot == "manual":
@@ -118,5 +121,7 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
     if isinstance(robot, Robot):
         return robot
     if not isinstance(robot, str):
-        raise TypeError(f"robot must have tcp_pose, move_line and stop, got {type(robot).__name__}")
-    raise ValueError(f"robot must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")
+        raise argument_error(
+            TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
+        )
+    raise argument_error(ValueError, "robot", f"must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")

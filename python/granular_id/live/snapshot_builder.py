@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id._checks import as_floats, checked_index, finite_number
+from granular_id._checks import argument_error, as_floats, checked_index, finite_number
 from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.features import FeatureSpec
@@ -98,12 +98,14 @@ class SnapshotBuilder:
         rate = finite_number("rate_hz", rate_hz, positive=True)
         spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
         if not math.isclose(spec.rate_hz, rate, rel_tol=1e-3):
-            raise ValueError(f"rate_hz is {rate:g}, but spec was made for {spec.rate_hz:g} Hz")
+            raise argument_error(
+                ValueError, "rate_hz", f"is {rate:g}, but spec was made for {spec.rate_hz:g} Hz"
+            )
         view = finite_number("view_s", view_s)
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
         if checked_index(n_samples, "n_samples") < 1:
-            raise ValueError(f"n_samples must be at least 1, got {fixed(n_samples)}")
+            raise argument_error(ValueError, "n_samples", f"must be at least 1, got {fixed(n_samples)}")
         self._fixed: dict[str, Any] = {
             "source": source,
             "synthetic": synthetic,

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._checks import argument_error
 from granular_id.features import FeatureSpec, extract_features
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces.base import (
@@ -129,8 +130,10 @@ class HFMH(RecordingTransformer):
         bounds = self.bin_range
         if isinstance(bounds, str):
             if bounds != "auto":
-                raise ValueError(
-                    f"bin_range must be (low, high), one such pair per axis, or 'auto', got {bounds!r}"
+                raise argument_error(
+                    ValueError,
+                    "bin_range",
+                    f"must be (low, high), one such pair per axis, or 'auto', got {bounds!r}",
                 )
             FeatureSpec(**options)  # checks the filter before it is used
             bounds = self._learned_range(recordings)
@@ -301,8 +304,10 @@ class RawHistogram(RecordingTransformer):
 
     def _learn(self, recordings: FloatArray) -> None:
         if isinstance(self.bin_range, str) and self.bin_range != "auto":
-            raise ValueError(
-                f"bin_range must be 'auto', (low, high), or one such pair per axis, got {self.bin_range!r}"
+            raise argument_error(
+                ValueError,
+                "bin_range",
+                f"must be 'auto', (low, high), or one such pair per axis, got {self.bin_range!r}",
             )
         FeatureSpec(n_bins=self.n_bins, outside=self.outside)  # type: ignore[arg-type]  # checks both
         bounds = _extremes(recordings, self.n_bins) if self.learns else self.bin_range
@@ -331,7 +336,7 @@ def _per_axis(bin_range: npt.ArrayLike, n_axes: int) -> FloatArray:
     """Ranges (C, 2) of all axes from one range or one per axis."""
     bounds = np.asarray(bin_range, dtype=np.float64)
     if bounds.ndim == 2 and len(bounds) != n_axes:
-        raise ValueError(f"bin_range has {len(bounds)} pairs, but X has {n_axes} axes")
+        raise argument_error(ValueError, "bin_range", f"has {len(bounds)} pairs, but X has {n_axes} axes")
     ranges: FloatArray = np.broadcast_to(bounds, (n_axes, 2)).copy()
     return ranges
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils import check_random_state
 
-from granular_id._checks import positive_number
+from granular_id._checks import argument_error, positive_number
 from granular_id.features import FeatureSpec, extract_features
 from granular_id.spaces.base import (
     FeatureBlock,
@@ -182,9 +182,11 @@ class Tare(RecordingFilter):
         n_samples = recordings.shape[1]
         n_tare = round(min(tare_s * float(self.rate_hz), 1e300))  # infinity has no whole number
         if not 1 <= n_tare <= n_samples:
-            raise ValueError(
-                f"tare_s={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare:g} samples, "
-                f"must be from 1 to the {n_samples} of a recording"
+            raise argument_error(
+                ValueError,
+                "tare_s",
+                f"={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare:g} samples, "
+                f"must be from 1 to the {n_samples} of a recording",
             )
         self.n_tare_ = n_tare
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sklearn.base import clone
 from sklearn.utils.metaestimators import _BaseComposition
 
+from granular_id._checks import argument_error
 from granular_id._estimators import learns
 from granular_id.spaces.base import FeatureBlock, RecordingTransformer, feature_blocks, shifted
 
@@ -189,11 +190,13 @@ def check_block_weights(block_weights: Any, names: Sequence[str]) -> str | tuple
         numbers = np.asarray(block_weights, dtype=np.float64)
     except (TypeError, ValueError):
         kind = ValueError if isinstance(block_weights, str) else TypeError
-        raise kind(f"block_weights must be {wanted}, got {block_weights!r}") from None
+        raise argument_error(kind, "block_weights", f"must be {wanted}, got {block_weights!r}") from None
     if numbers.shape != (len(names),):
-        raise ValueError(f"block_weights must be {wanted}, got {block_weights!r}")
+        raise argument_error(ValueError, "block_weights", f"must be {wanted}, got {block_weights!r}")
     if not (np.isfinite(numbers).all() and (numbers > 0).all()):
-        raise ValueError(f"block_weights must be positive and finite, got {block_weights!r}")
+        raise argument_error(
+            ValueError, "block_weights", f"must be positive and finite, got {block_weights!r}"
+        )
     return tuple(numbers.tolist())
 
 
@@ -229,8 +232,10 @@ def weigh(features: FloatArray, widths: Iterable[int], weights: FloatArray) -> N
         with np.errstate(over="ignore"):  # reported below
             block *= weight
         if not np.isfinite(block).all():
-            raise ValueError(
-                f"block_weights must keep features in the range of float64, got a weight of {weight:g}"
+            raise argument_error(
+                ValueError,
+                "block_weights",
+                f"must keep features in the range of float64, got a weight of {weight:g}",
             )
 
 
@@ -241,7 +246,9 @@ def unit_weight(norms: npt.ArrayLike) -> float:
         return 1.0
     weight = 1.0 / mean if mean > 0.0 else np.nan
     if not (np.isfinite(mean) and np.isfinite(weight) and weight > 0.0):
-        raise ValueError(
-            f"block_weights='unit' needs features in the range of float64, got a mean norm of {mean:g}"
+        raise argument_error(
+            ValueError,
+            "block_weights",
+            f"='unit' needs features in the range of float64, got a mean norm of {mean:g}",
         )
     return float(weight)

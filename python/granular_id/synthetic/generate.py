@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id._checks import positive_number, sampling_rate, whole_number
+from granular_id._checks import argument_error, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic.drag import Rig
@@ -151,16 +151,20 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
     """Refuse what the most extreme draw could not do, before any time is spent."""
     n_samples = round(duration_s * rate_hz)
     if math.ceil(LEAD_S[1] * rate_hz) >= n_samples:
-        raise ValueError(
-            f"duration_s must exceed the {LEAD_S[1]:g} s of rest before the motion by at least one sample, "
-            f"got {duration_s:g} at rate_hz = {rate_hz:g}"
+        raise argument_error(
+            ValueError,
+            "duration_s",
+            f"must exceed the {LEAD_S[1]:g} s of rest before the motion by at least one sample, "
+            f"got {duration_s:g} at rate_hz = {rate_hz:g}",
         )
     travel_m = float(rig.travel_m(np.array([duration_s - LEAD_S[0]]))[0])
     nearest_m = rig.wall_distance_m - CUT_SD * sum(nuisance.wall_m)
     if travel_m >= nearest_m:
-        raise ValueError(
-            f"duration_s = {duration_s:g} moves the tool up to {fixed(travel_m, 3)} m, and the wall may stand at "
-            f"{fixed(nearest_m, 3)} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m"
+        raise argument_error(
+            ValueError,
+            "duration_s",
+            f" = {duration_s:g} moves the tool up to {fixed(travel_m, 3)} m, and the wall may stand at "
+            f"{fixed(nearest_m, 3)} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m",
         )
     if rig.depth_m <= CUT_SD * sum(nuisance.depth_m):
         raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")

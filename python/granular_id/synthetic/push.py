@@ -8,7 +8,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import finite_number, positive_number, sampling_rate, whole_number
+from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
 from granular_id.synthetic.drag import N_LAYERS, Rig, drag_profile, layers, mean_drag_n
 from granular_id.synthetic.fluctuations import (
@@ -120,8 +120,10 @@ def simulate_push(
         raise ValueError(f"parts has no part {unknown[0]!r}; known: {', '.join(PARTS)}")
     n_samples = round(duration_s * rate_hz)
     if n_samples < 2:
-        raise ValueError(
-            f"duration_s = {duration_s:g} holds {n_samples} samples at rate_hz = {rate_hz:g}, needs 2"
+        raise argument_error(
+            ValueError,
+            "duration_s",
+            f" = {duration_s:g} holds {n_samples} samples at rate_hz = {rate_hz:g}, needs 2",
         )
     material = conditions.material(material)
     rig = conditions.rig(rig or Rig())
