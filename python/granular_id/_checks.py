@@ -20,7 +20,7 @@ from granular_id._text import fixed
 
 FloatArray = NDArray[np.float64]
 
-ArgumentError = TypeVar("ArgumentError", ValueError, TypeError)
+ArgumentError = TypeVar("ArgumentError", bound=Exception)
 
 # Beyond this no force-torque sensor samples, and a mistyped rate would only fill the memory.
 _MAX_RATE_HZ = 50_000.0

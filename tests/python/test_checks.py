@@ -13,10 +13,10 @@ REFUSED = [
     (lambda: _checks.finite_number("x", math.inf), ValueError, "x must be finite, got inf"),
     (lambda: _checks.finite_number("x", 0, positive=True), ValueError, "x must be positive, got 0"),
     (lambda: _checks.finite_number("x", 3, most=2), ValueError, "x must be at most 2, got 3"),
-    (lambda: _checks.finite_number("x", -1), ValueError, "x must not be negative, got -1"),
+    (lambda: _checks.finite_number("x", -1, least=0), ValueError, "x must not be negative, got -1"),
     (lambda: _checks.positive_number("x", math.nan), ValueError, "x must be positive and finite, got nan"),
     (lambda: _checks.sampling_rate("x", 1e6), ValueError, "x must be at most 50000, got 1e+06"),
-    (lambda: _checks.finite_number(-5, "x"), ValueError, "x must be positive, got -5"),
+    (lambda: _checks.finite_number("x", -5, positive=True), ValueError, "x must be positive, got -5"),
     (lambda: _checks.whole_number("x", 0), ValueError, "x must be at least 1, got 0"),
     (lambda: _checks.whole_number("x", 1.0), TypeError, "x must be a whole number, got 1.0"),
     (lambda: _checks.checked_index(np.True_, "x"), TypeError, "x must be an int, got bool"),
@@ -39,7 +39,7 @@ def test_errors_name_the_argument_and_hold_its_name(check, kind, message):
 
 def test_good_values_come_back():
     assert _checks.real_number("x", 10**400) == math.inf
-    assert _checks.finite_number(np.float32(0.5), "x") == 0.5
+    assert _checks.finite_number("x", np.float32(0.5)) == 0.5
     assert _checks.float_array("x", [[1, 2]]).tolist() == [[1.0, 2.0]]
     values = np.arange(3.0)
     assert _checks.float_array("x", values) is values

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id._checks import argument_error, as_floats, checked_index, finite_number
+from granular_id._checks import argument_error, as_floats, finite_number, whole_number
 from granular_id._core import AXES, UNITS
-from granular_id._text import fixed
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
@@ -104,8 +103,7 @@ class SnapshotBuilder:
         view = finite_number("view_s", view_s)
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
-        if checked_index(n_samples, "n_samples") < 1:
-            raise argument_error(ValueError, "n_samples", f"must be at least 1, got {fixed(n_samples)}")
+        whole_number("n_samples", n_samples)
         self._fixed: dict[str, Any] = {
             "source": source,
             "synthetic": synthetic,

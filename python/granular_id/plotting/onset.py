@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import checked_index
+from granular_id._checks import whole_number
 from granular_id._text import fixed, short
 from granular_id.plotting.style import INK, axis_line, evenly, new_figure, pretty, quiet, save
 from granular_id.recording import (
@@ -95,8 +95,7 @@ def plot_onsets(
     >>> len(figure.axes)
     8
     """
-    if checked_index(n, "n") < 1:
-        raise ValueError(f"n must be at least 1, got {n}")
+    whole_number("n", n)
     if not any(step.step == ONSET_STEP for step in dataset.history):
         dataset = dataset.find_onsets(rest_s=rest_s, false_alarm_rate=false_alarm_rate)
     step = next(step for step in reversed(dataset.history) if step.step == ONSET_STEP)

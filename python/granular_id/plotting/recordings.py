@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import checked_index
+from granular_id._checks import whole_number
 from granular_id._core import AXES, UNITS
 from granular_id._text import short
 from granular_id.plotting.style import (
@@ -77,8 +77,7 @@ def plot_recordings(
     >>> [panel.get_title() for panel in figure.axes]
     ['rice (3 of 3)', 'fine sugar (3 of 3)']
     """
-    if checked_index(n, "n") < 1:
-        raise ValueError(f"n must be at least 1, got {n}")
+    whole_number("n", n)
     have = dataset.axes
     if axes is None:
         axes = AXES[:3] if have == AXES else have
