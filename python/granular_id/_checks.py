@@ -29,7 +29,7 @@ _MAX_RATE_HZ = 50_000.0
 def argument_error(kind: type[ArgumentError], argument: str, problem: str) -> ArgumentError:
     """Return a ValueError or TypeError that begins with the name of an argument, and holds it as `error.argument`.
 
-    The problem may also follow the name without a blank: ``"='x'; wanted 'raise' or 'skip'"``.
+    A problem that begins with one of ``=[:`` or a blank follows the name at once: ``"='x'; wanted 'raise' or 'skip'"``.
     """
     error = kind(f"{argument}{'' if problem[0] in '=[: ' else ' '}{problem}")
     error.argument = argument  # type: ignore[attr-defined]

@@ -32,7 +32,7 @@ LENTILS = Material("lentils", 0.0045, 1.8, bulk_density_kg_m3=800, friction_angl
         ({"rate_hz": -500}, ValueError, "rate_hz must be positive, got -500"),
         ({"rate_hz": float("nan")}, ValueError, "rate_hz must be finite"),
         ({"rate_hz": 1e9}, ValueError, "rate_hz must be at most 50000"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a real number, got '500'"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
         ({"duration_s": 0}, ValueError, "duration_s must be positive"),
         ({"duration_s": 0.2}, ValueError, r"duration_s must exceed the 0.25 s of rest .* got 0.2"),
         ({"duration_s": 10}, ValueError, r"duration_s = 10 moves the tool up to 0.29\d m, and the wall"),

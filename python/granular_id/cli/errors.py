@@ -95,7 +95,7 @@ def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
     message = str(error)
     # The compiled core cannot set `argument`; its errors begin with the name, too: "order must be ...".
     argument = getattr(error, "argument", None) or re.split(" must |: ", message, maxsplit=1)[0]
-    if argument in OPTIONS and re.match(f"{argument}(?!=)", message):
+    if argument in OPTIONS and re.match(f"{argument}(?!=)", message):  # with "=" it is said like any mention
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
         message = option + message.removeprefix(argument)
     return in_options(message, rate_option)

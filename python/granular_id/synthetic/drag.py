@@ -70,8 +70,10 @@ class Rig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            check = finite_number if field.name == "sensor_to_tool_m" else positive_number
-            check(field.name, getattr(self, field.name))
+            if field.name == "sensor_to_tool_m":
+                finite_number(field.name, self.sensor_to_tool_m, least=0)
+            else:
+                positive_number(field.name, getattr(self, field.name))
         if self.depth_m > self.tool_length_m:
             raise ValueError(
                 f"depth_m must not exceed tool_length_m = {self.tool_length_m:g}, got {self.depth_m:g}"
