@@ -10,6 +10,8 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from granular_id._checks import checked_n_jobs
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -26,7 +28,7 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], n_jobs: in
         with config_context(**configuration):
             return work(item)
 
-    return spread(configured, items, effective_n_jobs(n_jobs))
+    return spread(configured, items, effective_n_jobs(checked_n_jobs(n_jobs)))
 
 
 def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int) -> list[Result]:

@@ -72,10 +72,11 @@ class Groups:
     def fit_arguments(self, estimator: Any, rows: Rows) -> dict[str, Any]:
         """Return those of ``sessions`` and ``order`` that `fit` takes, in a pipeline that of its last step.
 
-        They are those of the training rows, and ``order`` holds places in `rows`.
+        They are those of the training rows, None where none is known; ``order`` holds places in `rows`.
         """
         own = self.take(rows)
-        return routed(estimator, {"sessions": own.sessions, "order": own.order})
+        known = any(session is not None for session in own.sessions)
+        return routed(estimator, {"sessions": own.sessions if known else None, "order": own.order})
 
 
 def groups_of(data: Dataset) -> Groups:

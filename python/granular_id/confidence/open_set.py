@@ -200,7 +200,8 @@ def leave_one_material_out(
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     if len(rows.classes) < 3:
         raise ValueError(f"leaving a material out needs at least 3, to keep 2; got {len(rows.classes)}")
-    for kind in kinds or ():
+    kinds = tuple(kinds or ())
+    for kind in kinds:
         if kind not in STRANGENESS:
             raise ValueError(f"kinds must be among {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
     rows.refuse_few(n_folds)
