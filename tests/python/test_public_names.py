@@ -1,6 +1,6 @@
 """The public names and signatures are those that were stored: a change of them is made knowingly.
 
-After a change that the changelog names, in this folder: ``python golden/oracle.py write golden/public.json --only api``.
+After a change that the changelog names, here: ``python golden/oracle.py write golden/public.json --only api``.
 """
 
 from __future__ import annotations
