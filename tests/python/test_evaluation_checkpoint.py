@@ -98,7 +98,7 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path, uninterrupted):
 def test_a_finished_one_is_only_read(tmp_path, uninterrupted, monkeypatch):
     same(run(tmp_path), uninterrupted)
     monkeypatch.setattr(ECOCClassifier, "fit_gram", None)
-    monkeypatch.setattr("granular_id.evaluation.runner._portrait", lambda *_: uninterrupted.portrait)
+    monkeypatch.setattr("granular_id.evaluation.runner.portrait_of_result", lambda *_: uninterrupted.portrait)
     again = run(tmp_path, n_jobs=2)
     same(again, uninterrupted)
     assert again.spaces[0].seconds["training"] > 0

@@ -10,8 +10,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from evaluation_cases import flat
-from granular_id.evaluation import gram as gram_engine
-from granular_id.evaluation.gram import GramBank, plan_for
+from granular_id.evaluation import features as gram_engine
+from granular_id.evaluation.features import GramBank, plan_for
 from granular_id.spaces import (
     HFMH,
     BlockUnion,

@@ -19,9 +19,9 @@ from cli_cases import ended_well, refused, saved
 from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
+from granular_id.evaluation.arguments import plan_spaces
 from granular_id.evaluation.controls import plan_controls
-from granular_id.evaluation.gram import GramBank
-from granular_id.evaluation.scoring import plan_spaces
+from granular_id.evaluation.features import GramBank
 from granular_id.evaluation.selection import select
 from granular_id.evaluation.tables import choice_tables
 from granular_id.io import save

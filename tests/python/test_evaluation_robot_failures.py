@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from granular_id.evaluation import evaluate
-from granular_id.evaluation.scoring import in_paper_order
+from granular_id.evaluation import evaluate, in_paper_order
 from granular_id.spaces import feature_spaces
 from robot_failures import RATE_HZ, SETS, load_failures
 

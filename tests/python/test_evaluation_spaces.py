@@ -12,8 +12,7 @@ from sklearn.preprocessing import StandardScaler
 from evaluation_cases import SMALL, changed, flat, make_data
 from granular_id._estimators import convergence_warnings
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation import evaluate, scoring
-from granular_id.evaluation.scoring import in_paper_order
+from granular_id.evaluation import evaluate, features, in_paper_order
 from granular_id.rica import RICA
 from granular_id.spaces import PrincipalComponents, RawHFMH, RawSignal, feature_spaces
 
@@ -53,7 +52,7 @@ def labels(result):
 def test_scalar_products_give_the_labels_of_features(data, spaces, monkeypatch):
     fast = evaluate(data, spaces, **SMALL)
     by_scores = evaluate(data, spaces, classifier=general(), **SMALL)
-    monkeypatch.setattr(scoring, "plan_for", lambda *_: None)
+    monkeypatch.setattr(features, "plan_for", lambda *_: None)
     long = evaluate(data, spaces, classifier=general(), **SMALL)
     for name in spaces:
         assert 0.25 < fast.mean_accuracy(name) < 1.0

@@ -15,7 +15,6 @@ from granular_id.evaluation.report_data import (
 )
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import evaluate
-from granular_id.evaluation.scoring import in_paper_order as in_paper_order
 from granular_id.evaluation.selection import Selection, select
 from granular_id.evaluation.tables import (
     PAPER_NOTE as PAPER_NOTE,
@@ -31,5 +30,6 @@ from granular_id.evaluation.tables import (
     seconds_table as seconds_table,
     shows_paper as shows_paper,
 )
+from granular_id.spaces import in_paper_order as in_paper_order
 
 __all__ = ["Control", "EvaluationResult", "Prediction", "Selection", "SpaceSummary", "evaluate", "select"]

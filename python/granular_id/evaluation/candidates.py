@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
+from granular_id._checks import argument_error
 from granular_id._estimators import convergence_warnings, named_errors, real_steps, seeded_clone
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.gram import GramBank
-from granular_id.evaluation.scoring import SpaceFeatures, plan_spaces
+from granular_id.evaluation.arguments import plan_spaces
+from granular_id.evaluation.features import GramBank, SpaceFeatures
 from granular_id.partitions import Partition
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 
@@ -98,9 +99,8 @@ def plan_candidates(
             candidates.append(Candidate(space.name, weights, weighted, _parts(weighted)))
     names = [candidate.name for candidate in candidates]
     if len(set(names)) < len(names):
-        raise ValueError(
-            f"spaces and block_weights must give each candidate a name of its own, got {names!r}"
-        )
+        problem = f"and block_weights must give each candidate a name of its own, got {names!r}"
+        raise argument_error(ValueError, "spaces", problem)
     return candidates
 
 
@@ -109,9 +109,11 @@ def refuse_own_classifiers(spaces: Sequence[FeatureSpace]) -> None:
     names = [space.name for space in spaces]
     own = [repr(space.name) for space in spaces if space.classifier is not None]
     if own:
-        raise ValueError(
-            f"spaces must leave out {' and '.join(own)}, with a classifier of {'its' if len(own) == 1 else 'their'} "
-            f"own: granular-id evaluate --spaces {','.join(names)}, or evaluate() in Python, compares them"
+        raise argument_error(
+            ValueError,
+            "spaces",
+            f"must leave out {' and '.join(own)}, with a classifier of {'its' if len(own) == 1 else 'their'} "
+            f"own: granular-id evaluate --spaces {','.join(names)}, or evaluate() in Python, compares them",
         )
 
 
@@ -131,9 +133,11 @@ def checked_costs(relative_costs: Any) -> tuple[float, ...]:
 
 
 def _checked_weightings(block_weights: Iterable[Any]) -> list[Any]:
-    wanted = "block_weights must be a sequence of choices, each None, 'unit' or one number per block"
+    wanted = "must be a sequence of choices, each None, 'unit' or one number per block"
     if isinstance(block_weights, str) or not isinstance(block_weights, Iterable):
-        raise TypeError(f"{wanted}, got {block_weights!r}: put it into a list")
+        raise argument_error(
+            TypeError, "block_weights", f"{wanted}, got {block_weights!r}: put it into a list"
+        )
     weightings: list[Any] = []
     for choice in block_weights:
         if choice is None or isinstance(choice, str):
@@ -141,11 +145,11 @@ def _checked_weightings(block_weights: Iterable[Any]) -> list[Any]:
         elif isinstance(choice, Iterable):
             weightings.append(tuple(choice))
         else:
-            raise TypeError(f"{wanted}, got {choice!r} among them")
+            raise argument_error(TypeError, "block_weights", f"{wanted}, got {choice!r} among them")
     if not weightings:
-        raise ValueError(f"{wanted}, got none")
+        raise argument_error(ValueError, "block_weights", f"{wanted}, got none")
     if len(set(weightings)) < len(weightings):
-        raise ValueError(f"block_weights must hold each choice once, got {weightings!r}")
+        raise argument_error(ValueError, "block_weights", f"must hold each choice once, got {weightings!r}")
     return weightings
 
 

@@ -10,13 +10,15 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular_id._files import made_folder, whole_file
-from granular_id.evaluation.scoring import STAGES, Answer
+from granular_id.evaluation.features import STAGES
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 from granular_id.spaces import Chosen
@@ -24,6 +26,21 @@ from granular_id.spaces import Chosen
 FORMAT = "granular_id.checkpoint/3"
 RUN = "run.json"
 """Name of the file that says what a folder belongs to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What one partition answered; kept in checkpoints."""
+
+    predicted: NDArray[np.intp]
+    n_features: int
+    seconds: dict[str, float]
+    """By stage, of this partition alone."""
+    shared_seconds: dict[str, float]
+    """By stage, of what all partitions share."""
+    chosen: Chosen | None = None
+    has_weights: bool = False
+    """Whether the classifier, trained on features, has weights in `coef_`: such can be drawn."""
 
 
 class OtherEvaluationError(ValueError):
@@ -76,9 +93,8 @@ class Checkpoint:
         with made_folder(self.folder):
             others = sorted(path.name for path in self.folder.iterdir() if not path.name.startswith("."))
             if others:
-                raise ValueError(
-                    f"checkpoint={str(self.folder)!r} holds {others[0]!r} and no {RUN}: it is no checkpoint; "
-                    "give an empty or a new folder"
+                raise self._error(
+                    f" holds {others[0]!r} and no {RUN}: it is no checkpoint; give an empty or a new folder"
                 )
             with whole_file(run) as draft:
                 draft.write_text(json.dumps({"format": FORMAT, "fingerprint": mark}), encoding="utf-8")
@@ -100,16 +116,10 @@ class Checkpoint:
     def save(self, task: str, partition: Partition, answer: Answer) -> None:
         """Keep what a partition said; the file is whole or absent."""
         saved = {
-            "fingerprint": self._mark,
-            "task": task,
-            "protocol": partition.protocol,
-            "partition": partition.index,
+            **self._owner(task, partition),
+            **vars(answer),
             "predicted": answer.predicted.tolist(),
-            "n_features": answer.n_features,
-            "seconds": answer.seconds,
-            "shared_seconds": answer.shared_seconds,
             "chosen": None if answer.chosen is None else answer.chosen.to_dict(),
-            "has_weights": answer.has_weights,
         }
         with whole_file(self._path(task, partition)) as draft:
             draft.write_text(json.dumps(saved), encoding="utf-8")
@@ -130,28 +140,20 @@ class Checkpoint:
         mark = hashlib.blake2b(task.encode(), digest_size=4).hexdigest()
         return self.folder / f"{short}-{mark}-{partition.protocol}-{partition.index:04d}.json"
 
-    def _check_owner(self, run: Path) -> None:
-        try:
-            saved = json.loads(run.read_text(encoding="utf-8"))
-            form, mark = saved["format"], saved["fingerprint"]
-        except (ValueError, KeyError, TypeError):
-            raise ValueError(
-                f"checkpoint={str(self.folder)!r}: {RUN} is damaged, so that nobody can say what the folder belongs "
-                "to; give a new folder"
-            ) from None
-        if form != FORMAT:
-            raise ValueError(f"checkpoint={str(self.folder)!r} has format {form!r}, wanted {FORMAT!r}")
-        if mark != self._mark:
-            raise OtherEvaluationError(
-                f"checkpoint={str(self.folder)!r} belongs to another evaluation (other recordings, settings or "
-                "versions): give a new folder, or the arguments with which it was begun"
-            )
+    def _owner(self, task: str, partition: Partition) -> dict[str, Any]:
+        """Say what a file belongs to."""
+        return {
+            "fingerprint": self._mark,
+            "task": task,
+            "protocol": partition.protocol,
+            "partition": partition.index,
+        }
 
     def _answer(self, saved: Any, task: str, partition: Partition) -> Answer:
-        owner = (self._mark, task, partition.protocol, partition.index)
-        if tuple(saved[key] for key in ("fingerprint", "task", "protocol", "partition")) != owner:
-            raise ValueError("another partition")
+        owner = self._owner(task, partition)
         predicted = np.array(saved["predicted"])
+        if {key: saved[key] for key in owner} != owner:
+            raise ValueError("another partition")
         if predicted.dtype.kind != "i" or predicted.shape != partition.test.shape:
             raise ValueError("not one class number for each tested recording")
         if predicted.min() < 0 or predicted.max() >= self._n_classes:
@@ -164,3 +166,23 @@ class Checkpoint:
             chosen=None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"]),
             has_weights=saved["has_weights"],
         )
+
+    def _check_owner(self, run: Path) -> None:
+        try:
+            saved = json.loads(run.read_text(encoding="utf-8"))
+            form, mark = saved["format"], saved["fingerprint"]
+        except (ValueError, KeyError, TypeError):
+            raise self._error(
+                f": {RUN} is damaged, so that nobody can say what the folder belongs to; give a new folder"
+            ) from None
+        if form != FORMAT:
+            raise self._error(f" has format {form!r}, wanted {FORMAT!r}")
+        if mark != self._mark:
+            raise self._error(
+                " belongs to another evaluation (other recordings, settings or versions): give a new folder, or the "
+                "arguments with which it was begun",
+                OtherEvaluationError,
+            )
+
+    def _error(self, problem: str, kind: type[ValueError] = ValueError) -> ValueError:
+        return kind(f"checkpoint={str(self.folder)!r}{problem}")

@@ -21,7 +21,7 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
 from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.gram import GramBank
+from granular_id.evaluation.features import GramBank
 from granular_id.evaluation.scoring import Task
 from granular_id.partitions import Partition, protocol_name
 from granular_id.recording import Dataset

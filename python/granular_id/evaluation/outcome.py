@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import argument_error, named
 from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import Portrait
@@ -119,10 +120,8 @@ class Outcome:
 
     def space(self, name: str) -> SpaceSummary:
         """Return one space by name, or raise a ValueError that lists the names."""
-        named = {space.name: space for space in self.spaces}
-        if name not in named:
-            raise ValueError(f"space must be one of {', '.join(map(repr, named))}, got {name!r}")
-        return named[name]
+        found: SpaceSummary = named({space.name: space for space in self.spaces}, "space", name)
+        return found
 
     def best_space(self, protocol: str | None = None) -> str:
         """Name of the space with the highest mean accuracy; of equals that which the strictest protocol prefers.
@@ -250,7 +249,8 @@ class Outcome:
         chosen = self.protocols[0] if protocol is None else protocol
         if chosen not in self.partitions:
             known = ", ".join(map(repr, self.partitions))
-            raise ValueError(f"protocol must be one of those that ran ({known}), got {protocol!r}")
+            problem = f"must be one of those that ran ({known}), got {protocol!r}"
+            raise argument_error(ValueError, "protocol", problem)
         return self.partitions[chosen], self.predicted[chosen, name]
 
 

@@ -16,6 +16,7 @@ from granular_id._core import AXES
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.features import plan_for, seeded
 from granular_id.gram import linear_gram
 from granular_id.recording import Dataset
 from granular_id.spaces import (
@@ -23,6 +24,7 @@ from granular_id.spaces import (
     BandColumns,
     BlockScaler,
     Chosen,
+    FeatureSpace,
     WithinClassWhitening,
     band_columns,
     block_sizes,
@@ -206,6 +208,35 @@ def not_drawn(data: Dataset) -> list[str]:
     return [
         f"recordings and weights are not drawn: that is for the axes {' '.join(AXES)}, these have {' '.join(data.axes)}"
     ]
+
+
+def portrait_of_result(
+    data: Dataset,
+    spaces: Sequence[FeatureSpace],
+    accuracies: Mapping[str, float],
+    classifier: BaseEstimator,
+    seed: int,
+    has_weights: Mapping[str, bool],
+) -> Portrait | None:
+    """Gather the report data of an evaluation: weights in the most accurate space whose features are not mixed."""
+    if not_drawn(data):
+        return None
+    best_first = sorted(spaces, key=lambda space: -accuracies[space.name])
+    unmixed = {
+        space.name: space.transformer
+        for space in best_first
+        if (plan := plan_for(space.transformer)) is None or not plan.after
+    }
+    model = clone(classifier)
+    if isinstance(model, ECOCClassifier):
+        # All recordings together may overlap where the training rows of no partition did.
+        model.set_params(hard_margin=False)
+    own = {
+        space.name: seeded(space.classifier, seed) if has_weights[space.name] else None
+        for space in spaces
+        if space.classifier is not None
+    }
+    return portrait(data, unmixed, classifier=model, own=own)
 
 
 def portrait(

@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from granular_id._files import TABLES, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, percent
 from granular_id.evaluation.controls import Control
+from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
 from granular_id.evaluation.report_data import Portrait
-from granular_id.evaluation.scoring import STAGES
 from granular_id.evaluation.tables import plain_text
 from granular_id.partitions import Partition
 from granular_id.spaces import Chosen
-
-__all__ = ["CSV_COLUMNS", "FORMAT", "EvaluationResult", "Prediction", "SpaceSummary"]
 
 FORMAT = "granular_id.evaluation/2"
 _READ_BY_REPORTS = {

@@ -12,32 +12,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import BaseEstimator
 
 from granular_id._checks import checked_flag
-from granular_id._estimators import convergence_warnings, describe_estimator, named_errors, versions
-from granular_id._parallel import in_threads, single_threaded_blas
+from granular_id._estimators import describe_estimator, versions
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
+from granular_id.evaluation.arguments import check_arguments, plan_seed, plan_spaces
+from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
 from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
-from granular_id.evaluation.gram import GramBank, plan_for
-from granular_id.evaluation.report_data import Portrait, not_drawn, portrait
-from granular_id.evaluation.result import EvaluationResult, SpaceSummary
-from granular_id.evaluation.scoring import (
-    STAGES,
-    Answer,
-    SpaceFeatures,
-    Task,
-    check_arguments,
-    plan_seed,
-    plan_spaces,
-    seeded,
-    timed,
-)
+from granular_id.evaluation.features import STAGES, GramBank
+from granular_id.evaluation.outcome import SpaceSummary
+from granular_id.evaluation.report_data import not_drawn, portrait_of_result
+from granular_id.evaluation.result import EvaluationResult
+from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data
-from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
+from granular_id.spaces import FeatureSpace
 from granular_id.splits import groups_of, plan_partitions, plan_protocols
 
 Codes = NDArray[np.intp]
@@ -169,21 +160,22 @@ def evaluate(
         "controls": controls,
         "seed": seed,
     }
-    transformers = {space.name: _described(space) for space in planned}
+    transformers = {space.name: describe_estimator(space.transformer) for space in planned}
+    for space in planned:
+        if space.classifier is not None:
+            transformers[space.name]["own_classifier"] = describe_estimator(space.classifier)
     kept = None
     if checkpoint is not None:
         described = {"settings": settings, "transformers": transformers, "versions": versions()}
         kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
 
     labels, truth = np.unique(data.y, return_inverse=True)
-    bank = GramBank(X)
-    origins = groups_of(data)
-    tasks = [Task(space, space.classifier or model, bank, origins) for space in planned]
+    bank, groups = GramBank(X), groups_of(data)
     checks = plan_controls(data, planned, model, bank) if controls else []
-    n_tasks = len(tasks) + sum(check.task is not None for check in checks)
+    n_tasks = len(planned) + sum(check.task is not None for check in checks)
     with showing(progress) as callback:
         ask = partial(
-            _answers,
+            answers_of,
             partitions=partitions,
             labels=labels,
             truth=truth,
@@ -192,25 +184,36 @@ def evaluate(
             ticker=Ticker(n_tasks * (len(every) + 1), callback),
             checkpoint=kept,
         )
-        runs = {task.space.name: ask(task) for task in tasks}
+        runs = [ask(Task(space, space.classifier or model, bank, groups)) for space in planned]
         verdicts = tuple(_judged(check, ask, partitions, truth) for check in checks)
-    answers = {
-        (protocol, name): of_protocol
-        for name, (by_protocol, _) in runs.items()
-        for protocol, of_protocol in by_protocol.items()
-    }
-    of_space = {
-        name: list(chain.from_iterable(by_protocol.values())) for name, (by_protocol, _) in runs.items()
-    }
+    summaries, predicted, chosen, has_weights = [], {}, {}, {}
+    for space, (answers, _) in zip(planned, runs, strict=True):
+        for name, given in answers.items():
+            predicted[name, space.name] = tuple(answer.predicted for answer in given)
+            choices = tuple(answer.chosen for answer in given if answer.chosen is not None)
+            if len(choices) == len(given):
+                chosen[name, space.name] = choices
+        given = list(chain.from_iterable(answers.values()))
+        seconds = {
+            stage: given[-1].shared_seconds[stage] + sum(answer.seconds[stage] for answer in given)
+            for stage in STAGES
+        }
+        summaries.append(
+            SpaceSummary(
+                space.name,
+                space.paper_accuracy,
+                space.learns,
+                given[-1].n_features,
+                seconds,
+                transformers[space.name],
+            )
+        )
+        has_weights[space.name] = given[-1].has_weights
     result = EvaluationResult(
-        spaces=tuple(_summary(space, of_space[space.name], transformers[space.name]) for space in planned),
+        spaces=tuple(summaries),
         partitions=partitions,
-        predicted={key: tuple(answer.predicted for answer in given) for key, given in answers.items()},
-        chosen={
-            key: tuple(answer.chosen for answer in given if answer.chosen is not None)
-            for key, given in answers.items()
-            if all(answer.chosen is not None for answer in given)
-        },
+        predicted=predicted,
+        chosen=chosen,
         labels=tuple(labels.tolist()),
         truth=truth.astype(np.intp),
         names=tuple(data.names),
@@ -222,103 +225,16 @@ def evaluate(
             *notes,
             *data_warnings(data),
             *not_drawn(data),
-            *(line for _, not_converged in runs.values() for line in not_converged),
+            *(line for _, not_converged in runs for line in not_converged),
             *(kept.notes() if kept is not None else ()),
         ),
         synthetic=data.is_synthetic,
         command=_call(settings, classifier),
         controls=verdicts,
     )
-    has_weights = {name: given[-1].has_weights for name, given in of_space.items()}
-    seen = _portrait(data, result, planned, model, has_weights)
-    return replace(result, portrait=seen, wall_s=time.perf_counter() - start)
-
-
-def _answers(
-    task: Task,
-    *,
-    partitions: Mapping[str, Sequence[Partition]],
-    labels: NDArray[np.str_],
-    truth: Codes,
-    seed: int,
-    n_jobs: int | None,
-    ticker: Ticker,
-    checkpoint: Checkpoint | None,
-) -> tuple[dict[str, list[Answer]], list[str]]:
-    """Answer one task for every partition, by protocol; return also lines on what did not converge.
-
-    What the checkpoint has is not computed again.
-    """
-    space = task.space
-    every = list(chain.from_iterable(partitions.values()))
-    name, kind = (space.name, "feature space") if task.kind == "space" else (task.key, task.kind)
-    known = [None if checkpoint is None else checkpoint.load(task.key, each) for each in every]
-    missing = [each for each, answer in zip(every, known, strict=True) if answer is None]
-    if missing:
-        with named_errors(space.name, kind):
-            features = SpaceFeatures(space.name, space.transformer, task.bank, seed, by_gram=task.by_gram)
-    ticker.tick(f"{name}: ready")
-    for _ in range(len(every) - len(missing)):
-        ticker.tick(f"{name}: from the checkpoint")
-
-    def compute(partition: Partition) -> Answer:
-        with named_errors(space.name, kind):
-            answer = _answer(task, features, partition, labels, truth, seed)
-        if checkpoint is not None:
-            checkpoint.save(task.key, partition, answer)
-        ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
-        return answer
-
-    # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
-    # matrices of a pair of classes are small: more threads for each took twice the time of one.
-    with single_threaded_blas(), convergence_warnings(name) as not_converged:
-        computed = iter(in_threads(compute, missing, n_jobs))
-    answers = iter([next(computed) if answer is None else answer for answer in known])
-    return {protocol: [next(answers) for _ in drawn] for protocol, drawn in partitions.items()}, not_converged
-
-
-def _answer(
-    task: Task,
-    features: SpaceFeatures,
-    partition: Partition,
-    labels: NDArray[np.str_],
-    truth: Codes,
-    seed: int,
-) -> Answer:
-    """Train on one part of a partition and name the recordings of the other."""
-    # Our own classifier names classes in its messages; of others not all take text.
-    takes_text = isinstance(task.classifier, ECOCClassifier)
-    targets = labels[truth[partition.train]] if takes_text else truth[partition.train]
-    if task.shuffled:
-        words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))
-        targets = np.random.default_rng(words).permutation(targets)
-    classifier: Any = seeded(task.classifier, seed, partition)
-    seconds = dict.fromkeys(STAGES, 0.0)
-    if task.by_gram:
-        train, cross, n_features = features.products(partition, targets, seconds)
-        with timed(seconds, "training"):
-            classifier.fit_gram(train, targets)
-        with timed(seconds, "prediction"):
-            predicted = classifier.predict_gram(cross)
-    else:
-        with timed(seconds, "features"):
-            train, test, sizes = features.rows(partition, targets)
-        n_features = train.shape[1]
-        with timed(seconds, "training"):
-            tell_blocks(classifier, sizes)
-            known = {} if task.origins is None else task.origins.fit_arguments(classifier, partition.train)
-            classifier.fit(train, targets, **known)
-        with timed(seconds, "prediction"):
-            predicted = classifier.predict(test)
-    codes = np.searchsorted(labels, predicted) if takes_text else predicted
-    return Answer(
-        predicted=np.asarray(codes, dtype=np.intp),
-        n_features=n_features,
-        seconds=seconds,
-        shared_seconds=features.shared_seconds,
-        chosen=Chosen.of(classifier),
-        has_weights=task.by_gram or hasattr(classifier, "coef_"),
-    )
+    accuracies = {space.name: result.mean_accuracy(space.name) for space in planned}
+    portrait = portrait_of_result(data, planned, accuracies, model, seed, has_weights)
+    return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
 
 
 def _judged(
@@ -337,49 +253,6 @@ def _judged(
         else:
             predicted = {protocol: [one.predicted for one in given] for protocol, given in answers.items()}
     return judge(check, predicted, partitions, truth)
-
-
-def _described(space: FeatureSpace) -> dict[str, Any]:
-    settings = describe_estimator(space.transformer)
-    if space.classifier is not None:
-        settings["own_classifier"] = describe_estimator(space.classifier)
-    return settings
-
-
-def _summary(space: FeatureSpace, answers: Sequence[Answer], settings: Mapping[str, Any]) -> SpaceSummary:
-    last = answers[-1]
-    seconds = {
-        stage: last.shared_seconds[stage] + sum(one.seconds[stage] for one in answers) for stage in STAGES
-    }
-    return SpaceSummary(space.name, space.paper_accuracy, space.learns, last.n_features, seconds, settings)
-
-
-def _portrait(
-    data: Dataset,
-    result: EvaluationResult,
-    planned: Sequence[FeatureSpace],
-    classifier: BaseEstimator,
-    has_weights: Mapping[str, bool],
-) -> Portrait | None:
-    """Look at the recordings, and at one model in the most accurate space whose features are not mixed."""
-    if not_drawn(data):
-        return None
-    best_first = sorted(planned, key=lambda space: -result.mean_accuracy(space.name))
-    unmixed = {
-        space.name: space.transformer
-        for space in best_first
-        if (plan := plan_for(space.transformer)) is None or not plan.after
-    }
-    model = clone(classifier)
-    if isinstance(model, ECOCClassifier):
-        # All recordings together may overlap where the training rows of no partition did.
-        model.set_params(hard_margin=False)
-    own = {
-        space.name: seeded(space.classifier, result.settings["seed"]) if has_weights[space.name] else None
-        for space in planned
-        if space.classifier is not None
-    }
-    return portrait(data, unmixed, classifier=model, own=own)
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:

@@ -20,6 +20,7 @@ from granular_id._files import write_json
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.arguments import check_arguments, plan_seed
 from granular_id.evaluation.candidates import (
     Candidate,
     checked_costs,
@@ -27,10 +28,8 @@ from granular_id.evaluation.candidates import (
     score_all,
     spread_of,
 )
-from granular_id.evaluation.compare import Comparison, Pair, compare
-from granular_id.evaluation.gram import GramBank
-from granular_id.evaluation.scoring import check_arguments, plan_seed
-from granular_id.evaluation.tables import probability
+from granular_id.evaluation.compare import Comparison, Pair, compare, probability
+from granular_id.evaluation.features import GramBank
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
 from granular_id.spaces import FeatureSpace

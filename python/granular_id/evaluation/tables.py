@@ -9,30 +9,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from granular_id._text import Table, percent, whole_percent
-from granular_id.evaluation.compare import probability
+from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome
-from granular_id.evaluation.scoring import STAGES
 from granular_id.partitions import are_blocks, protocol_name
 from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
 from granular_id.synthetic import PAPER_MATERIALS
-
-__all__ = [
-    "PAPER_NOTE",
-    "SMALL_GAP",
-    "accuracy_table",
-    "choice_tables",
-    "comparison_tables",
-    "confusion_table",
-    "controls_table",
-    "gap_lines",
-    "mistakes_table",
-    "plain_text",
-    "probability",
-    "recall_table",
-    "seconds_table",
-    "shows_paper",
-]
 
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
 SMALL_GAP = 0.01

@@ -6,6 +6,7 @@ Measurements" (arXiv 2403.17606), table of accuracies.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -158,6 +159,12 @@ def feature_spaces(
     )
     spaces = table if tare_s is None else tuple(_tared(space, tare_s, rate_hz) for space in table)
     return {space.name: space for space in spaces}
+
+
+def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
+    """Name feature spaces without the controls: the paper's, best accuracy first, then those it does not have."""
+    names = [name for name, space in known.items() if not space.control]
+    return sorted(names, key=lambda name: -(known[name].paper_accuracy or 0.0))
 
 
 def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:

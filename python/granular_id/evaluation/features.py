@@ -1,4 +1,4 @@
-"""Scalar products of feature spaces: each block once for all recordings, each space and partition by slices and sums.
+"""Feature spaces on partitions: features, or their scalar products from blocks computed once for all recordings.
 
 A linear classifier needs the scalar products of features alone. Those of a union are the weighted sum of those of its
 blocks, those of a partition are a slice: with 682 recordings of 10,200 features a partition costs a copy of 2 MB
@@ -8,7 +8,8 @@ instead of 6 thousand million multiplications.
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from threading import Lock
 from typing import Any
@@ -17,11 +18,38 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from granular_id._estimators import seeded_clone
 from granular_id.gram import linear_gram
-from granular_id.spaces import GramPlan, block_key, gram_plan, learns, row_norms, unit_weight
+from granular_id.partitions import Partition
+from granular_id.spaces import (
+    GramPlan,
+    block_key,
+    block_sizes,
+    gram_plan,
+    learns,
+    row_norms,
+    unit_weight,
+)
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
+
+
+STAGES = ("features", "gram", "training", "prediction")
+
+
+def seeded(estimator: Any, seed: int, partition: Partition | None = None) -> Any:
+    """Clone, and give every open ``random_state`` a number: one for what partitions share, else one for each."""
+    key = (3,) if partition is None else (1, partition.index)
+    return seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=key))
+
+
+@contextmanager
+def timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Add the time of a block to a stage."""
+    start = time.perf_counter()
+    yield
+    seconds[stage] = seconds.get(stage, 0.0) + (time.perf_counter() - start)
 
 
 def plan_for(transformer: Any, name: str | None = None) -> GramPlan | None:
@@ -146,3 +174,65 @@ def _key(transformer: Any) -> Hashable:
     except TypeError:
         return id(transformer)
     return key
+
+
+class SpaceFeatures:
+    """One feature space: features of the rows of any partition, or their scalar products.
+
+    Three ways lead to the same labels. Where scalar products of blocks are all that is needed, a partition is a slice
+    of the bank; principal components come from the slice too. Otherwise features that learn nothing are computed once
+    for all recordings, and features that learn are fitted on the training rows of each partition.
+    """
+
+    def __init__(self, name: str, transformer: Any, bank: GramBank, seed: int, *, by_gram: bool) -> None:
+        self._name = name
+        self._transformer = transformer
+        self._bank = bank
+        self._seed = seed
+        self._shared = seeded(transformer, seed)
+        plan = plan_for(self._shared, name)
+        self._plan = plan if plan is not None and (by_gram or plan.after) else None
+        self._features: Floats | None = None
+        self.shared_seconds = dict.fromkeys(STAGES, 0.0)
+        if self._plan is not None:
+            self.shared_seconds.update(bank.prepare(self._plan))
+        elif not learns(self._shared):
+            with timed(self.shared_seconds, "features"):
+                self._features = features_of(name, self._shared.fit(bank.X), bank.X)
+
+    def products(
+        self, partition: Partition, y: NDArray[Any], seconds: dict[str, float]
+    ) -> tuple[Floats, Floats, int]:
+        """Products of training rows, those of tested rows with them, and the length of a feature vector."""
+        if self._plan is not None and not self._plan.after:  # a slice of the bank
+            with timed(seconds, "gram"):
+                train, cross = self._bank.sliced(self._plan, partition.train, partition.test)
+            return train, cross, self._bank.n_features(self._plan)
+        with timed(seconds, "features"):
+            train, test, _ = self.rows(partition, y)
+        with timed(seconds, "gram"):
+            center = train.mean(axis=0)
+            return linear_gram(train, center=center), linear_gram(test, train, center=center), train.shape[1]
+
+    def rows(self, partition: Partition, y: NDArray[Any]) -> tuple[Floats, Floats, dict[str, int] | None]:
+        """Features of training and of tested rows, and the number of columns of each block where it is known.
+
+        What learns is fitted on the training rows and their labels `y`.
+        """
+        if self._features is not None:  # computed once for all recordings
+            sizes = block_sizes(self._shared)
+            return self._features[partition.train], self._features[partition.test], sizes
+        transformer = seeded(self._transformer, self._seed, partition)
+        if self._plan is None:  # learned from these rows
+            X = self._bank.X
+            transformer.fit(X[partition.train], y)
+            train, test = (
+                features_of(self._name, transformer, X[rows]) for rows in (partition.train, partition.test)
+            )
+            return train, test, block_sizes(transformer)
+        train, test = self._bank.components(self._plan, partition.train, partition.test)
+        plan: Any = plan_for(transformer)  # the same blocks and steps, with the seeds of this partition
+        for step in plan.after[1:]:
+            step.fit(train, y)
+            train, test = step.transform(train), step.transform(test)
+        return train, test, None
