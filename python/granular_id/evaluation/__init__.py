@@ -29,6 +29,7 @@ from granular_id.evaluation.tables import (
     recall_table as recall_table,
     seconds_table as seconds_table,
     shows_paper as shows_paper,
+    unequal_sizes as unequal_sizes,
 )
 from granular_id.spaces import in_paper_order as in_paper_order
 

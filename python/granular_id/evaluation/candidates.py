@@ -44,19 +44,7 @@ the time of all others together.
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A feature space with a way to weight its blocks.
-
-    Attributes
-    ----------
-    space : str
-        Name of the space.
-    block_weights : None, "unit" or tuple of float
-        As in `BlockUnion`; None too where there is one block only.
-    transformer : estimator
-        Not fitted, with these weights.
-    parts : int
-        Blocks and steps, and one more for each that learns from training rows: the less the simpler.
-    """
+    """A feature space with a way to weight its blocks; `Scored` says what the fields hold."""
 
     space: str
     block_weights: Any
@@ -79,11 +67,7 @@ def plan_candidates(
     rate_hz: float,
     seed: int,
 ) -> list[Candidate]:
-    """Turn the arguments of `select` into candidates, in order, with every open ``random_state`` set.
-
-    A space with several blocks becomes one candidate for each of the weights, in place of its own; a space without
-    blocks ignores them.
-    """
+    """Turn the arguments of `select` into candidates: a space of several blocks becomes one for each of the weights."""
     weightings = _checked_weightings(block_weights)
     planned = plan_spaces(DEFAULT_SPACES if spaces is None else spaces, rate_hz)
     refuse_own_classifiers(planned)
@@ -168,13 +152,10 @@ def _weights_key(transformer: Any) -> str | None:
 
 def _parts(transformer: Any) -> int:
     steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
-    return sum(_n_blocks(step) + learns(step) for step in steps)
-
-
-def _n_blocks(step: Any) -> int:
-    if isinstance(step, BlockUnion):
-        return len(step.blocks)
-    return 2 if isinstance(step, RawHFMH) else 1
+    n_blocks = (
+        len(step.blocks) if isinstance(step, BlockUnion) else 1 + isinstance(step, RawHFMH) for step in steps
+    )
+    return sum(n_blocks) + sum(map(learns, steps))
 
 
 def score_all(

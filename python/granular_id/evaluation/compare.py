@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from granular_id._checks import named
 from granular_id._text import Table, counted, whole_percent
 from granular_id.statistics import (
     MIN_PARTITIONS,
@@ -66,7 +67,7 @@ class Pair:
 
     def to_dict(self) -> dict[str, str | float | None]:
         """Return everything in types that JSON knows; NaN becomes None."""
-        return {key: _finite(value) for key, value in asdict(self).items()}
+        return {key: json_value(value) for key, value in asdict(self).items()}
 
     def reversed(self) -> Pair:
         """Return the same comparison, of the second with the first."""
@@ -151,9 +152,10 @@ class Comparison:
         ValueError
             An unknown name.
         """
-        if of is not None and of not in self.names:
-            raise ValueError(f"of must be one of {', '.join(map(repr, self.names))}, got {of!r}")
-        pairs = self.pairs if of is None else [self.pair(of, other) for other in self.names if other != of]
+        pairs: Sequence[Pair] = self.pairs
+        if of is not None:
+            named(self.means, "of", of)
+            pairs = [self.pair(of, other) for other in self.names if other != of]
         header: tuple[str, ...] = ("first", "second", "points")
         rows: list[tuple[str, ...]] = [
             (pair.first, pair.second, f"{100 * pair.difference:+.2f}") for pair in pairs
@@ -161,7 +163,14 @@ class Comparison:
         notes: tuple[str, ...] = ()
         if self.testable:
             header += ("U test†", "p", "Holm", "worse", "equal", "better")
-            rows = [row + _uncertainty(pair) for row, pair in zip(rows, pairs, strict=True)]
+            rows = [
+                (
+                    *row,
+                    *map(_p_value, (pair.mann_whitney_p, pair.corrected_p, pair.holm_p)),
+                    *map(probability, (pair.worse, pair.equivalent, pair.better)),
+                )
+                for row, pair in zip(rows, pairs, strict=True)
+            ]
             tests = counted(sum(not math.isnan(pair.corrected_p) for pair in self.pairs), "pair")
             notes = tuple(note.format(tests=tests, rope=100 * self.rope) for note in _NOTES)
         if self.why_not:
@@ -183,7 +192,7 @@ class Comparison:
             "rope": self.rope,
             "why_not": self.why_not,
             "means": dict(self.means),
-            "intervals": {name: [_finite(end) for end in ends] for name, ends in self.intervals.items()},
+            "intervals": {name: [*map(json_value, ends)] for name, ends in self.intervals.items()},
             "pairs": [pair.to_dict() for pair in self.pairs],
         }
 
@@ -208,16 +217,14 @@ def compare(
     n_partitions = len(values[names[0]])
     trained, tested = float(np.mean(n_train)), float(np.mean(n_test))
     pairs = [Pair(a, b, float((values[a] - values[b]).mean())) for a, b in combinations(names, 2)]
-    intervals = dict.fromkeys(names, (math.nan, math.nan))
     if n_partitions >= MIN_PARTITIONS:
-        intervals = {name: corrected_interval(shares, trained, tested) for name, shares in values.items()}
         pairs = [_tested(pair, values[pair.first], values[pair.second], trained, tested) for pair in pairs]
         adjusted = holm([pair.corrected_p for pair in pairs]).tolist()
         pairs = [replace(pair, holm_p=p) for pair, p in zip(pairs, adjusted, strict=True)]
     return Comparison(
         names=tuple(names),
         means={name: float(shares.mean()) for name, shares in values.items()},
-        intervals=intervals,
+        intervals={name: mean_interval(shares, trained, tested) for name, shares in values.items()},
         pairs=tuple(pairs),
         n_partitions=n_partitions,
         n_train=trained,
@@ -226,6 +233,15 @@ def compare(
         protocol=protocol,
         why_not=_why_not(n_partitions, pairs),
     )
+
+
+def mean_interval(
+    accuracies: Floats, n_train: float | Sequence[float], n_test: float | Sequence[float]
+) -> tuple[float, float]:
+    """Return `corrected_interval` for the mean sizes of partitions; NaN where they are fewer than three."""
+    if len(accuracies) < MIN_PARTITIONS:
+        return math.nan, math.nan
+    return corrected_interval(accuracies, float(np.mean(n_train)), float(np.mean(n_test)))
 
 
 def _tested(pair: Pair, a: Floats, b: Floats, n_train: float, n_test: float) -> Pair:
@@ -258,12 +274,6 @@ def _why_not(n_partitions: int, pairs: Sequence[Pair]) -> str:
     return f"{listed}{more}: the same difference in every partition, so its uncertainty is not known"
 
 
-def _uncertainty(pair: Pair) -> tuple[str, ...]:
-    p_values = (pair.mann_whitney_p, pair.corrected_p, pair.holm_p)
-    shares = (pair.worse, pair.equivalent, pair.better)
-    return (*map(_p_value, p_values), *map(probability, shares))
-
-
 def _p_value(value: float) -> str:
     if math.isnan(value):
         return "-"
@@ -277,5 +287,6 @@ def probability(value: float) -> str:
     return f"{whole_percent(100 * value) if value > 0 else '0'} %"
 
 
-def _finite(value: Any) -> Any:
+def json_value(value: Any) -> Any:
+    """Return None for NaN, which JSON does not know, else the value."""
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -11,19 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, named
-from granular_id.evaluation.compare import Comparison, compare
+from granular_id.evaluation.compare import Comparison, compare, mean_interval
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import Portrait
 from granular_id.partitions import Partition, are_blocks
 from granular_id.spaces import Chosen
-from granular_id.statistics import (
-    MIN_PARTITIONS,
-    confusion_counts,
-    corrected_interval,
-    macro_f1,
-    recall_per_class,
-    sample_sd,
-)
+from granular_id.statistics import confusion_counts, macro_f1, recall_per_class, sample_sd
 
 
 @dataclass(frozen=True)
@@ -166,10 +159,7 @@ class Outcome:
         `granular_id.statistics.corrected_interval`.
         """
         partitions, _ = self._runs(space, protocol)
-        if len(partitions) < MIN_PARTITIONS:
-            return math.nan, math.nan
-        n_train, n_test = (float(np.mean(sizes)) for sizes in _sizes(partitions))
-        return corrected_interval(self.accuracies(space, protocol), n_train, n_test)
+        return mean_interval(self.accuracies(space, protocol), *_sizes(partitions))
 
     def comparison(self, protocol: str | None = None) -> Comparison:
         """Compare every space with every other on the same partitions; ``print`` it for a table.

@@ -344,9 +344,7 @@ def is_traceable(fitted: Any) -> bool:
         return False
 
 
-def weight_blocks(
-    X: Floats, y: NDArray[Any], fitted: Any, classifier: BaseEstimator | None = None
-) -> tuple[WeightBlock, ...]:
+def weight_blocks(X: Floats, y: NDArray[Any], fitted: Any, classifier: Any = None) -> tuple[WeightBlock, ...]:
     """Measure the weights of one linear model of all recordings (n, T, C).
 
     A picture of the model, not a measure of its quality: nothing is held out. `fitted` is a feature space for which
@@ -363,12 +361,14 @@ def weight_blocks(
         # The blocks of the multi-band space have no common unit: no linear model is trained on them as they are.
         scaling = [BlockScaler([bands.of(block=block).size for block in bands.blocks]).fit(plain)]
     if is_trained:
-        learners, rows = classifier.coef_, None  # type: ignore[union-attr]
+        learners, rows = classifier.coef_, None
     else:
         rows = plain
         for step in scaling:
             rows = step.transform(rows)
-        learners = _dual_coef(rows, y, classifier)
+        usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
+        model = clone(classifier) if usable else ECOCClassifier()
+        learners = model.fit_gram(linear_gram(rows, center=rows.mean(axis=0)), y).dual_coef_
     size, influence = _mean_sizes(learners, rows, scaling, plain.std(axis=0))
     if bands is not None:
         return tuple(_over_bands(bands, size, influence))
@@ -384,14 +384,6 @@ def _without_scaling(fitted: Any) -> tuple[Any, list[Any]]:
     if not scaling:
         return fitted, []
     return Pipeline([(f"step{number}", step) for number, step in enumerate(steps)]), scaling
-
-
-def _dual_coef(features: Floats, y: NDArray[Any], classifier: Any) -> Floats:
-    """Weight of each row of features in each learner."""
-    usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
-    model = clone(classifier) if usable else ECOCClassifier()
-    dual: Floats = model.fit_gram(linear_gram(features, center=features.mean(axis=0)), y).dual_coef_
-    return dual
 
 
 def _mean_sizes(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from granular_id._files import TABLES, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, percent
+from granular_id.evaluation.compare import json_value
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
@@ -98,11 +99,19 @@ class EvaluationResult(Outcome):
             "data": dict(self.data),
             "labels": list(self.labels),
             "chance": self.chance,
-            "wall_s": _finite(self.wall_s),
+            "wall_s": json_value(self.wall_s),
             "spaces": [_space(self, space) for space in self.spaces],
             "controls": [control.to_dict() for control in self.controls],
             "partitions": {
-                protocol: [_partition(partition) for partition in partitions]
+                protocol: [
+                    {
+                        "index": partition.index,
+                        "description": partition.description,
+                        "train": partition.train.tolist(),
+                        "test": partition.test.tolist(),
+                    }
+                    for partition in partitions
+                ]
                 for protocol, partitions in self.partitions.items()
             },
             "recordings": [
@@ -189,27 +198,14 @@ def _figures(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
     chosen = [one.to_dict() for one in result.chosen.get((protocol, space), ())]
     return {
         "accuracy_mean": result.mean_accuracy(space, protocol),
-        "accuracy_sd": _finite(result.sd_accuracy(space, protocol)),
+        "accuracy_sd": json_value(result.sd_accuracy(space, protocol)),
         "accuracies": result.accuracies(space, protocol).tolist(),
         "macro_f1": result.macro_f1(space, protocol),
-        "recall": [_finite(share) for share in result.recall(space, protocol).tolist()],
+        "recall": [*map(json_value, result.recall(space, protocol).tolist())],
         "confusion": result.confusion(space, protocol).tolist(),
         "predicted": [codes.tolist() for codes in result.predicted[protocol, space]],
         **({"chosen": chosen} if chosen else {}),
     }
-
-
-def _partition(partition: Partition) -> dict[str, Any]:
-    return {
-        "index": partition.index,
-        "description": partition.description,
-        "train": partition.train.tolist(),
-        "test": partition.test.tolist(),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:

@@ -28,13 +28,13 @@ from granular_id.evaluation.candidates import (
     score_all,
     spread_of,
 )
-from granular_id.evaluation.compare import Comparison, Pair, compare, probability
+from granular_id.evaluation.compare import Comparison, Pair, compare, mean_interval, probability
 from granular_id.evaluation.features import GramBank
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import HALVES, RANDOM, SESSIONS, nested_folds
-from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_interval, corrected_resampled_t, sample_sd
+from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_resampled_t, sample_sd
 
 Floats = NDArray[np.float64]
 
@@ -276,8 +276,14 @@ class Scored(Candidate):
 
     Attributes
     ----------
-    space, block_weights, transformer, parts, name
-        As in `granular_id.evaluation.candidates.Candidate`.
+    space : str
+        Name of the space.
+    block_weights : None, "unit" or tuple of float
+        As in `BlockUnion`; None too where there is one block only.
+    transformer : estimator
+        Not fitted, with these weights.
+    parts : int
+        Blocks and steps, and one more for each that learns from training rows: the less the simpler.
     n_features : int
         Length of the feature vector that the classifier sees.
     accuracies : (n_outer, n_costs) float array
@@ -357,9 +363,7 @@ class Selection:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % confidence interval of `accuracy`, corrected for common training rows; NaN if it cannot be said."""
-        if len(self.outer) < MIN_PARTITIONS:
-            return math.nan, math.nan
-        return corrected_interval(self.accuracies, *self._mean_sizes())
+        return mean_interval(self.accuracies, *self._sizes())
 
     @property
     def votes(self) -> Counter[str]:
@@ -381,7 +385,7 @@ class Selection:
         if len(self.candidates) < 2:
             return None
         shares = {candidate.name: candidate.at_best_cost for candidate in self.candidates}
-        return compare(list(shares), shares, *self._mean_sizes())
+        return compare(list(shares), shares, *self._sizes())
 
     @property
     def runner_up(self) -> Pair | None:
@@ -512,9 +516,8 @@ class Selection:
         """Write `to_dict` as one UTF-8 JSON file; whole or not at all."""
         write_json(path, self.to_dict())
 
-    def _mean_sizes(self) -> tuple[float, float]:
-        n_train, n_test = np.mean([(fold.n_train, fold.n_test) for fold in self.outer], axis=0).tolist()
-        return n_train, n_test
+    def _sizes(self) -> tuple[list[int], list[int]]:
+        return [fold.n_train for fold in self.outer], [fold.n_test for fold in self.outer]
 
     def _how_sure(self) -> str:
         pair = self.runner_up

@@ -108,14 +108,19 @@ def gap_lines(result: Outcome) -> tuple[str, ...]:
     names = [space.name for space in result.spaces]
     if len(names) > _GAPS_IN_WORDS:
         names = list(dict.fromkeys((result.best_space(random), result.best_space(strictest))))
-    lines = [_gap_line(result, name, random, strictest) for name in names]
-    sizes = {protocol: _train_per_class(result, protocol) for protocol in (random, strictest)}
-    if sizes[random] != sizes[strictest]:
-        lines.append(
-            f"({_name(result, random)} train on {sizes[random]} recordings of each class, "
-            f"{_name(result, strictest)} on {sizes[strictest]}: part of a gap may be that)"
-        )
-    return tuple(lines)
+    sizes = unequal_sizes(result)
+    return (*(_gap_line(result, name, random, strictest) for name in names), *(f"({line})" for line in sizes))
+
+
+def unequal_sizes(result: Outcome) -> tuple[str, ...]:
+    """Say so where the two protocols of a gap train on different numbers of recordings; else nothing."""
+    protocols = [protocol for protocol in (result.random, result.strictest) if protocol is not None]
+    sizes = [_train_per_class(result, protocol) for protocol in protocols]
+    if len(set(sizes)) < 2:
+        return ()
+    random, strictest = (_name(result, protocol) for protocol in protocols)
+    more = f"{random} train on {sizes[0]} recordings of each class, {strictest} on {sizes[1]}"
+    return (f"{more}: part of a gap may be that",)
 
 
 def _gap_line(result: Outcome, space: str, random: str, strictest: str) -> str:

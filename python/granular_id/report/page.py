@@ -20,11 +20,11 @@ from granular_id.evaluation import (
     choice_tables,
     comparison_tables,
     controls_table,
-    gap_lines,
     mistakes_table,
     recall_table,
     seconds_table,
     shows_paper,
+    unequal_sizes,
 )
 from granular_id.partitions import protocol_name
 from granular_id.plotting import AXIS_LINES
@@ -212,25 +212,27 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     """Put the gap of one space into words."""
     shown = [name for name in (result.random, result.strictest) if name is not None]
     sides = tuple(_side(result, space, name) for name in shown or result.protocols[:1])
-    n_spaces = len(result.spaces)
-    choice = (
-        f"the best of {n_spaces} feature spaces, chosen by these same recordings: a little flattered by that"
-    )
-    chosen = (choice,) if n_spaces > 1 else ()
+    chosen: tuple[str, ...] = ()
+    if (n_spaces := len(result.spaces)) > 1:
+        how = "chosen by these same recordings: a little flattered by that"
+        chosen = (f"the best of {n_spaces} feature spaces, {how}",)
     gap = result.gap(space)
     if gap is None:
         headline = f"{space} names {sides[0].accuracy} of recordings rightly ({sides[0].name})"
         return Gap("unknown", headline, sides, ("", ""), _one_sided(result, sides[0]), chosen)
     random, strict = sides
     apart = _APART.get(strict.name, strict.name)
-    kind = _kind(result, space, gap)
+    low, _ = result.interval(space, random.protocol)
+    # Without an interval (all partitions alike) nothing excuses a gap.
+    excused = result.mean_accuracy(space, strict.protocol) >= low
+    kind = "kept" if gap < SMALL_GAP else "unsure" if excused else "lost"
     but = {"lost": "but only", "unsure": "and", "kept": "and still"}[kind]
     headline = (
         f"{space} names {random.accuracy} of recordings rightly when training and test are drawn at random, "
         f"{but} {strict.accuracy} when they come from {apart}"
     )
     verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)
-    remarks = [line.strip("()") for line in gap_lines(result) if line.startswith("(")]
+    remarks = [*unequal_sizes(result)]
     best = result.best_space(strict.protocol)
     if best != space:
         accuracy = percent(result.mean_accuracy(best, strict.protocol))
@@ -238,14 +240,6 @@ def gap_of(result: EvaluationResult, space: str) -> Gap:
     change = f"{-100 * gap:+.1f}".replace("-", "−")
     points = (change, "points") if change[1:] != "0.0" else ("no", "difference")
     return Gap(kind, headline, sides, points, verdict, (*remarks, *chosen))
-
-
-def _kind(result: EvaluationResult, space: str, gap: float) -> str:
-    if gap < SMALL_GAP:
-        return "kept"
-    low, _ = result.interval(space, result.random)
-    # Without an interval (all partitions alike) nothing excuses a gap.
-    return "unsure" if result.mean_accuracy(space, result.strictest) >= low else "lost"
 
 
 def _side(result: EvaluationResult, space: str, protocol: str) -> Side:

@@ -176,16 +176,18 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """One figure of the page: the section that shows it, what stands above it, and what it shows in words.
-
-    On a screen that would make it narrower than `narrowest` pixels it is scrolled instead of shrunk.
-    """
+    """One figure of the page: the section that shows it, what stands above it, and what it shows in words."""
 
     group: str
     title: str
     figure: Figure
     alt: str
-    narrowest: int
+    shrinks: float  # to this share of its width
+
+    @property
+    def narrowest(self) -> int:
+        """Pixels: on a screen that would make it narrower it is scrolled instead of shrunk."""
+        return min(round(self.shrinks * 96 * self.figure.get_figwidth()), _WIDEST)
 
 
 def pictures(result: EvaluationResult, space: str) -> list[Picture]:
@@ -197,21 +199,15 @@ def pictures(result: EvaluationResult, space: str) -> list[Picture]:
     return drawn
 
 
-def _picture(group: str, title: str, figure: Figure, alt: str, shrinks: float) -> Picture:
-    """Make a picture; it may shrink to this share of its width before it is scrolled."""
-    width = 96 * figure.get_figwidth()
-    return Picture(group, title, figure, alt, min(round(shrinks * width), _WIDEST))
-
-
 def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
     accuracies = "; ".join(
         f"{protocol_name(protocol, partitions)} {percent(result.mean_accuracy(space, protocol))}"
         for protocol, partitions in result.partitions.items()
     )
-    yield _picture("gap", "", plot_gap(result, space), f"Accuracy of {space}: {accuracies}", 0.62)
+    yield Picture("gap", "", plot_gap(result, space), f"Accuracy of {space}: {accuracies}", 0.62)
     figure = plot_accuracy(result, paper=shows_paper(result))
     alt = f"Mean accuracy of {len(result.spaces)} feature spaces with 95 % intervals; numbers in the table"
-    yield _picture("accuracy", "", figure, alt, 0.75)
+    yield Picture("accuracy", "", figure, alt, 0.75)
     for protocol, partitions in result.partitions.items():
         if protocol not in {result.random, result.strictest, result.protocols[0]}:
             continue
@@ -221,9 +217,9 @@ def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
         figure = new_figure(side + 0.5, side)
         draw_confusion(figure.subplots(), shares, result.labels)
         alt = f"Confusion matrix of {space}, {name}, in per cent of each true class"
-        yield _picture("confusion", name, figure, alt, 0.64)
+        yield Picture("confusion", name, figure, alt, 0.64)
     alt = "Recall of each class under each protocol; numbers in the table"
-    yield _picture("recall", "", plot_recall(result, space), alt, 0.75)
+    yield Picture("recall", "", plot_recall(result, space), alt, 0.75)
 
 
 def _of_forces(portrait: Portrait) -> Iterator[Picture]:
@@ -244,7 +240,7 @@ def _of_forces(portrait: Portrait) -> Iterator[Picture]:
             for axis, mean in own.mean.items()
         )
         alt = f"{own.label}: mean and standard deviation over time, {ranges}"
-        yield _picture("forces", "", figure, alt, 0.5)
+        yield Picture("forces", "", figure, alt, 0.5)
 
 
 def _of_high_pass(portrait: Portrait) -> Iterator[Picture]:
@@ -258,7 +254,7 @@ def _of_high_pass(portrait: Portrait) -> Iterator[Picture]:
             figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(portrait.labels)))
             draw(figure.subplots(), portrait, number)
             alt = f"{axis.capitalize()}: {what}, one row a material"
-            yield _picture(group, axis.capitalize(), figure, alt, 0.75)
+            yield Picture(group, axis.capitalize(), figure, alt, 0.75)
 
 
 def _of_weights(portrait: Portrait) -> Iterator[Picture]:
@@ -271,4 +267,4 @@ def _of_weights(portrait: Portrait) -> Iterator[Picture]:
         )
         share = 100 * float(block.shares.sum())
         title = f"{block.name}: {share:.0f} % of the influence"
-        yield _picture("weights", title, figure, f"Influence in {block.name} by axis: {shares}", 0.75)
+        yield Picture("weights", title, figure, f"Influence in {block.name} by axis: {shares}", 0.75)
