@@ -7,6 +7,7 @@ chance a difference. The tests here allow for the overlap.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -202,6 +203,15 @@ def corrected_interval(
     reach = float(stats.t.ppf((1 + confidence) / 2, shares.size - 1)) * error
     mean = float(shares.mean())
     return max(0.0, mean - reach), min(1.0, mean + reach)
+
+
+def mean_interval(
+    accuracies: FloatArray, n_train: float | Sequence[float], n_test: float | Sequence[float]
+) -> tuple[float, float]:
+    """Return `corrected_interval` for the mean sizes of partitions; NaN where they are fewer than three."""
+    if len(accuracies) < MIN_PARTITIONS:
+        return math.nan, math.nan
+    return corrected_interval(accuracies, float(np.mean(n_train)), float(np.mean(n_test)))
 
 
 def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:

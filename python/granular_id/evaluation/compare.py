@@ -17,10 +17,10 @@ from granular_id.statistics import (
     MIN_PARTITIONS,
     ROPE,
     bayesian_correlated_t,
-    corrected_interval,
     corrected_resampled_t,
     holm,
     mann_whitney,
+    mean_interval,
 )
 
 Floats = NDArray[np.float64]
@@ -233,15 +233,6 @@ def compare(
         protocol=protocol,
         why_not=_why_not(n_partitions, pairs),
     )
-
-
-def mean_interval(
-    accuracies: Floats, n_train: float | Sequence[float], n_test: float | Sequence[float]
-) -> tuple[float, float]:
-    """Return `corrected_interval` for the mean sizes of partitions; NaN where they are fewer than three."""
-    if len(accuracies) < MIN_PARTITIONS:
-        return math.nan, math.nan
-    return corrected_interval(accuracies, float(np.mean(n_train)), float(np.mean(n_test)))
 
 
 def _tested(pair: Pair, a: Floats, b: Floats, n_train: float, n_test: float) -> Pair:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, named
-from granular_id.evaluation.compare import Comparison, compare, mean_interval
+from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import Portrait
 from granular_id.partitions import Partition, are_blocks
 from granular_id.spaces import Chosen
-from granular_id.statistics import confusion_counts, macro_f1, recall_per_class, sample_sd
+from granular_id.statistics import confusion_counts, macro_f1, mean_interval, recall_per_class, sample_sd
 
 
 @dataclass(frozen=True)

@@ -28,13 +28,13 @@ from granular_id.evaluation.candidates import (
     score_all,
     spread_of,
 )
-from granular_id.evaluation.compare import Comparison, Pair, compare, mean_interval, probability
+from granular_id.evaluation.compare import Comparison, Pair, compare, probability
 from granular_id.evaluation.features import GramBank
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import HALVES, RANDOM, SESSIONS, nested_folds
-from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_resampled_t, sample_sd
+from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_resampled_t, mean_interval, sample_sd
 
 Floats = NDArray[np.float64]
 
