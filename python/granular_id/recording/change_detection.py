@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
 
+# Windows that a change must last to count: two are compared, and one between them keeps glitches out.
 SPAN = 3
-"""Windows that a change must last to count: two are compared, and one between them keeps glitches out."""
-
+# Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise.
 WINDOWS_IN_REST = 5
-"""Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise."""
 
 
 @dataclass(frozen=True)

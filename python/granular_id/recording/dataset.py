@@ -18,7 +18,7 @@ from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate, places_of, stack
 from granular_id.recording.report import StepReport, text_table, text_totals
-from granular_id.recording.resampling import MAX_GAP_S, Method, largest_gap_s, resample_recordings
+from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings, step_s
 from granular_id.recording.steps import align_recordings, select_recordings
 
 
@@ -83,7 +83,7 @@ def _row(label: str | None, group: Sequence[Recording]) -> dict[str, Any]:
         "samples": _span(min(lengths), max(lengths)),
         "seconds": _span(round(min(seconds), 3), round(max(seconds), 3)),
         "rate_hz": ", ".join(uniform + mean),
-        "largest_gap_s": round(max((largest_gap_s(r) for r in irregular), default=0.0), 6),
+        "largest_gap_s": round(max((step_s(r) for r in irregular), default=0.0), 6),
         "flagged_samples": sum(int((r.flags > 0).sum()) for r in group if r.flags is not None),
     }
 
@@ -143,7 +143,8 @@ class Dataset:
         if not self.recordings:
             raise ValueError("recordings is empty; a Dataset holds at least one recording")
 
-    def _after(self, recordings: Sequence[Recording], report: StepReport) -> Dataset:
+    def _after(self, step: tuple[Sequence[Recording], StepReport]) -> Dataset:
+        recordings, report = step
         return Dataset(recordings, (*self.history, report))
 
     # -- what is in it
@@ -268,10 +269,7 @@ class Dataset:
         TypeError, ValueError, IndexError
             Indices that are none, or out of range; a label or session that does not occur; nothing left.
         """
-        kept, report = select_recordings(
-            self.recordings, labels, sessions, indices, names=names, where=where, axes=axes
-        )
-        return self._after(kept, report)
+        return self._after(select_recordings(self.recordings, labels, sessions, indices, names, where, axes))
 
     def resample(
         self,
@@ -313,10 +311,7 @@ class Dataset:
         ValueError
             Bad settings, a gap beyond the limit (with recording and place), polyphase on irregular input.
         """
-        results, report = resample_recordings(
-            self.recordings, rate_hz, method=method, max_gap_s=max_gap_s, on_gap=on_gap
-        )
-        return self._after(results, report)
+        return self._after(resample_recordings(self.recordings, rate_hz, method, max_gap_s, on_gap))
 
     def align(
         self,
@@ -357,16 +352,9 @@ class Dataset:
         ValueError
             Bad settings, no common rate (resample first), a recording too short, a missing trigger.
         """
-        cropped, report = align_recordings(
-            self.recordings,
-            n_samples=n_samples,
-            duration_s=duration_s,
-            trigger=trigger,
-            lead_s=lead_s,
-            on_short=on_short,
-            on_missing=on_missing,
+        return self._after(
+            align_recordings(self.recordings, n_samples, duration_s, trigger, lead_s, on_short, on_missing)
         )
-        return self._after(cropped, report)
 
     def find_onsets(
         self,
@@ -404,14 +392,7 @@ class Dataset:
             Bad settings, a name that no recording or more than one has, a time outside the recording, and
             irregular recordings, which must be resampled (or overruled) first.
         """
-        results, report = find_all_onsets(
-            self.recordings,
-            rest_s=rest_s,
-            false_alarm_rate=false_alarm_rate,
-            overrule=overrule,
-            replace_recorded=replace,
-        )
-        return self._after(results, report)
+        return self._after(find_all_onsets(self.recordings, rest_s, false_alarm_rate, overrule, replace))
 
     # -- looking at it
 

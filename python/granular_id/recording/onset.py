@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import FloatArray, as_floats, finite_number
+from granular_id._checks import FloatArray, argument_error, as_floats, checked_flag, finite_number
 from granular_id._core import AXES
 from granular_id._text import counted, verb
 from granular_id.recording.change_detection import SPAN, WINDOWS_IN_REST, Detection, change_times, detect
@@ -171,26 +171,21 @@ def find_onset(
 def _checked_false_alarm_rate(value: object) -> float:
     rate = finite_number("false_alarm_rate", value)
     if not 1e-12 <= rate <= 0.5:
-        raise ValueError(f"false_alarm_rate must be between 1e-12 and 0.5, got {rate:g}")
+        problem = f"must be between 1e-12 and 0.5, got {rate:g}"
+        raise argument_error(ValueError, "false_alarm_rate", problem)
     return rate
-
-
-def _checked_rest(value: object) -> float:
-    seconds = finite_number("rest_s", value)
-    if seconds <= 0:
-        raise ValueError(f"rest_s must be positive, got {seconds:g}")
-    return seconds
 
 
 def rest_samples(rest_s: object, rate_hz: float) -> int:
     """Return how many samples the rest holds, or say that they are too few."""
-    seconds = _checked_rest(rest_s)
+    seconds = finite_number("rest_s", rest_s, positive=True)
     rest = round(min(seconds * rate_hz, 1e15))
     if rest < WINDOWS_IN_REST:
-        raise ValueError(
-            f"rest_s={seconds:g} holds {rest} samples at {rate_hz:g} Hz; the noise cannot be judged from fewer "
+        problem = (
+            f"={seconds:g} holds {rest} samples at {rate_hz:g} Hz; the noise cannot be judged from fewer "
             f"than {WINDOWS_IN_REST}: rest_s={WINDOWS_IN_REST / rate_hz:g} or more is wanted"
         )
+        raise argument_error(ValueError, "rest_s", problem)
     return rest
 
 
@@ -213,11 +208,8 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         why = (
             f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {SPAN * window} to compare)"
         )
-        never = np.full(n_axes, np.inf)
-        none = [
-            _no_onset(np.zeros(n_samples), w.mean(axis=0), w.std(axis=0), never, rest, window) for w in block
-        ]
-        return [replace(onset, why=why) for onset in none]
+        nothing, never = np.zeros(n_samples), np.full(n_axes, np.inf)
+        return [_onset(nothing, w.mean(axis=0), w.std(axis=0), never, rest, window, why=why) for w in block]
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
     exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
     scale = np.ldexp(1.0, exponent)
@@ -231,38 +223,38 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         critical = found.critical * scale
     onsets = []
     for i in range(len(block)):
-        onset = _no_onset(found.joint[i].copy(), level[i], sd[i], critical[i], rest, window)
-        if i not in began:
-            onsets.append(replace(onset, why=_why_not(found, i, scale[i], rest / rate_hz, axes)))
-            continue
-        first = int(found.first[i])
-        seen = first + SPAN * window - 1
-        own = found.statistic[i, first : seen + 1].max(axis=0)
-        onset = replace(
-            onset,
-            index=began[i],
-            time_s=began[i] / rate_hz,
-            detected_index=seen,
-            detected_s=seen / rate_hz,
-            axes=tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
-            strength=float(onset.statistic[first : first + rest].max()),
-        )
-        onsets.append(onset)
+        statistic, first = found.joint[i].copy(), int(found.first[i])
+        if first < 0:
+            known: dict[str, Any] = {"why": _why_not(found, i, scale[i], rest / rate_hz, axes)}
+        else:
+            seen = first + SPAN * window - 1
+            own = found.statistic[i, first : seen + 1].max(axis=0)
+            known = {
+                "index": began[i],
+                "time_s": began[i] / rate_hz,
+                "detected_index": seen,
+                "detected_s": seen / rate_hz,
+                "axes": tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
+                "strength": float(statistic[first : first + rest].max()),
+            }
+        onsets.append(_onset(statistic, level[i], sd[i], critical[i], rest, window, **known))
     return onsets
 
 
-def _no_onset(
-    statistic: FloatArray, level: FloatArray, sd: FloatArray, critical: FloatArray, rest: int, window: int
+def _onset(
+    statistic: FloatArray,
+    level: FloatArray,
+    sd: FloatArray,
+    critical: FloatArray,
+    rest: int,
+    window: int,
+    **known: Any,
 ) -> Onset:
+    none = dict.fromkeys(("index", "time_s", "detected_index", "detected_s"))
     return Onset(
-        index=None,
-        time_s=None,
-        detected_index=None,
-        detected_s=None,
+        **{**none, "axes": (), "strength": float(statistic.max()), **known},
         statistic=statistic,
         threshold=1.0,
-        axes=(),
-        strength=float(statistic.max()),
         rest_level=level,
         rest_sd=sd,
         critical=critical,
@@ -293,15 +285,13 @@ def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: t
 
 def find_all_onsets(
     recordings: Sequence[Recording],
-    *,
     rest_s: float,
     false_alarm_rate: float,
     overrule: Mapping[str, float | None] | None,
     replace_recorded: bool,
 ) -> tuple[list[Recording], StepReport]:
     """Set the trigger of each recording; see :meth:`Dataset.find_onsets`, which calls this."""
-    if not isinstance(replace_recorded, bool):
-        raise TypeError(f"replace must be True or False, got {replace_recorded!r}")
+    replace_recorded = checked_flag("replace", replace_recorded)
     stated = _stated_indices(recordings, overrule)
     judged = [
         i
@@ -313,11 +303,16 @@ def find_all_onsets(
     results: list[Recording] = []
     rows: list[dict[str, Any]] = []
     for i, recording in enumerate(recordings):
-        index, row = recording.trigger_index, {"how": "kept"}
+        row: dict[str, Any] = {"how": "kept"}
+        index = recording.trigger_index
         if i in stated:
             index, row = stated[i], {"how": "overruled"}
         elif i in found:
-            index, row = found[i].index, _what_was_found(found[i])
+            onset = found[i]
+            index, row = onset.index, {"how": "not found", "why": onset.why}
+            if index is not None:
+                strength, axes = round(onset.strength, 2), " ".join(onset.axes)
+                row = {"how": "found", "detected_s": onset.detected_s, "strength": strength, "axes": axes}
         onset_s = None if index is None else float(recording.times()[index])
         rows.append({"name": recording.name, "onset_s": onset_s, **row})
         unchanged = index == recording.trigger_index
@@ -345,7 +340,7 @@ def find_all_onsets(
 def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rate: float) -> list[Onset]:
     """Find the onset of each recording, those of equal length and rate together; irregular ones are refused."""
     rate = _checked_false_alarm_rate(false_alarm_rate)
-    _checked_rest(rest_s)
+    finite_number("rest_s", rest_s, positive=True)
     irregular = irregular_among(recordings)
     if irregular:
         raise ValueError(
@@ -353,25 +348,12 @@ def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rat
             ".resample(rate_hz) first, or overrule these"
         )
     onsets: dict[int, Onset] = {}
-    alike = places_of(
-        (r.n_samples, finite_number("rate_hz", r.rate_hz, positive=True), r.axes) for r in recordings
-    )
+    alike = places_of((r.n_samples, r.rate_hz or 0.0, r.axes) for r in recordings)  # all are uniform here
     for (_, rate_hz, axes), places in alike.items():
         wrenches = [recordings[i].wrench for i in places]
         block = find_onsets_in_block(wrenches, rate_hz, rest_samples(rest_s, rate_hz), rate, axes)
         onsets.update(zip(places, block, strict=True))
     return [onsets[i] for i in range(len(recordings))]
-
-
-def _what_was_found(onset: Onset) -> dict[str, Any]:
-    if onset.index is None:
-        return {"how": "not found", "why": onset.why}
-    return {
-        "how": "found",
-        "detected_s": onset.detected_s,
-        "strength": round(onset.strength, 2),
-        "axes": " ".join(onset.axes),
-    }
 
 
 def _stated_indices(
@@ -381,32 +363,28 @@ def _stated_indices(
     if overrule is None:
         return {}
     if not isinstance(overrule, Mapping):
-        raise TypeError(
-            f"overrule must map names of recordings to seconds, got {type(overrule).__name__}; for example "
-            "{'rice_01': 0.25}"
-        )
+        problem = f"must map names of recordings to seconds, got {type(overrule).__name__}; for example "
+        raise argument_error(TypeError, "overrule", problem + "{'rice_01': 0.25}")
     places = places_of(r.name for r in recordings)
     stated: dict[int, int | None] = {}
     for name, seconds in overrule.items():
         if name not in places:
             near = get_close_matches(str(name), [key for key in places if key], n=3, cutoff=0.5)
             hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
-            raise ValueError(f"overrule: no recording is called {name!r}{hint}")
+            raise argument_error(ValueError, "overrule", f": no recording is called {name!r}{hint}")
         if len(places[name]) > 1:
-            raise ValueError(f"overrule: {len(places[name])} recordings are called {name!r}; which is meant?")
+            problem = f": {len(places[name])} recordings are called {name!r}; which is meant?"
+            raise argument_error(ValueError, "overrule", problem)
         place = places[name][0]
-        stated[place] = None if seconds is None else _index_at(recordings[place], seconds)
+        stated[place] = None
+        if seconds is not None:
+            recording = recordings[place]
+            time_s = finite_number(f"overrule[{name!r}]", seconds)
+            if not 0 <= time_s <= recording.duration_s:
+                problem = f"is {time_s:g} s; the recording lasts from 0 to {recording.duration_s:g} s"
+                raise argument_error(ValueError, "overrule", f"[{name!r}] {problem}")
+            stated[place] = int(np.abs(recording.times() - time_s).argmin())
     return stated
-
-
-def _index_at(recording: Recording, seconds: float) -> int:
-    time_s = finite_number(f"overrule[{recording.name!r}]", seconds)
-    if not 0 <= time_s <= recording.duration_s:
-        raise ValueError(
-            f"overrule[{recording.name!r}] is {time_s:g} s; the recording lasts from 0 to "
-            f"{recording.duration_s:g} s"
-        )
-    return int(np.abs(recording.times() - time_s).argmin())
 
 
 def _notes(recordings: Sequence[Recording], found: Mapping[int, Onset]) -> list[str]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import (
     FloatArray,
+    argument_error,
     as_floats,
     checked_index,
     checked_text,
@@ -127,7 +128,8 @@ class Recording:
         if self.rate_hz is not None:
             checked["rate_hz"] = rate = finite_number("rate_hz", self.rate_hz, positive=True)
             if not np.isfinite(n_samples / rate):
-                raise ValueError(f"rate_hz={self.rate_hz} makes {n_samples} samples last for ever")
+                problem = f"={self.rate_hz} makes {n_samples} samples last for ever"
+                raise argument_error(ValueError, "rate_hz", problem)
         if self.time_s is not None:
             checked["time_s"] = _checked_time(self.time_s, n_samples)
         for name in ("label", "session"):
@@ -197,7 +199,7 @@ class Recording:
             return NotImplemented
         plain = ("rate_hz", "label", "session", "start_time", "trigger_index", "name", "meta", "axes")
         return all(getattr(self, n) == getattr(other, n) for n in plain) and all(
-            _same_array(getattr(self, n), getattr(other, n)) for n in ("wrench", "time_s", "flags")
+            np.array_equal(getattr(self, n), getattr(other, n)) for n in ("wrench", "time_s", "flags")
         )
 
     def __repr__(self) -> str:
@@ -277,12 +279,6 @@ def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
     return locked(np.ascontiguousarray(array, dtype=np.uint8)) if array.any() else None
 
 
-def _same_array(a: NDArray[Any] | None, b: NDArray[Any] | None) -> bool:
-    if a is None or b is None:
-        return a is b
-    return a is b or np.array_equal(a, b)
-
-
 # Names and units of the columns of a recording.
 
 KNOWN_UNITS = dict(zip(AXES, UNITS, strict=True))
@@ -298,8 +294,6 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
             raise ValueError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
             )
-        return AXES
-    if names is AXES:
         return AXES
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise TypeError(f"axes must be a sequence of names, got {type(names).__name__}")
@@ -343,7 +337,7 @@ def places_of(values: Iterable[_Value]) -> dict[_Value, list[int]]:
 def checked_choice(name: str, value: object, *choices: str) -> None:
     """Refuse a setting that is none of the choices."""
     if value not in choices:
-        raise ValueError(f"{name}={value!r}; wanted {' or '.join(map(repr, choices))}")
+        raise argument_error(ValueError, name, f"={value!r}; wanted {' or '.join(map(repr, choices))}")
 
 
 def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -9,15 +9,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from granular_id._checks import FloatArray, finite_number
+from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, SampleFlag, checked_choice
 from granular_id.recording.report import StepReport
 
 # Time stamps: whether they form a uniform grid, and what to do where they do not.
 
+# Stamps within this part of a step of an even grid count as uniform: finer than clocks jitter.
 UNIFORM_TOLERANCE = 0.01
-"""Stamps within this part of a step of an even grid count as uniform: finer than clocks jitter."""
 
 STATED_TOLERANCE = 0.5
 """A rate the user states holds while every stamp is nearer to its own place than to its neighbours'."""
@@ -46,12 +46,8 @@ def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
     return float(np.abs(time_s - np.arange(len(time_s)) / rate_hz).max())
 
 
-def largest_gap_s(recording: Recording) -> float:
-    """Longest time between two neighbouring samples, seconds (0 for a single sample)."""
-    return _step_s(recording, np.max)
-
-
-def _step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
+def step_s(recording: Recording, pick: Callable[[FloatArray], Any] = np.max) -> float:
+    """Longest time between two neighbouring samples, or what `pick` takes of these times, s; 0 for one sample."""
     if recording.n_samples < 2:
         return 0.0
     return 1 / recording.rate_hz if recording.rate_hz is not None else float(pick(np.diff(recording.times())))
@@ -103,9 +99,8 @@ Method = Literal["linear", "polyphase"]
 MAX_GAP_S = 0.25
 """Default of ``max_gap_s``: at the paper's 0.03 m/s the tool moves 7.5 mm in it, less than half its width."""
 
+# Longest recording that resampling makes (5.5 h at 500 Hz): a mistyped rate must not fill the memory.
 MAX_SAMPLES = 10_000_000
-"""Longest recording that resampling makes (5.5 h at 500 Hz): a mistyped rate must not fill the memory."""
-
 _MAX_RATIO = 10_000
 _GRID_SLACK = 1e-9
 
@@ -113,10 +108,9 @@ _GRID_SLACK = 1e-9
 def resample_recordings(
     recordings: Sequence[Recording],
     rate_hz: float,
-    *,
-    method: Method = "linear",
-    max_gap_s: float | None = MAX_GAP_S,
-    on_gap: Literal["raise", "skip"] = "raise",
+    method: Method,
+    max_gap_s: float | None,
+    on_gap: Literal["raise", "skip"],
 ) -> tuple[list[Recording], StepReport]:
     """Resample each recording; see :meth:`Dataset.resample`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
@@ -126,12 +120,13 @@ def resample_recordings(
         max_gap_s = None
     limit = np.inf if max_gap_s is None else finite_number("max_gap_s", max_gap_s)
     if limit <= 0:
-        raise ValueError(f"max_gap_s must be positive (or None for no limit), got {limit:g}")
+        problem = f"must be positive (or None for no limit), got {limit:g}"
+        raise argument_error(ValueError, "max_gap_s", problem)
     results: list[Recording] = []
     skipped: list[dict[str, Any]] = []
     changed: list[dict[str, Any]] = []
     for recording in recordings:
-        gap = largest_gap_s(recording)
+        gap = step_s(recording)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
                 raise ValueError(_gap_message(recording, recordings, limit))
@@ -166,7 +161,7 @@ def resample_recordings(
     }
     parameters = {"rate_hz": rate, "method": method, "max_gap_s": max_gap_s, "on_gap": on_gap}
     notes = []
-    coarser = sum(r.n_samples > 1 and _step_s(r, np.median) * rate < 1 - _GRID_SLACK for r in recordings)
+    coarser = sum(r.n_samples > 1 and step_s(r, np.median) * rate < 1 - _GRID_SLACK for r in recordings)
     if method == "linear" and coarser:
         notes.append(
             f"{coarser} recordings were sampled faster than {rate:g} Hz; linear interpolation does not "
@@ -178,12 +173,12 @@ def resample_recordings(
 def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> str:
     """Describe the first gap, and all together: a limit is chosen with this, so the largest is rounded up."""
     first = int(np.argmax(np.diff(recording.times())))
-    gaps = [largest_gap_s(r) for r in recordings if r.rate_hz is None]
+    gaps = [step_s(r) for r in recordings if r.rate_hz is None]
     beyond = sum(gap > limit for gap in gaps)
     such = "has such a gap" if beyond == 1 else "have such gaps"
     largest = np.ceil(1000 * max(gaps)) / 1000
     return (
-        f"recording {recording.name!r} has a gap of {largest_gap_s(recording):.3g} s after sample {first} (at "
+        f"recording {recording.name!r} has a gap of {step_s(recording):.3g} s after sample {first} (at "
         f"{fixed(recording.times()[first], 3)} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
         f"recordings {such}, the largest {largest:g} s: raise max_gap_s (None: no limit) to interpolate over "
         "it, or pass on_gap='skip' to leave such recordings out"
@@ -194,10 +189,11 @@ def _resample_one(recording: Recording, rate: float, method: Method) -> tuple[Re
     """Return the recording at the new rate and how many samples lie inside gaps."""
     n_samples = np.floor(recording.duration_s * rate + _GRID_SLACK) + 1
     if n_samples > MAX_SAMPLES:
-        raise ValueError(
-            f"rate_hz={rate:g} gives recording {recording.name!r} ({recording.duration_s:g} s) "
+        problem = (
+            f"={rate:g} gives recording {recording.name!r} ({recording.duration_s:g} s) "
             f"{n_samples:.3g} samples; at most {MAX_SAMPLES} are made"
         )
+        raise argument_error(ValueError, "rate_hz", problem)
     times = recording.times()
     grid = np.arange(int(n_samples)) / rate
     if method == "polyphase":
@@ -214,7 +210,7 @@ def _resample_one(recording: Recording, rate: float, method: Method) -> tuple[Re
     n_inserted = 0
     if recording.rate_hz is None:
         # at least one sample is missing by the recording's own rhythm, and the new grid would show it
-        gap = 2 * max(_step_s(recording, np.median), 1 / rate)
+        gap = 2 * max(step_s(recording, np.median), 1 / rate)
         inserted = (before != after) & (times[after] - times[before] > gap)
         flags[inserted] |= np.uint8(SampleFlag.GAP_FILLED)
         n_inserted = int(inserted.sum())
@@ -239,10 +235,11 @@ def _polyphase(recording: Recording, rate: float) -> FloatArray:
     ratio = (Fraction(rate) / Fraction(recording.rate_hz)).limit_denominator(_MAX_RATIO)
     exact = ratio.numerator and abs(float(ratio) * recording.rate_hz / rate - 1) < _GRID_SLACK
     if not exact or ratio.numerator > _MAX_RATIO:
-        raise ValueError(
-            f"rate_hz={rate:g} over {recording.rate_hz:g} Hz (recording {recording.name!r}) is not a "
+        problem = (
+            f"={rate:g} over {recording.rate_hz:g} Hz (recording {recording.name!r}) is not a "
             f"ratio of whole numbers up to {_MAX_RATIO}; use method='linear'"
         )
+        raise argument_error(ValueError, "rate_hz", problem)
     if recording.n_samples == 1:
         return recording.wrench  # there is no line through one point to pad along
     from scipy.signal import resample_poly  # heavy to import, and only this method needs it

@@ -13,14 +13,11 @@ from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import KNOWN_UNITS, unit_of
 
+# What is refused where it differs, unless somebody says that it may.
 ACCEPTABLE = ("frame", "transform", "sign", "units")
-"""What is refused where it differs, unless somebody says that it may."""
-
-_LONGEST = 200
-"""Characters of a value that are kept and compared."""
-
+_LONGEST = 200  # characters of a value that are kept and compared
+# A thing with more values than this in one training varied there, and says nothing about another set-up.
 _MOST_VALUES = 8
-"""A thing with more values than this in one training varied there, and says nothing about another set-up."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import checked_index, finite_number
+from granular_id._checks import argument_error, checked_index, finite_number
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.recording import Recording, checked_choice, common_axes, common_rate
 from granular_id.recording.report import StepReport
@@ -20,10 +20,9 @@ def select_recordings(
     labels: str | Sequence[str] | None,
     sessions: str | Sequence[str] | None,
     indices: ArrayLike | None,
-    *,
-    names: str | Sequence[str] | None = None,
-    where: Callable[[Recording], bool] | None = None,
-    axes: Sequence[str] | None = None,
+    names: str | Sequence[str] | None,
+    where: Callable[[Recording], bool] | None,
+    axes: Sequence[str] | None,
 ) -> tuple[list[Recording], StepReport]:
     """Keep what meets every condition; see :meth:`Dataset.select`, which calls this."""
     kept = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
@@ -103,13 +102,12 @@ def _places(indices: ArrayLike, n: int) -> list[int]:
 
 def align_recordings(
     recordings: Sequence[Recording],
-    *,
-    n_samples: int | Literal["shortest"] | None = None,
-    duration_s: float | None = None,
-    trigger: Literal["recorded"] | Sequence[int] | None = None,
-    lead_s: float = 0.0,
-    on_short: Literal["raise", "skip"] = "raise",
-    on_missing: Literal["raise", "skip"] = "raise",
+    n_samples: int | Literal["shortest"] | None,
+    duration_s: float | None,
+    trigger: Literal["recorded"] | Sequence[int] | None,
+    lead_s: float,
+    on_short: Literal["raise", "skip"],
+    on_missing: Literal["raise", "skip"],
 ) -> tuple[list[Recording], StepReport]:
     """Crop recordings to one length; see :meth:`Dataset.align`, which calls this."""
     rate_hz = common_rate(recordings)
@@ -180,13 +178,13 @@ def _starts(
     lead = round(finite_number("lead_s times the rate", finite_number("lead_s", lead_s) * rate))
     if trigger is None:
         if lead:
-            raise ValueError(f"lead_s={lead_s:g} is time kept before the trigger: give trigger= too")
+            problem = f"={lead_s:g} is time kept before the trigger: give trigger= too"
+            raise argument_error(ValueError, "lead_s", problem)
         return [0] * len(recordings)
     if isinstance(trigger, str):
         if trigger != "recorded":
-            raise ValueError(
-                f"trigger={trigger!r}; wanted None, 'recorded' or one sample index per recording"
-            )
+            problem = f"={trigger!r}; wanted None, 'recorded' or one sample index per recording"
+            raise argument_error(ValueError, "trigger", problem)
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
             names = ", ".join(map(repr, without[:3])) + (", ..." if len(without) > 3 else "")
@@ -223,7 +221,8 @@ def _length(
         what = f"duration_s={seconds:g} at {rate:g} Hz"
     elif isinstance(n_samples, str):
         if n_samples != "shortest":
-            raise ValueError(f"n_samples={n_samples!r}; wanted a number or 'shortest'")
+            problem = f"={n_samples!r}; wanted a number or 'shortest'"
+            raise argument_error(ValueError, "n_samples", problem)
         # those without the lead are refused or left out, and do not shorten the others
         room = [r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0]
         n = min(room, default=1)
@@ -255,20 +254,19 @@ def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rat
 
 def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list[Recording]:
     """Return `n` samples of each recording from its start on."""
+    common_axes([recording for recording, _ in kept])
     # one block that all results look into, so that Dataset.X needs no second copy
-    block = np.empty((len(kept), n, len(common_axes([recording for recording, _ in kept]))))
-    for row, (recording, start) in zip(block, kept, strict=True):
-        row[:] = recording.wrench[start : start + n]
+    block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
     block.flags.writeable = False
     cropped = []
-    for row, (recording, start) in zip(block, kept, strict=True):
-        trigger = None if recording.trigger_index is None else recording.trigger_index - start
+    for wrench, (recording, start) in zip(block, kept, strict=True):
+        begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
         result = replace(
             recording,
-            wrench=row,
-            start_time=None if recording.start_time is None else recording.start_time + start / rate_hz,
-            trigger_index=trigger if trigger is not None and 0 <= trigger < n else None,
-            flags=None if recording.flags is None else recording.flags[start : start + n],
+            wrench=wrench,
+            start_time=None if begin is None else begin + start / rate_hz,
+            trigger_index=None if trigger is None or not 0 <= trigger - start < n else trigger - start,
+            flags=None if flags is None else flags[start : start + n],
         )
         cropped.append(result)
     return cropped

@@ -70,9 +70,8 @@ def _words(overlap: Overlap, recordings: Sequence[Recording]) -> str:
 
 # Stretches of samples that two recordings have in common, found without comparing all pairs.
 
+# Pairs are reported when at least this part of the shorter recording's rows is in the other one.
 LEAST_SHARE = 0.1
-"""Pairs are reported when at least this part of the shorter recording's rows is in the other one."""
-
 _MOST_BITS = 60  # of a pattern
 _SPARE_BITS = 14  # besides those that number all pairs of blocks: noise agrees once in 2**14 data sets
 _LEADING_AXES = 3  # patterns are made of the forces: files round torques to a few steps of their noise

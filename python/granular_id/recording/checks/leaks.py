@@ -20,19 +20,11 @@ from granular_id.recording.checks.report import Finding, first_names
 from granular_id.recording.checks.stated import is_number
 from granular_id.recording.recording import Recording, SampleFlag
 
-FEWEST = 10
-"""Fewer recordings say nothing: a leak of two labels would not stand out from chance."""
-
-MOST = 5000
-"""Larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer."""
-
-STRONG = 0.2
-"""A leak warns when it names this part of the labels that chance leaves open."""
-
-GIVEN_AWAY = 0.9
-"""A single label is given away when its recordings and those like them agree to this part."""
-
-# A leak that another one explains is not repeated: whoever knows the session knows the clock.
+FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
+MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
+STRONG = 0.2  # a leak warns when it names this part of the labels that chance leaves open
+GIVEN_AWAY = 0.9  # a single label is given away when its recordings and those like them agree to this part
+# a leak that another one explains is not repeated: whoever knows the session knows the clock.
 _EXPLAINED_BY = {
     "leak-clock": {"leak-session"},
     "leak-hour": {"leak-session", "leak-clock"},
@@ -164,9 +156,7 @@ def _stretches(recordings: Sequence[Recording]) -> str:
 # How well one attribute names the label: the label of the nearest other recording, against shuffled labels.
 
 N_SHUFFLES = 199
-
-LEAST_P = 1 / (N_SHUFFLES + 1)
-"""Smallest p-value that so many shuffles can give: 0.005."""
+LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.005
 
 
 @dataclass(frozen=True)
@@ -302,12 +292,9 @@ def _agreement(
 
 # What is known of recordings besides their forces: anything that could give the label away.
 
+# Entries of ``meta`` under this key describe the material, and may well name it.
 DESCRIBES_MATERIAL = "material"
-"""Entries of ``meta`` under this key describe the material, and may well name it."""
-
-MOST_KINDS = 20
-"""Attributes of more values than this are not asked whether the label names them."""
-
+MOST_KINDS = 20  # attributes of more values than this are not asked whether the label names them
 _REPAIRS = SampleFlag.GAP_FILLED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
 
 

@@ -15,8 +15,8 @@ from granular_id.recording.onset import REST_S
 from granular_id.recording.recording import Recording, places_of, unit_of
 from granular_id.recording.resampling import MAX_GAP_S
 
+# Quantisation step of each axis: 0 where it has none that matters, None where it cannot be judged.
 Resolution = tuple[float | None, ...]
-"""Quantisation step of each axis: 0 where it has none that matters, None where it cannot be judged."""
 
 
 class Measured:
@@ -89,8 +89,7 @@ def unit_columns(axes: Sequence[str]) -> list[list[int]]:
 
 # How the samples follow each other.
 
-GAP_STEPS = 5.0
-"""A gap is longer than this many of the recording's long steps (their 95 % quantile)."""
+GAP_STEPS = 5.0  # a gap is longer than this many of the recording's long steps (their 95 % quantile)
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,9 @@ def _pace(recording: Recording) -> Pace:
 
 # What the sensor read before the motion began.
 
-FEWEST_AT_REST = 5
-"""Fewer samples give no level."""
-
+FEWEST_AT_REST = 5  # fewer samples give no level
+# a recording rests while its samples spread by less than this part of what they do over the whole of it.
 QUIET = 0.2
-"""A recording rests while its samples spread by less than this part of what they do over the whole of it."""
 
 
 @dataclass(frozen=True)
@@ -152,15 +149,11 @@ def _rest(recording: Recording) -> Rest | None:
 
 # The step on whose multiples all readings of an axis lie.
 
+# An axis that changes less often is not judged: multiples of a coarser step would come by chance.
 FEWEST_CHANGES = 30
-"""An axis that changes less often is not judged: multiples of a coarser step would come by chance."""
-
-ON_GRID = 0.95
-"""Share of the changes that must be whole steps; samples that a repair averaged lie in between."""
-
+ON_GRID = 0.95  # share of the changes that must be whole steps; samples that a repair averaged lie in between
+# Steps below this part of the usual change from sample to sample are drowned by it and count as none.
 VISIBLE = 0.01
-"""Steps below this part of the usual change from sample to sample are drowned by it and count as none."""
-
 _OFF = 0.02  # how far from a whole number of steps a change may lie
 _SAME = 0.01  # relative difference below which two steps are one
 _LOOKED_AT = 200  # changes tried against a step: enough to refuse it

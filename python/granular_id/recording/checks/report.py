@@ -15,14 +15,11 @@ from granular_id.recording.report import Report
 
 Severity = Literal["error", "warning", "info"]
 
-SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""From worst to mildest."""
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")  # from worst to mildest
 
 State = Literal["ok", "warning", "error"]
 
-WIDTH = 100
-"""Columns of the printed table."""
-
+WIDTH = 100  # columns of the printed table
 _PRINTED_NAMES = 3
 
 

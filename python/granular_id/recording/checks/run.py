@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from granular_id._checks import finite_number
+from granular_id._checks import argument_error, finite_number
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.recording.checks.duplicates import check_duplicates
 from granular_id.recording.checks.leaks import check_leaks
@@ -65,7 +65,7 @@ def check_recordings(
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
     rate = finite_number("false_alarm_rate", false_alarm_rate)
     if not 0 < rate < 1:
-        raise ValueError(f"false_alarm_rate must lie between 0 and 1, got {rate:g}")
+        raise argument_error(ValueError, "false_alarm_rate", f"must lie between 0 and 1, got {rate:g}")
     axes = list(dict.fromkeys(axis for r in recordings for axis in r.axes))
     data = Measured(recordings, None if sensor_range is None else resolve_range(sensor_range, axes), rate)
     findings: list[Finding] = []

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular_id._checks import finite_number
+from granular_id._checks import argument_error, finite_number
 from granular_id._core import AXES
 
 SensorRange = str | float | Sequence[float] | Mapping[str, float]
@@ -46,23 +46,26 @@ def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
         ranges = SENSOR_RANGES[_known_name(value)]
         foreign = [axis for axis in axes if axis not in ranges]
         if foreign:
-            raise ValueError(f"sensor_range={value!r} has no axis {foreign[0]!r}; give numbers instead")
+            problem = f"={value!r} has no axis {foreign[0]!r}; give numbers instead"
+            raise argument_error(ValueError, "sensor_range", problem)
         return {axis: float(ranges[axis]) for axis in axes}
     if isinstance(value, Mapping):
         foreign = [str(axis) for axis in value if axis not in axes]
         if foreign:
-            raise ValueError(f"sensor_range names the axis {foreign[0]!r}; there are {', '.join(axes)}")
+            problem = f"names the axis {foreign[0]!r}; there are {', '.join(axes)}"
+            raise argument_error(ValueError, "sensor_range", problem)
         numbers = dict(value)
     elif isinstance(value, (list, tuple, np.ndarray)):
         if len(value) != len(axes):
-            raise ValueError(f"sensor_range has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}")
+            problem = f"has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}"
+            raise argument_error(ValueError, "sensor_range", problem)
         numbers = dict(zip(axes, value, strict=True))
     else:
         numbers = dict.fromkeys(axes, finite_number("sensor_range", value))
     checked = {axis: finite_number("sensor_range", number) for axis, number in numbers.items()}
     wrong = next((f"{axis}: {number:g}" for axis, number in checked.items() if number <= 0), None)
     if wrong is not None:
-        raise ValueError(f"sensor_range must be positive, got {wrong}")
+        raise argument_error(ValueError, "sensor_range", f"must be positive, got {wrong}")
     return checked
 
 
@@ -74,4 +77,5 @@ def _known_name(name: str) -> str:
         return matches[0]
     which = "is the name of several sensors" if matches else "is no known sensor"
     choice = ", ".join(matches or SENSOR_RANGES)
-    raise ValueError(f"sensor_range={name!r} {which}; choose from {choice}, or give one number per axis")
+    problem = f"={name!r} {which}; choose from {choice}, or give one number per axis"
+    raise argument_error(ValueError, "sensor_range", problem)

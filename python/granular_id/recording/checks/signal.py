@@ -15,17 +15,14 @@ from granular_id.recording.checks.measured import Measured, by_axis, unit_column
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import Recording, places_of, unit_of
 
+# No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
 ABSURD = 1e100
-"""No sensor reads this, in any unit; the squares of such readings would overflow in other checks."""
-
+# Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
-"""Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred."""
-
+# Shorter recordings are not judged by their own extremes or for spikes: there is no telling what is usual.
 SHORTEST = 30
-"""Shorter recordings are not judged by their own extremes or for spikes: there is no telling what is usual."""
-
+# Axes that repeat the reading before in more than this part of the samples are too coarse to judge.
 COARSE = 0.3
-"""Axes that repeat the reading before in more than this part of the samples are too coarse to judge."""
 
 
 def check_absurd(data: Measured) -> Iterator[Finding]:
@@ -63,18 +60,12 @@ def check_units(data: Measured) -> Iterator[Finding]:
 
 # Samples at the end of the sensor's range, whether the range is known or shows in the samples.
 
+# From this part of the range on a reading counts as clipped: converters stop a few counts early.
 NEAR_RANGE = 0.999
-"""From this part of the range on a reading counts as clipped: converters stop a few counts early."""
-
-FAR_BEYOND = 2.0
-"""Readings above this many ranges are no overload but another unit or another sensor."""
-
-FEWEST = 5
-"""Readings at the extreme from which on it is looked at."""
-
+FAR_BEYOND = 2.0  # readings above this many ranges are no overload but another unit or another sensor
+FEWEST = 5  # readings at the extreme from which on it is looked at
+# Times as many readings as at any value nearby: the flat top of a smooth signal has up to 2.4 times.
 PILED_UP = 3.0
-"""Times as many readings as at any value nearby: the flat top of a smooth signal has up to 2.4 times."""
-
 _NEIGHBOURS = 10
 
 
@@ -152,11 +143,10 @@ def _beyond_range(data: Measured, ranges: Mapping[str, float]) -> Iterator[Findi
 
 # Axes that do not move, for a whole recording or for a long stretch of it.
 
+# Shorter stretches are not judged: coarse converters repeat themselves while the tool rests.
 SHORTEST_STUCK = 20
-"""Shorter stretches are not judged: coarse converters repeat themselves while the tool rests."""
-
+# The other axes move when they change, step by step, at least by this part of what is usual for them.
 MOVING = 0.5
-"""The other axes move when they change, step by step, at least by this part of what is usual for them."""
 
 
 def check_stuck(data: Measured) -> Iterator[Finding]:
@@ -255,13 +245,10 @@ def _surprising(run: int, repeated: float, n_samples: int, alpha: float) -> bool
 
 # Single samples that jump away and come back: bits lost on the way, no load.
 
+# A spike is this many times the median distance of a sample from the mean of its neighbours, twice what slips of
+# grains reach (at 500 Hz 25, in 1000 recordings of a finger sliding at 90 Hz 32).
 UNUSUAL = 50.0
-"""A spike is this many times the median distance of a sample from the mean of its neighbours, twice what slips of
-grains reach (at 500 Hz 25, in 1000 recordings of a finger sliding at 90 Hz 32)."""
-
-LONE = 0.2
-"""Its neighbours differ from each other by less than this part of it: a step or a slip is no spike."""
-
+LONE = 0.2  # its neighbours differ from each other by less than this part of it: a step or a slip is no spike
 _ROUNDING = 1e-12  # of the largest reading: what float64 leaves between equal readings
 _LOOKED_AT = 400  # samples that tell what is usual
 
@@ -321,20 +308,14 @@ def check_resolution(data: Measured) -> Iterator[Finding]:
 
 # Drift of the rest level: slowly over the clock, or by a step from session to session.
 
+# Sessions with fewer recordings at rest, and labels with fewer recordings, are not judged.
 FEWEST_TO_COMPARE = 8
-"""Sessions with fewer recordings at rest, and labels with fewer recordings, are not judged."""
+AT_REST = 0.8  # drift is judged where at least this part of the recordings begins at rest
+LARGE = 0.2  # a drift of this part of the signal (the median of the recordings' standard deviations) warns
+SMALL = 0.05  # below this part it is not worth a word, however certain it is
 
-AT_REST = 0.8
-"""Drift is judged where at least this part of the recordings begins at rest."""
-
-LARGE = 0.2
-"""A drift of this part of the signal (the median of the recordings' standard deviations) warns."""
-
-SMALL = 0.05
-"""Below this part it is not worth a word, however certain it is."""
-
+# By how much the level of an axis is off, in its unit; the column of the axis; the session.
 _Change = tuple[float, int, str | None]
-"""By how much the level of an axis is off, in its unit; the column of the axis; the session."""
 
 
 def check_drift(data: Measured) -> Iterator[Finding]:

@@ -14,21 +14,13 @@ from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import SampleFlag, places_of
 from granular_id.recording.resampling import MAX_GAP_S
 
-SLOWEST_RATE_HZ = 1.0
-"""Below it the stamps are rather in milliseconds than in seconds."""
-
-RATE_TOLERANCE = 0.02
-"""A stated rate and the stamps may differ by this part: more than any clock drifts."""
-
+SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
+RATE_TOLERANCE = 0.02  # a stated rate and the stamps may differ by this part: more than any clock drifts
+# Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter.
 JITTER_TOLERANCE = 0.5
-"""Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter."""
-
-SPARSE = 0.5
-"""A recording is sparse with less than this part of the usual number of samples per second."""
-
+SPARSE = 0.5  # a recording is sparse with less than this part of the usual number of samples per second
+# Share of samples inside filled gaps from which on a reader is warned: high frequencies are lost there.
 MANY_FILLED = 0.05
-"""Share of samples inside filled gaps from which on a reader is warned: high frequencies are lost there."""
-
 _WORDS = {
     SampleFlag.GAP_FILLED: "were interpolated inside gaps, where high frequencies are lost",
     SampleFlag.SATURATED: "were marked as saturated when they were recorded",
