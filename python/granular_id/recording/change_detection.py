@@ -1,4 +1,7 @@
-"""The statistics behind `find_onset`: windows compared with how they differ at rest, and when a change began."""
+"""The statistics behind `find_onset`: windows compared with how they differ at rest, and when a change began.
+
+The method, its sources and how it was measured are in docs/onset.md.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +26,8 @@ class Detection:
 
     noise: RestNoise
     critical: FloatArray  # (n, C): smallest change that counts; infinite for an axis that never moves
-    statistic: (
-        FloatArray  # (n, T, C): change at each sample over the critical one; 0 without room for the windows
-    )
+    # (n, T, C): change at each sample over the critical one; 0 without room for the windows
+    statistic: FloatArray
     joint: FloatArray  # (n, T): what decides, see `_joint`
     first: NDArray[np.intp]  # (n,): first sample at which that is above 1, or -1
     wander: FloatArray  # (n, C): largest distance of a window after the rest from the level at rest
@@ -34,17 +36,11 @@ class Detection:
 def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
     """Find the first sample at which any axis changes by more than noise, in recordings of shape (n, T, C).
 
-    At sample t there are two windows before it and two from it on, one window's length apart. Its change is the
-    gap between the two before and the two after: all four must agree, so a glitch shorter than a window, which
-    touches one of them at most, cannot pass. The gap never exceeds the difference of the two windows that meet
-    at t, the moving sum statistic whose distribution at rest is known (Basseville & Nikiforov, "Detection of
-    Abrupt Changes", 1993, section 2.1; P. Bauer and P. Hackl, "The use of MOSUMS for quality control",
-    Technometrics 20, 1978), so its threshold holds. As the comparison is with what came just before, slow drift
-    does not add up. One count is taken off: two readings of one level may differ by that much.
-
-    The motion of a tool loads several axes. Where two change together, the colour of the noise is taken from all
-    axes; a change of one axis only must stand out from what this axis alone has shown, lest the odd axis with
-    slower noise than the others ring every alarm.
+    Two windows before a sample and two from it on must all agree that it changed, so a glitch shorter than a window
+    cannot pass. Their gap never exceeds the difference of the two windows that meet there, whose distribution at
+    rest is known (MOSUM), so its threshold holds. One count is taken off: two readings of one level may differ by
+    that. A change of one axis only must stand out by this axis' own noise, lest one with slower noise than the others
+    ring every alarm.
 
     Samples are near zero, T >= rest + SPAN window; `rate` is the probability of a false alarm in a recording.
     """
@@ -108,11 +104,9 @@ _AFTER = 3
 def change_times(samples: FloatArray, found: Detection, rest: int, window: int) -> dict[int, int]:
     """Estimate the sample at which each change began, by the place of the recording.
 
-    Axes are added up as by the matched filter for their common change. From where this sum left its former level,
-    the stretch of `rest` samples before and one and a half windows after is fitted by a level that turns into a jump,
-    a straight or a quadratic rise at sample k. The best k by least squares is the maximum likelihood estimate for
-    white noise (D. V. Hinkley, "Inference about the change-point in a sequence of random variables", Biometrika 57,
-    1970; for broken lines "Inference in two-phase regression", JASA 66, 1971).
+    Axes are added up as by the matched filter for their common change. The `rest` samples before this sum left its
+    level, and one and a half windows after, are fitted by a jump, a straight and a quadratic rise at sample k: the
+    best by least squares is the maximum likelihood estimate for white noise (Hinkley).
     """
     passed = np.flatnonzero(found.first >= 0)
     first, moving = found.first[passed], samples[passed]
@@ -180,15 +174,13 @@ class RestNoise:
 
     level: FloatArray  # (n, C): mean of the samples
     sd: FloatArray  # (n, C): their standard deviation
-    shift_variance: (
-        FloatArray  # (n, C): of the difference between the means of neighbouring windows, colour shared
-    )
+    # (n, C): of the difference between the means of neighbouring windows, colour shared
+    shift_variance: FloatArray
     dof: FloatArray  # (n,): its degrees of freedom
     own_variance: FloatArray  # (n, C): the same from each axis alone; not above `shift_variance`
     own_dof: float
-    count: (
-        FloatArray  # (n, C): one count of the sensor, by which a level may seem to differ though it does not
-    )
+    # (n, C): one count of the sensor, by which a level may seem to differ though it does not
+    count: FloatArray
 
 
 def windows_of(samples: FloatArray, window: int) -> FloatArray:
@@ -204,12 +196,10 @@ def windows_of(samples: FloatArray, window: int) -> FloatArray:
 def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
     """Measure the noise of the first `rest` samples of recordings of shape (n, T, C).
 
-    What has to be known is how much the means of neighbouring windows differ when nothing moves, and this is
-    measured as just that: on neighbouring windows at rest. So noise may have any colour (filtered by the sensor,
-    autocorrelated, drifting) without a model of it. One axis offers about three independent such differences,
-    too few to be sure of anything; but axes come from one sensor, as a rule through one filter. How much larger
-    the differences are than those of single samples is therefore also pooled over the axes, with only the size
-    from each axis itself. Axes that move together count once (participation ratio of their correlations).
+    What counts is how much the means of neighbouring windows differ at rest, so this is what is measured: noise may
+    have any colour. One axis offers about three such differences, too few; but axes come from one sensor. How much
+    larger they are than those of single samples is therefore pooled over the axes, and only the size is each axis'
+    own. Axes that move together count once (participation ratio of their correlations).
     """
     at_rest = samples[:, :rest]
     level = at_rest.mean(axis=1)
@@ -275,13 +265,8 @@ def critical_factors(dof: FloatArray, n_tests: int, rate: float) -> FloatArray:
     """Return the upper point of the studentised maximum modulus for these degrees of freedom.
 
     The factor c with P(max |N_i| > c s) = `rate` for `n_tests` standard normal N_i and an independent estimate s
-    of their standard deviation with `dof` degrees of freedom. The estimate is shared by all tests of an axis: a
-    noise taken for too small by chance is too small for all of them, which Student's t per test would not know.
-    By Sidak's inequality tests may be correlated in any way, as overlapping windows are: the rate is then lower.
-
-    Below 0.5 degrees of freedom it is infinite. Z. Sidak, "Rectangular confidence regions for the means of
-    multivariate normal distributions", JASA 62 (1967); M. R. Stoline and H. K. Ury, "Tables of the studentized maximum
-    modulus distribution", Technometrics 21 (1979).
+    of their standard deviation with `dof` degrees of freedom; infinite below 0.5 of them. All tests of an axis share
+    the estimate, which Student's t per test would not know. Tests may be correlated in any way (Sidak).
     """
     grid = n_tests if n_tests < 20 else math.ceil(_GRID ** math.ceil(math.log(n_tests, _GRID) - 1e-9))
     known, factors = _table(grid, rate)

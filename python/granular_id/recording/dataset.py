@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray
 from granular_id._progress import ProgressCallback
-from granular_id._text import counted, verb
+from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate, places_of, stack
-from granular_id.recording.report import StepReport, text_table, text_totals
+from granular_id.recording.report import StepReport, subject, text_table, text_totals
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings, step_s
 from granular_id.recording.steps import align_recordings, select_recordings
 
@@ -175,8 +175,7 @@ class Dataset:
         """Labels, shape (n,); ValueError naming the first recording without one."""
         without = [r.name for r in self.recordings if r.label is None]
         if without:
-            have = f"{counted(len(without))} {verb(len(without), 'has', 'have')}"
-            raise ValueError(f"{have} no label, the first is {without[0]!r}")
+            raise ValueError(f"{subject(len(without))} no label, the first is {without[0]!r}")
         return np.array([r.label for r in self.recordings], dtype=np.str_)
 
     @property

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from granular_id._checks import FloatArray, argument_error, as_floats, checked_flag, finite_number
 from granular_id._core import AXES
-from granular_id._text import counted, verb
 from granular_id.recording.change_detection import SPAN, WINDOWS_IN_REST, Detection, change_times, detect
 from granular_id.recording.recording import (
     Recording,
@@ -23,7 +22,7 @@ from granular_id.recording.recording import (
     places_of,
     unit_of,
 )
-from granular_id.recording.report import StepReport
+from granular_id.recording.report import StepReport, subject
 
 REST_S = 0.1
 """Default of ``rest_s``: the paper starts "a fraction of a second" before the motion; a tenth is the least of that."""
@@ -397,7 +396,7 @@ def _notes(recordings: Sequence[Recording], found: Mapping[int, Onset]) -> list[
     if not filled:
         return []
     return [
-        f"{counted(len(filled))} {verb(len(filled), 'has', 'have')} "
+        f"{subject(len(filled))} "
         f"filled gaps in what is taken for rest (the first is {filled[0]!r}): "
         "straight lines hide the noise there, and the false-alarm rate does not hold for them"
     ]

@@ -11,7 +11,7 @@ from typing import Any
 
 from granular_id._checks import checked_text, freeze, thaw
 from granular_id._files import JSON, refuse_other_kind, whole_file
-from granular_id._text import in_columns
+from granular_id._text import counted, in_columns, verb
 
 _PRINTED_ROWS = 10
 
@@ -117,6 +117,11 @@ class StepReport(Report):
         if len(self.rows) > _PRINTED_ROWS:
             lines.append(f"  ... and {len(self.rows) - _PRINTED_ROWS} more recordings")
         return "\n".join(lines)
+
+
+def subject(n_recordings: int, singular: str = "has", plural: str = "have") -> str:
+    """Begin a sentence about so many recordings: with their number and its verb."""
+    return f"{counted(n_recordings)} {verb(n_recordings, singular, plural)}"
 
 
 def text_totals(totals: Mapping[str, Any]) -> list[str]:

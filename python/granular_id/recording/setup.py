@@ -109,9 +109,7 @@ class Setup:
         known = {f.name: _text(_first(places, *_KEYS.get(f.name, (f.name,)))) for f in fields(cls)}
         if known["sensor"] is None and not source.get("synthetic") and not any("sensor" in p for p in places):
             known["sensor"] = _text(source.get("name"))
-        if (
-            known["trigger"] == "time"
-        ):  # of a replay, which knows when; what the recordings began at is in its source
+        if known["trigger"] == "time":  # of a replay; what the recordings began at is in its source
             known["trigger"] = _text(_first(places[1:], "trigger"))
         if known["transform"] is None:
             known["transform"] = _text(page.get("cfgtfx"))
@@ -122,9 +120,8 @@ class Setup:
                 known["filter"] = f"setuserfilter {number}"
         if known["motion"] is None:
             robot = _tree(meta.get("robot"))
-            known["motion"] = _text(
-                _first((robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig"))), "speed_m_s"), " m/s"
-            )
+            said = (robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig")))
+            known["motion"] = _text(_first(said, "speed_m_s"), " m/s")
         return cls(**known)
 
     def completed(self, other: Setup) -> Setup:
@@ -261,13 +258,9 @@ SEVERE_PREFIXES = ("error: ", "warning: ")
 
 
 def data_warnings(data: Dataset) -> list[str]:
-    """Return what may mislead a reader of the accuracies, one line each.
-
-    These are set-ups that differ, and the errors and warnings of `Dataset.check`.
-    """
-    return mixed_setup_warnings(data) + [
-        str(finding) for finding in data.check() if finding.severity != "info"
-    ]
+    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks."""
+    findings = [str(finding) for finding in data.check() if finding.severity != "info"]
+    return mixed_setup_warnings(data) + findings
 
 
 def labelled_check_note(note: str) -> str:

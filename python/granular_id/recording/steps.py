@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._checks import argument_error, checked_index, finite_number
-from granular_id._text import counted, fixed, verb
+from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, checked_choice, common_axes, common_rate
-from granular_id.recording.report import StepReport
+from granular_id.recording.report import StepReport, subject
 
 
 def select_recordings(
@@ -188,9 +188,8 @@ def _starts(
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
             names = ", ".join(map(repr, without[:3])) + (", ..." if len(without) > 3 else "")
-            n = len(without)
             raise ValueError(
-                f"{counted(n)} {verb(n, 'has', 'have')} no trigger_index: {names}; call .find_onsets(), state it with "
+                f"{subject(len(without))} no trigger_index: {names}; call .find_onsets(), state it with "
                 ".find_onsets(overrule={name: seconds}), or pass on_missing='skip' to leave such recordings out"
             )
         return [(r.trigger_index or 0) - lead for r in recordings]

@@ -16,6 +16,7 @@ from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, places_of
+from granular_id.recording.report import subject
 
 
 def check_duplicates(data: Measured) -> Iterator[Finding]:
@@ -29,7 +30,7 @@ def check_duplicates(data: Measured) -> Iterator[Finding]:
         if original != i:
             twin_of[i] = original
     if twin_of:
-        message = f"{counted(len(twin_of))} {verb(len(twin_of), 'holds', 'hold')} exactly the samples of another one"
+        message = f"{subject(len(twin_of), 'holds', 'hold')} exactly the samples of another one"
         if any(recordings[i].label != recordings[j].label for i, j in twin_of.items()):
             message += ", some under a different label"
         places = sorted({*twin_of, *twin_of.values()})
@@ -75,9 +76,7 @@ LEAST_SHARE = 0.1
 _MOST_BITS = 60  # of a pattern
 _SPARE_BITS = 14  # besides those that number all pairs of blocks: noise agrees once in 2**14 data sets
 _LEADING_AXES = 3  # patterns are made of the forces: files round torques to a few steps of their noise
-_MOST_KEYS = (
-    200_000  # of more patterns some are kept, chosen by their value, so that copies keep the same ones
-)
+_MOST_KEYS = 200_000  # of more patterns some are kept, by their value: copies keep the same ones
 _MIXED = (0.05, 0.95)  # share of rising steps in a pattern that says something
 _INDEPENDENT = 0.65  # signs of steps this far apart agree by chance in half of the cases
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads the bits of a key
@@ -89,11 +88,10 @@ _HALF = 0.51  # ... or by half a quantisation step
 def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:
     """Find pairs of recordings of the same axes that share at least a tenth of their rows.
 
-    Each block of some 20 rows becomes a pattern of up to 60 bits: at which steps which forces rise. The pattern
-    survives shifting, cropping, taring and fine rounding. Sorting all patterns brings copies together; pairs that
-    agree more than once at the same shift are compared row by row. Copies too coarsely rounded for that have the
-    same length and nearly the same means and spreads. Time grows with the number of samples, not of pairs. Of
-    copies of copies every one is found, though not every pair.
+    Each block of some 20 rows becomes a pattern: at which steps which forces rise. It survives shifting, cropping,
+    taring and fine rounding, and sorting all patterns brings copies together. Copies too coarsely rounded for that have
+    the same length and nearly the same means and spreads. Candidates are compared row by row. Time grows with the
+    number of samples, not of pairs; of copies of copies every one is found, though not every pair.
     """
     best: dict[tuple[int, int], Overlap] = {}
     for group in places_of(r.axes for r in recordings).values():

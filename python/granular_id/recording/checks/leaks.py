@@ -24,13 +24,8 @@ FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stan
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
 STRONG = 0.2  # a leak warns when it names this part of the labels that chance leaves open
 GIVEN_AWAY = 0.9  # a single label is given away when its recordings and those like them agree to this part
-# a leak that another one explains is not repeated: whoever knows the session knows the clock.
-_EXPLAINED_BY = {
-    "leak-clock": {"leak-session"},
-    "leak-hour": {"leak-session", "leak-clock"},
-}
-
-
+# A leak that another one explains is not repeated: whoever knows the session knows the clock.
+_EXPLAINED_BY = {"leak-clock": {"leak-session"}, "leak-hour": {"leak-session", "leak-clock"}}
 _WHY = {
     "leak-session": ": no session holds several of them; keep sessions whole when you evaluate",
     "leak-rest": ", before the tool moves: subtract it",
@@ -38,12 +33,7 @@ _WHY = {
 
 
 def check_leaks(data: Measured) -> Iterator[Finding]:
-    """Ask of every attribute how well it names the label by itself.
-
-    An attribute leaks when the recording nearest in it has the same label far more often than by chance
-    (`STRONG`), with a permutation p-value, corrected for the number of attributes, of at most the false-alarm rate
-    (or the least there is); or when it sets a single label apart (`GIVEN_AWAY`).
-    """
+    """Find attributes that name the label by themselves, or set a single one apart."""
     places = sorted(i for group in data.labels.values() if len(group) > 1 for i in group)
     if len(places) > MOST:
         places = sorted(np.random.default_rng(0).choice(places, MOST, replace=False).tolist())
@@ -163,14 +153,12 @@ LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can giv
 class Neighbours:
     """Which recordings are nearest to each one, shape (n,).
 
-    Recordings of the same value share a number in `group`; all the others of the group are nearest, equally. For
-    those alone in their group `nearest` is the nearest recording of another value; -1: none. `reverse` asks how well
-    the label names the group instead: two sensors cannot name eleven labels, but when each label was recorded with
-    one of them, the label names the sensor.
+    `reverse` asks how well the label names the group instead: two sensors cannot name eleven labels, but when each
+    label was recorded with one of them, the label names the sensor.
     """
 
-    group: NDArray[np.intp]
-    nearest: NDArray[np.intp]
+    group: NDArray[np.intp]  # a number per value; all the others of a group are nearest, equally
+    nearest: NDArray[np.intp]  # of those alone in their group the nearest of another value; -1: none
     reverse: bool = False
 
     @cached_property
@@ -213,22 +201,22 @@ def by_place(points: FloatArray) -> Neighbours:
 class Naming(NamedTuple):
     """What an attribute says about the labels."""
 
-    share: float
-    """How often the nearest other recording has the same label (the mean over ties); in reverse, how often another
-    recording of the same label has the same value."""
-    chance: float
-    """What that is for shuffled labels."""
-    p: float
-    """How often the best of all attributes does as well with shuffled labels, relative to its own spread: the
-    p-value, corrected for the number of attributes (P. H. Westfall and S. S. Young, "Resampling-Based Multiple
-    Testing", 1993)."""
-    agreement: FloatArray
-    """For each label the harmonic mean of how many of its recordings, and how many of those nearest to them, are its
-    own, shape (n_labels,)."""
+    share: (
+        float  # how often the nearest other recording has the same label; in reverse, a label the same value
+    )
+    chance: float  # what that is for shuffled labels
+    p: float  # how often the best of all attributes does as well with shuffled labels
+    agreement: (
+        FloatArray  # per label: harmonic mean of its recordings', and their nearest's, share of its own
+    )
 
 
 def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp]) -> list[Naming]:
-    """Measure each attribute, correcting for their number; labels are numbers from 0, shape (n,)."""
+    """Measure each attribute; labels are numbers from 0, shape (n,).
+
+    A p-value compares with the best of all attributes, each relative to its own spread, and so is corrected for their
+    number (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+    """
     rng = np.random.default_rng(0)  # the same data give the same verdict
     sizes = np.bincount(labels)
     hits = [_hits(each, labels, len(sizes)) for each in neighbours]
@@ -253,12 +241,12 @@ def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp]) -> list[N
 
 def _chance(neighbours: Neighbours, sizes: NDArray[np.intp]) -> float:
     n = len(neighbours.group)
+    groups = np.bincount(neighbours.group)
     has_neighbour = 1.0
     if neighbours.reverse:
-        sizes = np.bincount(neighbours.group)
+        sizes = groups
     else:
-        alone = np.bincount(neighbours.group)[neighbours.group] == 1
-        has_neighbour = 1 - float((alone & (neighbours.nearest < 0)).mean())
+        has_neighbour -= float(((groups[neighbours.group] == 1) & (neighbours.nearest < 0)).mean())
     return has_neighbour * float((sizes * (sizes - 1)).sum()) / (n * (n - 1))
 
 
@@ -292,8 +280,7 @@ def _agreement(
 
 # What is known of recordings besides their forces: anything that could give the label away.
 
-# Entries of ``meta`` under this key describe the material, and may well name it.
-DESCRIBES_MATERIAL = "material"
+DESCRIBES_MATERIAL = "material"  # entries of ``meta`` under this key, at any depth, may well name it
 MOST_KINDS = 20  # attributes of more values than this are not asked whether the label names them
 _REPAIRS = SampleFlag.GAP_FILLED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
 
@@ -317,12 +304,13 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
     paces = [data.paces[i] for i in places]
     starts = [np.nan if r.start_time is None else r.start_time for r in recordings]
     triggers = [np.nan if (t := r.trigger_index) is None else r.times()[t] for r in recordings]
+    repairs = [0 if r.flags is None else int(np.bitwise_or.reduce(r.flags) & _REPAIRS) for r in recordings]
     kinds: list[tuple[str, str, Sequence[Any]]] = [
         ("leak-session", "the session", [r.session for r in recordings]),
         ("leak-format", "the file's ending", [PurePosixPath(r.name).suffix.lower() for r in recordings]),
         ("leak-resolution", "the resolution", [data.resolutions[i] for i in places]),
         ("leak-hour", "the hour of the day (UTC)", [None if np.isnan(s) else s // 3600 % 24 for s in starts]),
-        ("leak-flags", "what was repaired (flags)", [_repairs(r) for r in recordings]),
+        ("leak-flags", "what was repaired (flags)", repairs),
     ]
     numbers: list[tuple[str, str, Sequence[float], str]] = [
         ("leak-clock", "the clock", starts, "s"),
@@ -364,15 +352,10 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
     return found
 
 
-def _repairs(recording: Recording) -> int:
-    return 0 if recording.flags is None else int(np.bitwise_or.reduce(recording.flags) & _REPAIRS)
-
-
 def _scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
     """Return the entries of ``meta`` that are a text, number or bool, nested keys joined by dots.
 
-    Left out are entries that describe the material (`DESCRIBES_MATERIAL`, at any depth), or in which every recording
-    repeats its name or mentions its label.
+    Left out are those that describe the material, or in which every recording repeats its name or mentions its label.
     """
     flat = [dict(_flat(r.meta)) for r in recordings]
     keys = dict.fromkeys(key for entries in flat for key in entries)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -92,8 +91,7 @@ def unit_columns(axes: Sequence[str]) -> list[list[int]]:
 GAP_STEPS = 5.0  # a gap is longer than this many of the recording's long steps (their 95 % quantile)
 
 
-@dataclass(frozen=True)
-class Pace:
+class Pace(NamedTuple):
     """Steps between neighbouring samples; all 0 for a single sample."""
 
     median_s: float
@@ -122,8 +120,7 @@ FEWEST_AT_REST = 5  # fewer samples give no level
 QUIET = 0.2
 
 
-@dataclass(frozen=True)
-class Rest:
+class Rest(NamedTuple):
     """Mean and standard deviation of each axis at rest."""
 
     level: FloatArray
@@ -175,18 +172,15 @@ def _resolutions(recordings: Sequence[Recording]) -> list[Resolution]:
     finest = {axis: VISIBLE * float(np.median(changes)) for axis, changes in usual.items()}
     rounded: dict[float, float] = {}
     last = 0.0
-    for step in sorted({float(step) for steps in measured for step in steps if step > 0}):
+    for step in sorted({step for steps in measured for step in steps.tolist() if step > 0}):
         if step > last * (1 + _SAME):
             last = step
         rounded[step] = last
-
-    def comparable(axis: str, step: float) -> float | None:
-        if np.isnan(step):
-            return None
-        return rounded[step] if step > finest[axis] else 0.0
-
     return [
-        tuple(comparable(axis, float(step)) for axis, step in zip(r.axes, steps, strict=True))
+        tuple(
+            None if np.isnan(step) else rounded[step] if step > finest[axis] else 0.0
+            for axis, step in zip(r.axes, steps.tolist(), strict=True)
+        )
         for r, steps in zip(recordings, measured, strict=True)
     ]
 

@@ -14,6 +14,7 @@ from granular_id._text import counted, fixed, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import Recording, places_of, unit_of
+from granular_id.recording.report import subject
 
 # No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
 ABSURD = 1e100
@@ -90,7 +91,7 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
     if clipped:
         places = sorted(set(clipped))
         message = (
-            f"{counted(len(places))} {verb(len(places), 'seems', 'seem')} clipped on {', '.join(sorted(axes))}: "
+            f"{subject(len(places), 'seems', 'seem')} clipped on {', '.join(sorted(axes))}: "
             f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
         )
         yield data.finding("warning", "clipped", message, places, axes=sorted(axes), samples=samples)
@@ -99,8 +100,7 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
 def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
     """Return how many samples lie at the edge, 0 where chance explains them.
 
-    Unclipped readings thin out towards their extremes. Clipped ones are three times as many as at any of the ten
-    values next to it, and more than a Poisson variable of that mean reaches by chance.
+    Unclipped readings thin out there; clipped ones are far more than at the values next to it (Poisson).
     """
     at_edge = samples == edge
     inside = np.flatnonzero(~at_edge)
@@ -135,7 +135,7 @@ def _beyond_range(data: Measured, ranges: Mapping[str, float]) -> Iterator[Findi
     if clipped:
         samples = sum(clipped.values())
         message = (
-            f"{counted(len(clipped))} {verb(len(clipped), 'reaches', 'reach')} the sensor's range on "
+            f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on "
             f"{', '.join(sorted(touched))}, in {counted(samples, 'sample')}: the true load was higher"
         )
         yield data.finding("warning", "clipped", message, clipped, axes=sorted(touched), samples=samples)
@@ -177,7 +177,7 @@ def check_stuck(data: Measured) -> Iterator[Finding]:
     if part:
         axes = sorted({axis for names in part.values() for axis in names})
         message = (
-            f"{counted(len(part))} {verb(len(part), 'has', 'have')} an axis that stands still for a stretch while "
+            f"{subject(len(part))} an axis that stands still for a stretch while "
             f"others move ({', '.join(axes)})"
         )
         yield data.finding("warning", "stuck-stretch", message, part, axes=axes)
@@ -235,8 +235,7 @@ def _longest_run(held: NDArray[np.bool_]) -> tuple[int, int]:
 def _surprising(run: int, repeated: float, n_samples: int, alpha: float) -> bool:
     """Whether so many repetitions in a row come by chance less often than `alpha`, were they independent.
 
-    `repeated` is the share of samples that equal the one before. Elsewhere on the axis it is high for coarse
-    converters, and for data that were repeated to reach a higher rate.
+    The share of samples that equal the one before is high for coarse converters, and for repeated data.
     """
     elsewhere = max(repeated - run / (n_samples - 1), 1 / n_samples)
     by_chance = 1 + math.log(alpha / n_samples) / math.log(elsewhere)
@@ -274,7 +273,7 @@ def check_spikes(data: Measured) -> Iterator[Finding]:
     if spikes:
         samples = sum(spikes.values())
         message = (
-            f"{counted(len(spikes))} {verb(len(spikes), 'has', 'have')} single samples that jump away and come back "
+            f"{subject(len(spikes))} single samples that jump away and come back "
             f"({counted(samples, 'spike')} on {', '.join(sorted(touched))})"
         )
         yield data.finding("warning", "spikes", message, spikes, spikes=samples, axes=sorted(touched))
@@ -300,7 +299,7 @@ def check_resolution(data: Measured) -> Iterator[Finding]:
             f"steps of {step:.3g}" if step else "no steps" for step in sorted(by_step[axis])[:3]
         )
         message = (
-            f"{counted(len(other))} {verb(len(other), 'has', 'have')} another resolution than the rest on "
+            f"{subject(len(other))} another resolution than the rest on "
             f"{', '.join(differing)} ({axis}: {kinds}): other sensor, settings or decimals"
         )
         yield data.finding("warning", "resolution-differs", message, sorted(other), axes=differing)
@@ -325,17 +324,17 @@ def check_drift(data: Measured) -> Iterator[Finding]:
     if len({r.axes for r in recordings}) > 1 or len(resting) < AT_REST * len(recordings):
         return
     axes = recordings[0].axes
-    levels = np.array([rest.level for rest in data.rests if rest is not None])
-    noise = np.median([rest.noise for rest in data.rests if rest is not None], axis=0)
+    rests = [rest for rest in data.rests if rest is not None]
+    levels = np.array([rest.level for rest in rests])
+    noise = np.median([rest.noise for rest in rests], axis=0)
     signal = np.median([by_axis(recordings[i]).std(axis=0) for i in resting], axis=0)
     scale = np.empty(len(axes))
     for unit in unit_columns(axes):
         scale[unit] = np.linalg.norm(signal[unit])
     sessions = places_of(recordings[i].session for i in resting)
     sessions = {name: rows for name, rows in sessions.items() if len(rows) >= FEWEST_TO_COMPARE}
-    alpha = data.false_alarm_rate / (
-        (len(sessions) + 1) * len(axes)
-    )  # a slope each, and one comparison of all
+    n_tests = (len(sessions) + 1) * len(axes)  # a slope each, and one comparison of all
+    alpha = data.false_alarm_rate / n_tests
 
     def largest(code: str, words: str, changes: Sequence[_Change]) -> Iterator[Finding]:
         if not changes:
@@ -415,11 +414,7 @@ _TINY = 1e-12
 
 
 def check_outliers(data: Measured) -> Iterator[Finding]:
-    """Compare each recording with its label, keeping the chance of any false alarm in the set.
-
-    The rate is divided by the number of recordings times figures judged (Bonferroni), so it holds whatever the
-    figures have to do with each other.
-    """
+    """Find recordings that stand apart from their label; the rate holds for the whole set (Bonferroni)."""
     groups = [group for group in data.labels.values() if len(group) >= FEWEST_TO_COMPARE]
     described = [_figures(r) for r in data.recordings]
     names = list(described[0])
@@ -440,7 +435,7 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
         order = sorted(apart, key=lambda i: -apart[i][0])
         worst = data.recordings[order[0]]
         message = (
-            f"{counted(len(apart))} {verb(len(apart), 'stands', 'stand')} apart from "
+            f"{subject(len(apart), 'stands', 'stand')} apart from "
             f"{verb(len(apart), 'its', 'their')} label: "
             f"{worst.name!r} has a {apart[order[0]][1]} what is usual for {worst.label!r}"
         )
@@ -449,11 +444,7 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
 
 
 def _figures(recording: Recording) -> dict[str, float]:
-    """Describe forces and torques by logarithms, as such figures vary by factors.
-
-    Mean of the norm, norm of the standard deviations of the axes, and mean norm of the change from sample to sample,
-    the largest 1 % left out: spikes are another check's.
-    """
+    """Return logarithms of mean, spread and roughness of forces and torques: such figures vary by factors."""
     described = {}
     wrench = by_axis(recording)
     steps = np.diff(wrench, axis=0) ** 2
@@ -464,7 +455,7 @@ def _figures(recording: Recording) -> dict[str, float]:
         described[f"mean {name}"] = float(np.sqrt(power[:, columns].sum(axis=1)).mean())
         described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
         changes = np.sort(np.sqrt(steps[:, columns].sum(axis=1)))
-        usual = changes[: len(changes) - len(changes) // 100]
+        usual = changes[: len(changes) - len(changes) // 100]  # spikes are another check's
         described[f"roughness of {name}"] = float(usual.mean()) if len(usual) else 0.0
     return {name: float(np.log(value + _TINY)) for name, value in described.items()}
 
@@ -472,10 +463,9 @@ def _figures(recording: Recording) -> dict[str, float]:
 def _largest_distance(n: int, alpha: float) -> float:
     """Return the robust distance that one of `n` normal values exceeds with probability `alpha`.
 
-    The distance of a value from the median, in median absolute deviations scaled to standard deviations, is
-    taken as a Student t with ``0.37 (n - 1)`` degrees of freedom, 0.37 being the efficiency of the median
-    absolute deviation (P. J. Rousseeuw and C. Croux, "Alternatives to the median absolute deviation", JASA 88,
-    1993), widened by the uncertainty of the median itself.
+    A distance in median absolute deviations is taken as a Student t whose degrees of freedom the efficiency reduces
+    (P. J. Rousseeuw and C. Croux, "Alternatives to the median absolute deviation", JASA 88, 1993), widened by the
+    uncertainty of the median itself.
     """
     return float(-stdtrit(_EFFICIENCY * (n - 1), alpha / 2) * np.sqrt(1 + np.pi / (2 * n)))
 

@@ -8,10 +8,11 @@ from typing import TypeGuard
 
 import numpy as np
 
-from granular_id._text import counted, verb
+from granular_id._text import counted
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import SampleFlag, places_of
+from granular_id.recording.report import subject
 from granular_id.recording.resampling import MAX_GAP_S
 
 SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
@@ -33,7 +34,7 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     """Find recordings without a label, sets with nothing to tell apart, and labels of unequal size."""
     without = [i for i, r in enumerate(data.recordings) if r.label is None]
     if without:
-        message = f"{counted(len(without))} {verb(len(without), 'has', 'have')} no label"
+        message = f"{subject(len(without))} no label"
         yield data.finding("error", "no-label", message, without)
     if len(data.labels) == 1:
         only = next(iter(data.labels))
@@ -54,7 +55,7 @@ def check_axes(data: Measured) -> Iterator[Finding]:
     if len(kinds) > 1:
         usual = max(kinds, key=lambda axes: len(kinds[axes]))
         other = sorted(i for axes, group in kinds.items() if axes != usual for i in group)
-        message = f"{counted(len(other))} {verb(len(other), 'has', 'have')} other axes than {' '.join(usual)}"
+        message = f"{subject(len(other))} other axes than {' '.join(usual)}"
         yield data.finding("error", "axes-differ", message, other)
 
 
@@ -105,7 +106,7 @@ def check_rates(data: Measured) -> Iterator[Finding]:
     if off:
         worst = max(off, key=lambda i: off[i])
         message = (
-            f"{counted(len(off))} {verb(len(off), 'does', 'do')} not keep the stated rate: the stamps of "
+            f"{subject(len(off), 'does', 'do')} not keep the stated rate: the stamps of "
             f"{recordings[worst].name!r} mean {1 / stamped[worst]:.4g} Hz, its meta says {stated[worst]:g}"
         )
         yield data.finding("warning", "rate-not-kept", message, off)
@@ -127,8 +128,7 @@ def check_gaps(data: Measured) -> Iterator[Finding]:
     if gaps:
         worst = max(gaps, key=lambda i: gaps[i])
         message = (
-            f"{counted(len(gaps))} {verb(len(gaps), 'has', 'have')} gaps, the longest {gaps[worst]:.3g} s in "
-            f"{data.recordings[worst].name!r}"
+            f"{subject(len(gaps))} gaps, the longest {gaps[worst]:.3g} s in {data.recordings[worst].name!r}"
         )
         long = sum(gap > MAX_GAP_S for gap in gaps.values())
         if long:
