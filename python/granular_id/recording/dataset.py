@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,8 @@ from granular_id.recording.recording import Recording, SampleFlag, common_axes, 
 from granular_id.recording.report import StepReport, subject, text_table, text_totals
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings, step_s
 from granular_id.recording.steps import align_recordings, select_recordings
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def _row(label: str | None, group: Sequence[Recording]) -> dict[str, Any]:
         "samples": _span(min(lengths), max(lengths)),
         "seconds": _span(round(min(seconds), 3), round(max(seconds), 3)),
         "rate_hz": ", ".join(uniform + mean),
-        "largest_gap_s": round(max((step_s(r) for r in irregular), default=0.0), 6),
+        "largest_gap_s": round(max((step_s(r, np.max) for r in irregular), default=0.0), 6),
         "flagged_samples": sum(int((r.flags > 0).sum()) for r in group if r.flags is not None),
     }
 
@@ -131,15 +133,8 @@ class Dataset:
     __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
 
     def __post_init__(self) -> None:
-        for name, kind in (("recordings", Recording), ("history", StepReport)):
-            value = getattr(self, name)
-            if isinstance(value, Recording) or not hasattr(value, "__iter__"):
-                raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {type(value).__name__}")
-            items = tuple(value)
-            wrong = next((i for i, item in enumerate(items) if not isinstance(item, kind)), None)
-            if wrong is not None:
-                raise TypeError(f"{name}[{wrong}] is a {type(items[wrong]).__name__}; wanted {kind.__name__}")
-            object.__setattr__(self, name, items)
+        object.__setattr__(self, "recordings", _items("recordings", self.recordings, Recording))
+        object.__setattr__(self, "history", _items("history", self.history, StepReport))
         if not self.recordings:
             raise ValueError("recordings is empty; a Dataset holds at least one recording")
 
@@ -222,12 +217,7 @@ class Dataset:
     @classmethod
     def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
         """Put data sets one after the other, keeping all their histories."""
-        if not isinstance(datasets, Iterable):
-            raise TypeError(f"datasets must be a sequence of Dataset, got {type(datasets).__name__}")
-        parts = list(datasets)
-        wrong = next((i for i, d in enumerate(parts) if not isinstance(d, Dataset)), None)
-        if wrong is not None:
-            raise TypeError(f"datasets[{wrong}] is a {type(parts[wrong]).__name__}; wanted Dataset")
+        parts = _items("datasets", datasets, Dataset)
         report = StepReport("concatenate", totals={"recordings": [len(d) for d in parts]})
         history = [step for d in parts for step in d.history]
         return cls([r for d in parts for r in d.recordings], (*history, report))
@@ -468,6 +458,17 @@ class Dataset:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Dataset, (self.recordings, self.history))  # without the cached X, which would be sent twice
+
+
+def _items(name: str, value: object, kind: type[_Item]) -> tuple[_Item, ...]:
+    """Return the items of an argument, all of one class."""
+    if not isinstance(value, Iterable):
+        raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {type(value).__name__}")
+    items = tuple(value)
+    wrong = next((i for i, item in enumerate(items) if not isinstance(item, kind)), None)
+    if wrong is not None:
+        raise TypeError(f"{name}[{wrong}] is a {type(items[wrong]).__name__}; wanted {kind.__name__}")
+    return items
 
 
 def describe_data(data: Dataset) -> dict[str, Any]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._text import counted, fixed
@@ -46,24 +47,21 @@ def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
     return float(np.abs(time_s - np.arange(len(time_s)) / rate_hz).max())
 
 
-def step_s(recording: Recording, pick: Callable[[FloatArray], Any] = np.max) -> float:
-    """Longest time between two neighbouring samples, or what `pick` takes of these times, s; 0 for one sample."""
+def step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
+    """Return a time between neighbouring samples, seconds: what `pick` makes of all; 0 for a single sample."""
     if recording.n_samples < 2:
         return 0.0
     return 1 / recording.rate_hz if recording.rate_hz is not None else float(pick(np.diff(recording.times())))
 
 
-@dataclass(frozen=True)
-class RepairedTime:
+class RepairedTime(NamedTuple):
     """Stamps put in order by `repair_time`: M of T."""
 
     stamps: FloatArray  # strictly increasing
     values: FloatArray  # the samples in that order, those with the same stamp averaged
-    touched: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]  # which of them were moved or merged
-    order: np.ndarray[tuple[int, ...], np.dtype[np.intp]]  # the sort, shape (T,)
-    first: np.ndarray[
-        tuple[int, ...], np.dtype[np.intp]
-    ]  # where in that order each begins, for ``ufunc.reduceat``
+    touched: NDArray[np.bool_]  # which of them were moved or merged
+    order: NDArray[np.intp]  # the sort, shape (T,)
+    first: NDArray[np.intp]  # where in that order each begins, for ``ufunc.reduceat``
     n_moved: int  # samples that came later than one with a later stamp
     n_merged: int  # samples merged into another one
 
@@ -126,7 +124,7 @@ def resample_recordings(
     skipped: list[dict[str, Any]] = []
     changed: list[dict[str, Any]] = []
     for recording in recordings:
-        gap = step_s(recording)
+        gap = step_s(recording, np.max)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
                 raise ValueError(_gap_message(recording, recordings, limit))
@@ -173,12 +171,12 @@ def resample_recordings(
 def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: float) -> str:
     """Describe the first gap, and all together: a limit is chosen with this, so the largest is rounded up."""
     first = int(np.argmax(np.diff(recording.times())))
-    gaps = [step_s(r) for r in recordings if r.rate_hz is None]
+    gaps = [step_s(r, np.max) for r in recordings if r.rate_hz is None]
     beyond = sum(gap > limit for gap in gaps)
     such = "has such a gap" if beyond == 1 else "have such gaps"
     largest = np.ceil(1000 * max(gaps)) / 1000
     return (
-        f"recording {recording.name!r} has a gap of {step_s(recording):.3g} s after sample {first} (at "
+        f"recording {recording.name!r} has a gap of {step_s(recording, np.max):.3g} s after sample {first} (at "
         f"{fixed(recording.times()[first], 3)} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
         f"recordings {such}, the largest {largest:g} s: raise max_gap_s (None: no limit) to interpolate over "
         "it, or pass on_gap='skip' to leave such recordings out"

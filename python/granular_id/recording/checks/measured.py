@@ -64,6 +64,10 @@ class Measured:
         alone = [label for label, its in sessions.items() if len(its) == 1]
         return alone if len({sessions[label] for label in alone}) > 1 else []
 
+    def axes_among(self, columns: Mapping[int, Iterable[int]]) -> list[str]:
+        """Return the names of these columns of the recordings at these places, sorted, each once."""
+        return sorted({self.recordings[i].axes[column] for i, its in columns.items() for column in its})
+
     def finding(
         self, severity: Severity, code: str, message: str, places: Iterable[int] = (), **values: Any
     ) -> Finding:

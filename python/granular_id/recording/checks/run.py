@@ -6,54 +6,33 @@ from collections.abc import Callable, Iterator, Sequence
 
 from granular_id._checks import argument_error, finite_number
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id.recording.checks.duplicates import check_duplicates
-from granular_id.recording.checks.leaks import check_leaks
+from granular_id.recording.checks import duplicates, leaks, signal, stated
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import CheckReport, Finding
 from granular_id.recording.checks.sensor_ranges import SensorRange, resolve_range
-from granular_id.recording.checks.signal import (
-    check_absurd,
-    check_clipping,
-    check_drift,
-    check_outliers,
-    check_resolution,
-    check_spikes,
-    check_stuck,
-    check_units,
-)
-from granular_id.recording.checks.stated import (
-    check_axes,
-    check_flags,
-    check_gaps,
-    check_labels,
-    check_lengths,
-    check_rates,
-    check_sessions,
-    check_steps,
-)
 from granular_id.recording.recording import Recording
 
+# In the order of their findings in a report.
 CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
-    "labels": check_labels,
-    "axes": check_axes,
-    "readings": check_absurd,
-    "copies": check_duplicates,
-    "sessions": check_sessions,
-    "leaks": check_leaks,
-    "rates": check_rates,
-    "gaps": check_gaps,
-    "steps": check_steps,
-    "lengths": check_lengths,
-    "units": check_units,
-    "clipping": check_clipping,
-    "standing still": check_stuck,
-    "spikes": check_spikes,
-    "resolution": check_resolution,
-    "drift": check_drift,
-    "outliers": check_outliers,
-    "flags": check_flags,
+    "labels": stated.check_labels,
+    "axes": stated.check_axes,
+    "readings": signal.check_absurd,
+    "copies": duplicates.check_duplicates,
+    "sessions": stated.check_sessions,
+    "leaks": leaks.check_leaks,
+    "rates": stated.check_rates,
+    "gaps": stated.check_gaps,
+    "steps": stated.check_steps,
+    "lengths": stated.check_lengths,
+    "units": signal.check_units,
+    "clipping": signal.check_clipping,
+    "standing still": signal.check_stuck,
+    "spikes": signal.check_spikes,
+    "resolution": signal.check_resolution,
+    "drift": signal.check_drift,
+    "outliers": signal.check_outliers,
+    "flags": stated.check_flags,
 }
-"""In the order of their findings in a report."""
 
 
 def check_recordings(
@@ -75,6 +54,6 @@ def check_recordings(
             found = list(check(data))
             findings += found
             ticker.tick(what)
-            if check is check_absurd and found:
+            if check is signal.check_absurd and found:
                 break
     return CheckReport.of(findings, recordings)

@@ -76,8 +76,7 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
         yield from _beyond_range(data, data.ranges)
         return
     alpha = data.false_alarm_rate / (2 * sum(len(r.axes) for r in data.recordings))
-    clipped: list[int] = []
-    axes: set[str] = set()
+    clipped: dict[int, set[int]] = {}
     samples = 0
     for i, r in enumerate(data.recordings):
         wrench = by_axis(r)
@@ -85,16 +84,15 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
             for column in np.flatnonzero(np.count_nonzero(wrench == edge, axis=0) >= FEWEST):
                 number = _piled_up(wrench[:, column], edge[column], alpha)
                 if number:
-                    clipped.append(i)
-                    axes.add(r.axes[column])
+                    clipped.setdefault(i, set()).add(int(column))
                     samples += number
     if clipped:
-        places = sorted(set(clipped))
+        axes = data.axes_among(clipped)
         message = (
-            f"{subject(len(places), 'seems', 'seem')} clipped on {', '.join(sorted(axes))}: "
+            f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
             f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
         )
-        yield data.finding("warning", "clipped", message, places, axes=sorted(axes), samples=samples)
+        yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
 
 
 def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
@@ -118,8 +116,8 @@ def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
 
 
 def _beyond_range(data: Measured, ranges: Mapping[str, float]) -> Iterator[Finding]:
-    clipped: dict[int, int] = {}
-    touched: set[str] = set()
+    clipped: dict[int, NDArray[np.intp]] = {}
+    samples = 0
     far: list[int] = []
     for i, (r, peak) in enumerate(zip(data.recordings, data.peaks, strict=True)):
         limit = np.array([ranges.get(axis, np.inf) for axis in r.axes])
@@ -127,18 +125,18 @@ def _beyond_range(data: Measured, ranges: Mapping[str, float]) -> Iterator[Findi
         if (peak > FAR_BEYOND * limit).any():
             far.append(i)
         elif reached.any():
-            clipped[i] = int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum())
-            touched |= {r.axes[column] for column in np.flatnonzero(reached)}
+            clipped[i] = np.flatnonzero(reached)
+            samples += int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum())
     if far:
         message = f"{counted(len(far))} with readings above twice the range: are they in N and N m?"
         yield data.finding("error", "beyond-range", message, far)
     if clipped:
-        samples = sum(clipped.values())
+        axes = data.axes_among(clipped)
         message = (
-            f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on "
-            f"{', '.join(sorted(touched))}, in {counted(samples, 'sample')}: the true load was higher"
+            f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on {', '.join(axes)}, "
+            f"in {counted(samples, 'sample')}: the true load was higher"
         )
-        yield data.finding("warning", "clipped", message, clipped, axes=sorted(touched), samples=samples)
+        yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
 
 
 # Axes that do not move, for a whole recording or for a long stretch of it.
@@ -151,8 +149,8 @@ MOVING = 0.5
 
 def check_stuck(data: Measured) -> Iterator[Finding]:
     """Find axes that never change, axes that stand still while others move, and samples sent again and again."""
-    whole: dict[int, list[str]] = {}
-    part: dict[int, list[str]] = {}
+    whole: dict[int, NDArray[np.intp]] = {}
+    part: dict[int, list[int]] = {}
     frozen: dict[int, int] = {}
     alpha = data.false_alarm_rate / sum(len(r.axes) for r in data.recordings)
     for i, r in enumerate(data.recordings):
@@ -161,21 +159,21 @@ def check_stuck(data: Measured) -> Iterator[Finding]:
         wrench = by_axis(r)
         moves = np.ptp(wrench, axis=0) != 0
         if not moves.all():
-            whole[i] = [r.axes[column] for column in np.flatnonzero(~moves)]
+            whole[i] = np.flatnonzero(~moves)
         if r.n_samples <= SHORTEST_STUCK or not moves.any():
             continue
         columns, n_frozen = _still_stretches(wrench, np.flatnonzero(moves), alpha)
         if columns:
-            part[i] = [r.axes[column] for column in columns]
+            part[i] = columns
         if n_frozen:
             frozen[i] = n_frozen
     if whole:
-        axes = sorted({axis for names in whole.values() for axis in names})
+        axes = data.axes_among(whole)
         where = "every recording" if len(whole) == len(data.recordings) else counted(len(whole))
         message = f"{where} with an axis that never changes ({', '.join(axes)})"
         yield data.finding("warning", "stuck-axis", message, whole, axes=axes)
     if part:
-        axes = sorted({axis for names in part.values() for axis in names})
+        axes = data.axes_among(part)
         message = (
             f"{subject(len(part))} an axis that stands still for a stretch while "
             f"others move ({', '.join(axes)})"
@@ -254,8 +252,8 @@ _LOOKED_AT = 400  # samples that tell what is usual
 
 def check_spikes(data: Measured) -> Iterator[Finding]:
     """Find samples far from both neighbours, which agree with each other."""
-    spikes: dict[int, int] = {}
-    touched: set[str] = set()
+    spikes: dict[int, NDArray[np.intp]] = {}
+    samples = 0
     for i, r in enumerate(data.recordings):
         if r.n_samples < SHORTEST:
             continue
@@ -268,15 +266,15 @@ def check_spikes(data: Measured) -> Iterator[Finding]:
             continue
         hit = (away > UNUSUAL * usual) & (np.abs(after - before) < LONE * away)
         if hit.any():
-            spikes[i] = int(np.count_nonzero(hit.any(axis=1)))
-            touched |= {r.axes[column] for column in np.flatnonzero(hit.any(axis=0))}
+            spikes[i] = np.flatnonzero(hit.any(axis=0))
+            samples += int(np.count_nonzero(hit.any(axis=1)))
     if spikes:
-        samples = sum(spikes.values())
+        axes = data.axes_among(spikes)
         message = (
             f"{subject(len(spikes))} single samples that jump away and come back "
-            f"({counted(samples, 'spike')} on {', '.join(sorted(touched))})"
+            f"({counted(samples, 'spike')} on {', '.join(axes)})"
         )
-        yield data.finding("warning", "spikes", message, spikes, spikes=samples, axes=sorted(touched))
+        yield data.finding("warning", "spikes", message, spikes, spikes=samples, axes=axes)
 
 
 def check_resolution(data: Measured) -> Iterator[Finding]:
