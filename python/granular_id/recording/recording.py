@@ -160,13 +160,9 @@ class Recording:
 
     @classmethod
     def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
-        """Make many recordings at once: a column per field, none left out, as `_trusted` wants them."""
-        recordings = []
-        for row in zip(*(columns[name] for name in _FIELDS), strict=True):
-            recording = object.__new__(cls)
-            recording.__dict__.update(zip(_FIELDS, row, strict=True))
-            recordings.append(recording)
-        return recordings
+        """Make many recordings at once of a column per field, as `_trusted` wants them."""
+        rows = zip(*columns.values(), strict=True)
+        return [cls._trusted(**dict(zip(columns, row, strict=True))) for row in rows]
 
     @property
     def n_samples(self) -> int:
@@ -217,8 +213,6 @@ class Recording:
         fields = (thaw(self.meta) if n == "meta" else getattr(self, n) for n in self.__dataclass_fields__)
         return (Recording, tuple(fields))
 
-
-_FIELDS = tuple(f.name for f in fields(Recording))
 
 _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.default is not MISSING} | {
     "meta": freeze({}, "meta"),

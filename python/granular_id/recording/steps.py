@@ -195,12 +195,12 @@ def _starts(
         return [(r.trigger_index or 0) - lead for r in recordings]
     indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
     if len(indices) != len(recordings):
-        raise ValueError(f"trigger has {len(indices)} indices for {len(recordings)} recordings")
+        problem = f"has {len(indices)} indices for {len(recordings)} recordings"
+        raise argument_error(ValueError, "trigger", problem)
     for recording, index in zip(recordings, indices, strict=True):
         if not 0 <= index < recording.n_samples:
-            raise ValueError(
-                f"trigger {index} is outside recording {recording.name!r} ({recording.n_samples} samples)"
-            )
+            problem = f"{index} is outside recording {recording.name!r} ({recording.n_samples} samples)"
+            raise argument_error(ValueError, "trigger", problem)
     return [i - lead for i in indices]
 
 
@@ -217,7 +217,7 @@ def _length(
     if duration_s is not None:
         seconds = finite_number("duration_s", duration_s)
         n = round(finite_number("duration_s times the rate", seconds * rate))
-        what = f"duration_s={seconds:g} at {rate:g} Hz"
+        name, asked = "duration_s", f"{seconds:g} at {rate:g} Hz"
     elif isinstance(n_samples, str):
         if n_samples != "shortest":
             problem = f"={n_samples!r}; wanted a number or 'shortest'"
@@ -225,12 +225,12 @@ def _length(
         # those without the lead are refused or left out, and do not shorten the others
         room = [r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0]
         n = min(room, default=1)
-        what = "n_samples='shortest'"
+        name, asked = "n_samples", "'shortest'"
     else:
         n = checked_index(n_samples, "n_samples")
-        what = f"n_samples={fixed(n)}"
+        name, asked = "n_samples", fixed(n)
     if n < 1:
-        raise ValueError(f"{what} gives {fixed(n)} samples; at least one is wanted")
+        raise argument_error(ValueError, name, f"={asked} gives {fixed(n)} samples; at least one is wanted")
     return n
 
 

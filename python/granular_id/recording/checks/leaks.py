@@ -305,14 +305,16 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
     starts = [np.nan if r.start_time is None else r.start_time for r in recordings]
     triggers = [np.nan if (t := r.trigger_index) is None else r.times()[t] for r in recordings]
     repairs = [0 if r.flags is None else int(np.bitwise_or.reduce(r.flags) & _REPAIRS) for r in recordings]
-    kinds: list[tuple[str, str, Sequence[Any]]] = [
-        ("leak-session", "the session", [r.session for r in recordings]),
-        ("leak-format", "the file's ending", [PurePosixPath(r.name).suffix.lower() for r in recordings]),
-        ("leak-resolution", "the resolution", [data.resolutions[i] for i in places]),
-        ("leak-hour", "the hour of the day (UTC)", [None if np.isnan(s) else s // 3600 % 24 for s in starts]),
-        ("leak-flags", "what was repaired (flags)", repairs),
+    hours = [None if np.isnan(start) else start // 3600 % 24 for start in starts]
+    endings = [PurePosixPath(r.name).suffix.lower() for r in recordings]
+    kinds: list[tuple[str, str, Sequence[Any], str | None]] = [
+        ("leak-session", "the session", [r.session for r in recordings], None),
+        ("leak-format", "the file's ending", endings, None),
+        ("leak-resolution", "the resolution", [data.resolutions[i] for i in places], None),
+        ("leak-hour", "the hour of the day (UTC)", hours, None),
+        ("leak-flags", "what was repaired (flags)", repairs, None),
     ]
-    numbers: list[tuple[str, str, Sequence[float], str]] = [
+    numbers: list[tuple[str, str, Sequence[Any], str | None]] = [
         ("leak-clock", "the clock", starts, "s"),
         ("leak-length", "the duration", [r.duration_s for r in recordings], "s"),
         ("leak-length", "the number of samples", [r.n_samples for r in recordings], "samples"),
@@ -325,23 +327,18 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
             known = [np.nan if v is None else float(v) for v in entries]
             numbers.append(("leak-meta", f"meta {key!r}", known, ""))
         else:
-            kinds.append(("leak-meta", f"meta {key!r}", entries))
+            kinds.append(("leak-meta", f"meta {key!r}", entries, None))
     most = min(MOST_KINDS, len(recordings) // 2)
     found = []
-    for code, name, values in kinds:
-        n_values = len(set(values))
+    for code, name, values, unit in [*kinds, *numbers]:
+        column = None if unit is None else np.array(values, dtype=np.float64)
+        named = values if column is None else np.nan_to_num(column, nan=np.inf).tolist()
+        n_values = len(set(named))
         if n_values > 1:
-            found.append(Attribute(code, name, by_kind(values)))
+            neighbours = by_kind(named) if column is None else by_number(column)
+            found.append(Attribute(code, name, neighbours, column, unit or ""))
         if 1 < n_values <= most:
-            found.append(Attribute(code, name, by_kind(values, reverse=True)))
-    for code, name, values, unit in numbers:
-        column = np.array(values, dtype=np.float64)
-        n_values = len(np.unique(column))
-        if n_values > 1:
-            found.append(Attribute(code, name, by_number(column), column, unit))
-        if 1 < n_values <= most:
-            kind = np.nan_to_num(column, nan=np.inf).tolist()
-            found.append(Attribute(code, name, by_kind(kind, reverse=True)))
+            found.append(Attribute(code, name, by_kind(named, reverse=True)))
     levels = [rest.level for i in places if (rest := data.rests[i]) is not None]
     if len(levels) == len(places) and len({r.axes for r in recordings}) == 1:
         table = np.array(levels)
