@@ -53,3 +53,25 @@ def test_a_lead_that_no_recording_has_is_said():
     for n_samples in ("shortest", 4):
         with pytest.raises(ValueError, match=r"none of the 2 recordings has the lead before its trigger"):
             data.align(n_samples, trigger="recorded", lead_s=0.05, on_short="skip")
+
+
+@pytest.mark.parametrize(
+    ("step", "argument"),
+    [
+        (lambda d: d.resample(1e12), "rate_hz"),
+        (lambda d: d.resample(100, max_gap_s=-1), "max_gap_s"),
+        (lambda d: d.resample(100, on_gap="x"), "on_gap"),
+        (lambda d: d.find_onsets(rest_s=0.001, replace=True), "rest_s"),
+        (lambda d: d.find_onsets(false_alarm_rate=0.9), "false_alarm_rate"),
+        (lambda d: d.find_onsets(overrule={"no such": 1}), "overrule"),
+        (lambda d: d.align(10, lead_s=0.1), "lead_s"),
+        (lambda d: d.align(10, trigger=[1]), "trigger"),
+        (lambda d: d.align(0), "n_samples"),
+        (lambda d: d.check(sensor_range=-1.0), "sensor_range"),
+        (lambda d: d.check(sensor_range="unheard of"), "sensor_range"),
+    ],
+)
+def test_an_error_about_an_argument_holds_and_begins_with_its_name(data, step, argument):
+    with pytest.raises(ValueError, match=f"^{argument}") as error:
+        step(data)
+    assert error.value.argument == argument
