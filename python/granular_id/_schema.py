@@ -18,6 +18,7 @@ A form is written in plain Python values, and looks like what it admits::
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from typing import Any
 
 EACH = "*"
@@ -56,7 +57,7 @@ def _check(value: Any, form: Any, path: str, what: str, closed: bool) -> None:
         if value is not None:
             _check(value, form[0], path, what, closed)
     elif isinstance(form, dict):
-        if not isinstance(value, dict):
+        if not isinstance(value, Mapping):
             raise TypeError(f"{place} must be an object, got {value!r:.80}")
         _check_entries(value, form, path, what, closed)
     elif isinstance(form, list):
@@ -75,7 +76,9 @@ def _check(value: Any, form: Any, path: str, what: str, closed: bool) -> None:
         raise TypeError(f"{place} must be {_WORDS[form]}, got {value!r:.80}")
 
 
-def _check_entries(value: dict[str, Any], form: dict[str, Any], path: str, what: str, closed: bool) -> None:
+def _check_entries(
+    value: Mapping[str, Any], form: dict[str, Any], path: str, what: str, closed: bool
+) -> None:
     if EACH in form:
         for name, part in value.items():
             _check(part, form[EACH], f"{path}.{name}".lstrip("."), what, closed)

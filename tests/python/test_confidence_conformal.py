@@ -232,7 +232,7 @@ def test_a_missing_part_is_named(name):
     del stored[name]
     with pytest.raises(ValueError, match=name):
         ConformalRule.from_dict(stored)
-    with pytest.raises(TypeError, match="mapping"):
+    with pytest.raises(TypeError, match="must be an object"):
         ConformalRule.from_dict([name])
 
 

@@ -1,12 +1,20 @@
-"""How sure a model may be: calibrated probabilities, sets with a stated coverage, refusal of unknown materials."""
+"""How sure a model may be: calibrated probabilities, sets with a stated coverage, refusal of unknown materials.
 
-from granular_id.confidence.assessment import Confidence, assess, count_trainings as count_trainings
-from granular_id.confidence.calibration import Reliability, reliability
+What trains is loaded when first used: whoever reads the rules of a model does not wait for scikit-learn.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from granular_id.confidence.conformal import ConformalRule, conformal_rule
-from granular_id.confidence.coverage import CoverageResult, coverage_study
-from granular_id.confidence.held_out import HeldOutScores, Scores as Scores, held_out_scores
-from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
 from granular_id.confidence.unknown import UnknownRule, unknown_rule
+
+if TYPE_CHECKING:
+    from granular_id.confidence.assessment import Confidence, assess, count_trainings as count_trainings
+    from granular_id.confidence.calibration import Reliability, reliability
+    from granular_id.confidence.coverage import CoverageResult, coverage_study
+    from granular_id.confidence.held_out import HeldOutScores, Scores as Scores, held_out_scores
+    from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
 
 __all__ = [
     "Confidence",
@@ -24,3 +32,26 @@ __all__ = [
     "reliability",
     "unknown_rule",
 ]
+
+_LAZY = {
+    "Confidence": "assessment",
+    "CoverageResult": "coverage",
+    "HeldOutScores": "held_out",
+    "OpenSetResult": "open_set",
+    "Reliability": "calibration",
+    "Scores": "held_out",
+    "assess": "assessment",
+    "count_trainings": "assessment",
+    "coverage_study": "coverage",
+    "held_out_scores": "held_out",
+    "leave_one_material_out": "open_set",
+    "reliability": "calibration",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module 'granular_id.confidence' has no attribute {name!r}")
+    value = getattr(import_module(f"granular_id.confidence.{_LAZY[name]}"), name)
+    globals()[name] = value
+    return value

@@ -11,21 +11,33 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
-from scipy.special import softmax
 
 from granular_id._checks import named
-from granular_id.confidence._stored import Reader
-from granular_id.confidence.held_out import HeldOutScores
+from granular_id._schema import check_form
+
+# scipy is loaded where it is used: whoever reads a stored rule does not wait for it.
+
+if TYPE_CHECKING:
+    from granular_id.confidence.held_out import HeldOutScores
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 FORMAT = "granular-id conformal rule 1"
+_FORM = {
+    "format": FORMAT,
+    "classes": [str, ...],
+    "kind": str,
+    "levels": [float, ...],
+    "thresholds": [[(float, None), ...], ...],
+    "n_calibration": [int, ...],
+    "temperature": float,
+    "held_out": str,
+}
 
 LEVELS = (0.8, 0.9, 0.95)
 """Default coverages: the usual ones; 0.95 needs 19 calibration rows."""
@@ -215,19 +227,19 @@ class ConformalRule:
         TypeError, ValueError
             Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
         """
-        reader = Reader("conformal rule", FORMAT, stored)
-        rows = reader.take("thresholds", list)
-        rule = cls(
-            classes=reader.names("classes"),
-            kind=reader.take("kind", str),
-            levels=reader.numbers("levels"),
-            thresholds=tuple(reader.as_numbers("thresholds", row, none=math.inf) for row in rows),
-            n_calibration=reader.counts("n_calibration"),
-            temperature=reader.number("temperature"),
-            held_out=reader.take("held_out", str),
+        check_form(stored, _FORM, what="the conformal rule", closed=True)
+        return cls(
+            classes=tuple(stored["classes"]),
+            kind=stored["kind"],
+            levels=tuple(map(float, stored["levels"])),
+            thresholds=tuple(
+                tuple(math.inf if limit is None else float(limit) for limit in row)
+                for row in stored["thresholds"]
+            ),
+            n_calibration=tuple(stored["n_calibration"]),
+            temperature=float(stored["temperature"]),
+            held_out=stored["held_out"],
         )
-        reader.finish()
-        return rule
 
 
 def check_classes(classes: tuple[str, ...]) -> None:
@@ -334,6 +346,9 @@ def fit_temperature(values: FloatArray, truth: IntArray) -> float:
 
     Source: Guo, Pleiss, Sun, Weinberger, "On calibration of modern neural networks" (ICML 2017), section 4.2.
     """
+    from scipy.optimize import minimize_scalar
+    from scipy.special import softmax
+
     spread = float(values.std()) or 1.0
     rows = np.arange(len(truth))
 
@@ -353,6 +368,8 @@ def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArr
         margins: FloatArray = two[..., 1:] - values
         np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
         return margins
+    from scipy.special import softmax
+
     shares: FloatArray = softmax(values / temperature, axis=-1)
     if kind == "probability":
         return -shares

@@ -12,24 +12,39 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.covariance import ledoit_wolf
 
 from granular_id import _core
 from granular_id._checks import argument_error, named
-from granular_id.confidence._stored import Reader
+from granular_id._schema import check_form
 from granular_id.confidence.conformal import check_classes, checked_scores, conformal_quantile
-from granular_id.confidence.held_out import HeldOutScores
-from granular_id.ecoc import decode, onevsone
+
+# scikit-learn is loaded where it is used: whoever reads a stored rule does not wait for it.
+
+if TYPE_CHECKING:
+    from granular_id.confidence.held_out import HeldOutScores
 
 FloatArray = npt.NDArray[np.float64]
 
 IntArray = npt.NDArray[np.intp]
 
 FORMAT = "granular-id unknown rule 1"
+_MATRIX = [[float, ...], ...]
+_FORM = {
+    "format": FORMAT,
+    "classes": [str, ...],
+    "kind": str,
+    "threshold": (float, None),
+    "share_known": float,
+    "n_calibration": int,
+    "held_out": str,
+    "means": _MATRIX,
+    "whitener": _MATRIX,
+    "coding": _MATRIX,
+}
 
 STRANGENESS: Mapping[str, str] = MappingProxyType(
     {
@@ -212,20 +227,20 @@ class UnknownRule:
         TypeError, ValueError
             Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
         """
-        reader = Reader("unknown rule", FORMAT, stored)
-        rule = cls(
-            classes=reader.names("classes"),
-            kind=reader.take("kind", str),
-            threshold=reader.as_numbers("threshold", [reader.take("threshold", object)], none=math.inf)[0],
-            share_known=reader.number("share_known"),
-            n_calibration=reader.count("n_calibration"),
-            held_out=reader.take("held_out", str),
-            means=reader.matrix("means"),
-            whitener=reader.matrix("whitener"),
-            coding=reader.matrix("coding"),
+        check_form(stored, _FORM, what="the unknown rule", closed=True)
+        matrices = {
+            name: tuple(tuple(map(float, row)) for row in stored[name])
+            for name in ("means", "whitener", "coding")
+        }
+        return cls(
+            classes=tuple(stored["classes"]),
+            kind=stored["kind"],
+            threshold=math.inf if stored["threshold"] is None else float(stored["threshold"]),
+            share_known=float(stored["share_known"]),
+            n_calibration=stored["n_calibration"],
+            held_out=stored["held_out"],
+            **matrices,
         )
-        reader.finish()
-        return rule
 
 
 def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None = None) -> FloatArray:
@@ -240,6 +255,8 @@ def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None =
 
 def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
     """Kinds of `STRANGENESS` that the scores suffice for."""
+    from granular_id.ecoc import onevsone
+
     coding = scored.scores.coding
     if coding is None:
         return tuple(kind for kind in STRANGENESS if kind not in _OF_LEARNERS)
@@ -283,6 +300,8 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     >>> float(rule.knows(scored.scores.values, scored.scores.binary).mean()) >= 0.95
     True
     """
+    from granular_id.ecoc import decode, onevsone
+
     available = available_kinds(scored)
     kind = available[0] if kind is None else kind
     named(STRANGENESS, "kind", kind)
@@ -332,6 +351,8 @@ def _held_out_distances(rule: UnknownRule, own: FloatArray, scored: HeldOutScore
 
 def _distances(scores: FloatArray, truth: IntArray) -> dict[str, Any]:
     """Means of the classes, and the inverse root of the shrunken covariance within them."""
+    from sklearn.covariance import ledoit_wolf
+
     means = np.array([scores[truth == k].mean(axis=0) for k in range(truth.max() + 1)])
     covariance, _ = ledoit_wolf(scores - means[truth], assume_centered=True)
     variances, axes = np.linalg.eigh(covariance)
