@@ -32,6 +32,7 @@ from granular_id.partitions import (
     paper_partitions,
     rows_of_class,
     session_partitions,
+    splittable_rows,
     why_no_sessions,
 )
 from granular_id.recording import Dataset
@@ -234,6 +235,17 @@ def plan_partitions(
     drawn = block_partitions(y, _order_in_time(groups), n_folds=n_folds)
     instead = f"{n_folds} contiguous blocks of each class held out instead, {groups.basis}"
     return drawn, f"session: {why}; {instead}"
+
+
+def strictest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> tuple[list[Partition], str]:
+    """Draw the strictest partitions that a data set allows, random folds at the least; say how, and why no stricter.
+
+    A ValueError where a class has a single recording.
+    """
+    largest = max(own.size for own in splittable_rows(data.y, "held-out").values())
+    name, why = strictest(data)
+    partitions, note = plan_partitions(data, name or "kfold", n_folds=min(n_folds, largest), seed=seed)
+    return partitions, f"{note} ({why})" if why else note
 
 
 def _order_in_time(groups: Groups) -> Rows:

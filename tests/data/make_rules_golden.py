@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import granular_id as gid
-from granular_id.identifier.rules import Rules
+from granular_id.identifier.rules import confidence_rules
 
 HERE = Path(__file__).resolve().parent
 KNOWN = ("rice", "wheat flour", "oat flakes", "sunflower seeds", "fine sugar", "macaroni")
@@ -33,11 +33,11 @@ def main(folder=HERE / "rules", seconds=0.5, space="hfmh"):
     )
     X = np.concatenate([known.X, others.X]).astype("<f4")
     (folder / "wrench.f32").write_bytes(X.tobytes())
-    rules, scores = Rules.of(model.core), model.scores(X)
+    (conformal, unknown), scores = confidence_rules(model.core), model.scores(X)
     values = -model.core.losses(scores)
     lines = [
-        f"{model.classes[row.argmax()]}\t{', '.join(rules.conformal.names(row, at_least_one=True))}\t"
-        f"{not rules.unknown.knows(row, of_learners)}\n"
+        f"{model.classes[row.argmax()]}\t{', '.join(conformal.names(row, at_least_one=True))}\t"
+        f"{not unknown.knows(row, of_learners)}\n"
         for row, of_learners in zip(values, scores, strict=True)
     ]
     (folder / "answers.txt").write_text("".join(lines), encoding="utf-8")

@@ -10,7 +10,7 @@ from granular_id.identifier.rules import HeldOut, calibrate, first_reached
 def held_of(truth, winners, margins, folds):
     n, m = winners.shape
     moments, rows, none = np.arange(1, m + 1), np.arange(n), np.empty((0, 0))
-    return HeldOut(moments, rows, folds, truth, winners, margins, "kfold", "folds", "", (), none, none, ())
+    return HeldOut(moments, rows, folds, truth, winners, margins, "folds", "", (), none, none, ())
 
 
 @st.composite

@@ -11,8 +11,9 @@ from granular_id import evaluate, synthesize
 from granular_id.identifier import Identifier, Recipe, accuracy_over_time, description, promises
 from granular_id.identifier.rules import checkpoints, provisional_answers
 from granular_id.identifier.time_course import over_time
-from granular_id.identifier.training import group_aware_splits, train
+from granular_id.identifier.training import train
 from granular_id.recording import Dataset, Recording
+from granular_id.splits import strictest_partitions
 from identifier_twin import hinge_losses, provisional_scores
 
 
@@ -43,7 +44,7 @@ def training(data):
 
 def test_sessions_are_held_out_where_every_class_has_several(data, training):
     held = training.held
-    assert (held.protocol, held.held_out) == ("session", "held-out sessions")
+    assert (training.trained["estimate"]["protocol"], held.held_out) == ("session", "held-out sessions")
     for partition in held.partitions:
         assert not {*data.sessions[partition.train]} & {*data.sessions[partition.test]}
     assert sorted(held.rows.tolist()) == list(range(32))
@@ -51,12 +52,12 @@ def test_sessions_are_held_out_where_every_class_has_several(data, training):
 
 def test_else_halves_in_time_order_else_random_folds_and_it_is_said(data):
     untold = changed(data, session=lambda r: None)
-    protocol, partitions, note = group_aware_splits(untold)
-    assert (protocol, len(partitions)) == ("chronological", 2)
+    partitions, note = strictest_partitions(untold)
+    assert [partition.protocol for partition in partitions] == ["chronological"] * 2
     assert note.startswith("chronological: by start time (session protocol left out: no recording says which")
     timeless = changed(untold, start_time=lambda r: 1e9 if r.name == "oat_0" else None)
-    protocol, partitions, note = group_aware_splits(timeless, n_folds=4, seed=3)
-    assert (protocol, len(partitions)) == ("kfold", 4)
+    partitions, note = strictest_partitions(timeless, n_folds=4, seed=3)
+    assert [partition.protocol for partition in partitions] == ["kfold"] * 4
     assert "kfold: 4 folds, seed 3 (session protocol left out" in note
     assert "chronological protocol left out: " in note
 

@@ -18,7 +18,7 @@ from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
 from granular_id.confidence.unknown import STRANGENESS
 from granular_id.identifier import Identifier, StreamingIdentifier, description, identify_all, promises
-from granular_id.identifier.rules import KEY, Rules
+from granular_id.identifier.rules import KEY, confidence_rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart
 
@@ -71,18 +71,18 @@ def of_unknown(**changes):
 
 
 def test_rules_are_set_on_the_recordings_held_out_and_come_back(identifier, tmp_path):
-    rules = Rules.of(identifier.core)
-    assert rules.conformal.levels == (0.8,)
-    assert rules.conformal.n_calibration == (32,)
-    assert rules.unknown.share_known == 0.9
-    assert rules.conformal.classes == rules.unknown.classes == LABELS
-    assert rules.conformal.held_out == "held-out sessions"
+    conformal, unknown = rules = confidence_rules(identifier.core)
+    assert conformal.levels == (0.8,)
+    assert conformal.n_calibration == (32,)
+    assert unknown.share_known == 0.9
+    assert conformal.classes == unknown.classes == LABELS
+    assert conformal.held_out == "held-out sessions"
     identifier.save(tmp_path / "m.safetensors")
-    assert Rules.of(Identifier.load(tmp_path / "m.safetensors").core) == rules
+    assert confidence_rules(Identifier.load(tmp_path / "m.safetensors").core) == rules
 
 
 def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier, data):
-    rules, stream = Rules.of(identifier.core), StreamingIdentifier(identifier)
+    (conformal, unknown), stream = confidence_rules(identifier.core), StreamingIdentifier(identifier)
     values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
     for k, x in enumerate(data.X[:6]):
         stream.reset()
@@ -91,8 +91,8 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
         assert (early.candidates, early.unknown) == ((), None)
         stream.push(x[40:])
         decision = stream.decision()
-        assert decision.candidates == rules.conformal.names(values[k], at_least_one=True)
-        assert decision.unknown == (not rules.unknown.knows(values[k], scores[k]))
+        assert decision.candidates == conformal.names(values[k], at_least_one=True)
+        assert decision.unknown == (not unknown.knows(values[k], scores[k]))
         assert decision.candidates[0] == decision.label
         assert decision.to_dict()["candidates"] == list(decision.candidates)
         assert identifier.identify(x).candidates == decision.candidates
@@ -142,12 +142,12 @@ def test_streams_apply_the_rules_of_other_models(data, settings, n_classes):
     model = Identifier.fit(
         data[chosen], "hfmh", target_error=0.2, **{"coverage": 0.8, "share_known": 0.6} | settings
     )
-    rules, scores = Rules.of(model.core), model.scores(data.X)
+    (conformal, unknown), scores = confidence_rules(model.core), model.scores(data.X)
     for x, losses, row in zip(data.X, model.core.losses(scores), scores, strict=True):
         decision = model.identify(x)
-        names = () if rules.conformal is None else rules.conformal.names(-losses, at_least_one=True)
+        names = () if conformal is None else conformal.names(-losses, at_least_one=True)
         assert decision.candidates == names
-        assert decision.unknown == (None if rules.unknown is None else not rules.unknown.knows(-losses, row))
+        assert decision.unknown == (None if unknown is None else not unknown.knows(-losses, row))
 
 
 def test_the_package_says_what_plain_numpy_and_the_rust_crate_say():

@@ -11,7 +11,7 @@ from granular_id._text import counted, fixed
 from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import begins_at_first
-from granular_id.identifier.rules import Rules, outcome_text
+from granular_id.identifier.rules import confidence_rules, outcome_text
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
 _MOST_NOTES = 8
@@ -64,7 +64,7 @@ def promises(model: Identifier) -> list[str]:
         *_estimate(model, trained.get("estimate")),
         *_choice(trained.get("choice")),
         f"early answers: {_early(model, trained.get('early'))}",
-        *_confidence(Rules.of(model.core), _why_none(trained)),
+        *_confidence(model),
     ]
     if trained.get("left_out"):
         lines.append(f"note: {trained['left_out']}")
@@ -180,17 +180,18 @@ def _early(model: Identifier, outcome: Mapping[str, Any] | None) -> str:
     return f"{first}; {outcome_text(*figures)}"
 
 
-def _confidence(rules: Rules, why_none: str) -> list[str]:
+def _confidence(model: Identifier) -> list[str]:
     """Say what candidates and refusals are worth."""
-    candidates = refusals = f"none{why_none}"
-    if rules.conformal is not None:
-        level = rules.conformal.levels[-1]
-        promise = f"hold the right material of {100 * level:g} % of recordings like those held out"
-        candidates = "; ".join(rules.conformal.notes) or promise
-    if rules.unknown is not None:
-        share = 100 * rules.unknown.share_known
-        promise = f"refused, with {100 - share:.3g} % of recordings of the known ones"
-        refusals = "; ".join(rules.unknown.notes) or promise
+    conformal, unknown = confidence_rules(model.core)
+    candidates = refusals = f"none{_why_none(model.trained)}"
+    if conformal is not None:
+        promise = (
+            f"hold the right material of {100 * conformal.levels[-1]:g} % of recordings like those held out"
+        )
+        candidates = "; ".join(conformal.notes) or promise
+    if unknown is not None:
+        promise = f"refused, with {100 - 100 * unknown.share_known:.3g} % of recordings of the known ones"
+        refusals = "; ".join(unknown.notes) or promise
     return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
 
 

@@ -13,7 +13,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from granular_id import _core
-from granular_id._checks import named
+from granular_id._checks import argument_error, named
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, fitting_loss
 from granular_id.features import FeatureSpec
@@ -76,9 +76,11 @@ class Recipe:
 
     def __post_init__(self) -> None:
         if self.space not in SPACES:
-            raise ValueError(
-                f"space must be one of {', '.join(map(repr, SPACES))}, got {self.space!r}: an identifier computes its "
-                "features while samples arrive"
+            raise argument_error(
+                ValueError,
+                "space",
+                f"must be one of {', '.join(map(repr, SPACES))}, got {self.space!r}: an identifier computes its "
+                "features while samples arrive",
             )
         is_banded = self.space in BANDED
         unused = _CHOSEN_BY_BEST if self.space == "best" else () if is_banded else ("shrinkage",)
@@ -184,10 +186,12 @@ def model_of(
     check_is_fitted(space)
     known = getattr(space, "rate_hz", None)
     if rate_hz is not None and known is not None and known != rate_hz:
-        raise ValueError(f"rate_hz={rate_hz:g}, but the feature space was made for {known:g} Hz")
+        problem = f"={rate_hz:g}, but the feature space was made for {known:g} Hz"
+        raise argument_error(ValueError, "rate_hz", problem)
     rate_hz = known if rate_hz is None else rate_hz
     if rate_hz is None:
-        raise ValueError("rate_hz must be stated: the feature space does not know the rate of the recordings")
+        problem = "must be stated: the feature space does not know the rate of the recordings"
+        raise argument_error(ValueError, "rate_hz", problem)
     shape = int(space.n_features_in_), int(space.n_axes_in_)
     if samples is not None and samples.shape[1:] != shape:
         raise ValueError(f"samples must have shape (n, {shape[0]}, {shape[1]}), got {samples.shape}")

@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import finite_number
+from granular_id._checks import argument_error, finite_number
 from granular_id._text import fixed
+from granular_id.confidence import ConformalRule, UnknownRule
 
 if TYPE_CHECKING:
-    from granular_id.confidence import ConformalRule, UnknownRule
     from granular_id.partitions import Partition
     from granular_id.spaces import Chosen
 
@@ -49,52 +49,26 @@ _OTHER_TARGETS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Answers about n held-out recordings at M moments, the last of which has seen everything.
+    """Answers about n held-out recordings at M moments, the last of which has seen everything."""
 
-    Attributes
-    ----------
-    n_seen : ndarray of int, shape (M,)
-        Samples seen at each moment, ascending.
-    rows, folds, truth : ndarrays of int, shape (n,)
-        Recording, number of the partition that held it out, and class, of each answer.
-    winners : ndarray of int, shape (n, M)
-        Class with the least mean loss; the first of equal ones.
-    margins : ndarray, shape (n, M)
-        Second least mean loss minus the least.
-    protocol, held_out, note : str
-        Key of `granular_id.partitions.PROTOCOLS`; what a partition holds out, in words; how the partitions were drawn,
-        and what kept stricter ones out.
-    partitions : tuple of Partition
-    values, scores : ndarrays, shapes (n, K) and (n, L)
-        Minus the mean losses, and the scores of the learners, of whole recordings.
-    chosen : tuple of (Chosen or None)
-        What the model of each partition chose.
-    """
-
-    n_seen: IntArray
-    rows: IntArray
-    folds: IntArray
-    truth: IntArray
-    winners: IntArray
-    margins: FloatArray
-    protocol: str
-    held_out: str
-    note: str
+    n_seen: IntArray  # (M,) samples at each moment, ascending
+    rows: IntArray  # (n,) the recording of each answer
+    folds: IntArray  # (n,) number of the partition that held it out
+    truth: IntArray  # (n,) its class
+    winners: IntArray  # (n, M) class with the least mean loss; the first of equal ones
+    margins: FloatArray  # (n, M) second least mean loss minus the least
+    held_out: str  # what a partition holds out, in words
+    note: str  # how the partitions were drawn, and what kept stricter ones out
     partitions: tuple[Partition, ...]
-    values: FloatArray
-    scores: FloatArray
-    chosen: tuple[Chosen | None, ...]
+    values: FloatArray  # (n, K) minus the mean losses of whole recordings
+    scores: FloatArray  # (n, L) scores of the learners for them
+    chosen: tuple[Chosen | None, ...]  # what the model of each partition chose
 
     @property
     def right(self) -> npt.NDArray[np.bool_]:
         """Whether each answer (n, M) is the truth."""
         same: npt.NDArray[np.bool_] = self.winners == self.truth[:, None]
         return same
-
-    def fold_accuracies(self) -> FloatArray:
-        """Share of right answers to whole recordings, one for each partition."""
-        right = self.right[:, -1]
-        return np.array([right[self.folds == fold].mean() for fold in range(len(self.partitions))])
 
 
 def checkpoints(n_samples: int, n_checkpoints: int = N_CHECKPOINTS) -> IntArray:
@@ -169,7 +143,7 @@ class EarlyRule:
 def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
     """Find the rule that answers soonest, with early answers wrong in at most a share of cases."""
     target = checked_target(target_error)
-    n = len(held.rows)
+    n = len(held.truth)
     if 1 / (n + 1) > target:
         least = math.ceil(1 / target - 1e-9) - 1
         why = (
@@ -194,7 +168,7 @@ def checked_target(target_error: object) -> float:
     """Return the share of early answers that may be wrong, or say what it must be."""
     target = finite_number("target_error", target_error)
     if not 0 < target < 1:
-        raise ValueError(f"target_error must lie between 0 and 1, got {target:g}")
+        raise argument_error(ValueError, "target_error", f"must lie between 0 and 1, got {target:g}")
     return target
 
 
@@ -233,13 +207,13 @@ class _Pairs:
     def rule(self, target: float) -> EarlyRule | None:
         """Return the rule that reaches a target; None where none does."""
         held = self.held
-        everything = np.ones(len(held.rows), dtype=np.bool_)
+        everything = np.ones(len(held.truth), dtype=np.bool_)
         folds = [held.folds == fold for fold in np.unique(held.folds)]
         for level in _LEVELS:
             chosen = self.soonest(everything, level * target)
             if chosen is None:
                 continue
-            stops = np.full(len(held.rows), -1, dtype=np.intp)
+            stops = np.full(len(held.truth), -1, dtype=np.intp)
             for fold in folds:
                 own = self.soonest(~fold, level * target) if len(folds) > 1 else chosen
                 if own is not None:
@@ -265,30 +239,17 @@ class _Pairs:
         return int(fits[len(fits) - 1 - np.argmin(seen[::-1])])
 
 
-# Candidates, rejection and probabilities: read from a model. The core checks the rules with the model, and applies them
-# to whole recordings; provisional answers have none.
+# What a model keeps. The core checks the rules with it, and applies them to whole recordings alone.
 
 
-@dataclass(frozen=True)
-class Rules:
-    """The rules of candidates (`granular_id.confidence.conformal_rule`) and rejection (`unknown_rule`) of a model."""
-
-    conformal: ConformalRule | None = None
-    unknown: UnknownRule | None = None
-
-    @classmethod
-    def of(cls, core: _core.Model) -> Rules:
-        """Read those of a model."""
-        stored = json.loads(core.metadata["trained"]).get(KEY) or {}
-        if not stored:
-            return cls()
-        from granular_id.confidence import ConformalRule, UnknownRule  # brings in scikit-learn
-
-        conformal, unknown = stored.get("conformal"), stored.get("unknown")
-        return cls(
-            None if conformal is None else ConformalRule.from_dict(conformal),
-            None if unknown is None else UnknownRule.from_dict(unknown),
-        )
+def confidence_rules(core: _core.Model) -> tuple[ConformalRule | None, UnknownRule | None]:
+    """Read the rules of candidates and rejection that a model keeps."""
+    stored = json.loads(core.metadata["trained"]).get(KEY) or {}
+    conformal, unknown = stored.get("conformal"), stored.get("unknown")
+    return (
+        None if conformal is None else ConformalRule.from_dict(conformal),
+        None if unknown is None else UnknownRule.from_dict(unknown),
+    )
 
 
 def probabilities(core: _core.Model, scores: FloatArray) -> FloatArray:

@@ -121,14 +121,14 @@ def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, syntheti
         counts = by_then.sum(axis=0)
         answered = counts / len(rule.stops)
         np.divide((wrong[:, None] & by_then).sum(axis=0), counts, out=error, where=counts > 0)
-        mean_seconds = float(held.n_seen[stops].mean() / rate_hz)
+        mean_seconds = rule.to_dict(held, rate_hz)["mean_seconds"]
     return OverTime(
         seconds=held.n_seen / rate_hz,
         accuracy=right.mean(axis=0),
         answered=answered,
         error=error,
         chance=1 / np.unique(held.truth).size,
-        n_answers=len(held.rows),
+        n_answers=len(held.truth),
         held_out=held.held_out,
         note=held.note,
         target_error=rule.target_error if rule else None,

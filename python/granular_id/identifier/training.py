@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
 from granular_id import _core
-from granular_id._checks import checked_index, finite_number
+from granular_id._checks import argument_error, checked_index, finite_number
 from granular_id._estimators import convergence_warnings, versions
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
@@ -29,7 +29,7 @@ from granular_id.identifier.rules import (
     checkpoints,
     provisional_answers,
 )
-from granular_id.partitions import Partition, protocol_name, rows_of_class, splittable_rows
+from granular_id.partitions import Partition, protocol_name, rows_of_class
 from granular_id.recording import (
     Dataset,
     common_units,
@@ -40,12 +40,10 @@ from granular_id.recording import (
     values_in,
 )
 from granular_id.spaces import BestClassifier, Choice, Chosen, block_sizes, tell_blocks
-from granular_id.splits import Groups, groups_of, plan_partitions, strictest
+from granular_id.splits import Groups, groups_of, strictest_partitions
 from granular_id.statistics import MIN_PARTITIONS, confusion_counts, corrected_interval, recall_per_class
 
 FloatArray = npt.NDArray[np.float64]
-Splits = tuple[str, list[Partition], str]
-"""A key of `granular_id.partitions.PROTOCOLS`, the partitions, and how they were drawn."""
 
 _HEADER_BYTES = 2**16
 """Kept free for what is no weight: names, settings, estimates."""
@@ -53,26 +51,13 @@ _HEADER_BYTES = 2**16
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """A trained model and what is known about it.
-
-    Attributes
-    ----------
-    core : granular_id._core.Model
-        Of all recordings; keeps `trained` and the early rule.
-    trained : dict
-        What it was trained on and how, and the estimates, in types that JSON knows.
-    held : HeldOut or None
-        Answers about held-out recordings; None where there are none, `why_none` says why.
-    early : EarlyRule or None
-        None when it was not asked for, or nothing was held out.
-    why_none : str
-    """
+    """A model of all recordings, and what is known about it."""
 
     core: _core.Model
-    trained: dict[str, Any]
+    trained: dict[str, Any]  # what the model keeps of its training, in types that JSON knows
     held: HeldOut | None
-    early: EarlyRule | None
-    why_none: str = ""
+    early: EarlyRule | None  # None where it was not asked for, or nothing was held out
+    why_none: str  # why nothing was held out
 
 
 def train(
@@ -97,9 +82,9 @@ def train(
     target_error = checked_target(target_error)
     for name, share in (("coverage", coverage), ("share_known", share_known)):
         if share is not None and not 0 < finite_number(name, share) < 1:
-            raise ValueError(f"{name} must lie between 0 and 1, got {share:g}")
+            raise argument_error(ValueError, name, f"must lie between 0 and 1, got {share:g}")
     if checked_index(n_folds, "n_folds") < 2:
-        raise ValueError(f"n_folds must be at least 2, got {n_folds}")
+        raise argument_error(ValueError, "n_folds", f"must be at least 2, got {n_folds}")
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     X, y, rate_hz = data.X, data.y, data.rate_hz
@@ -107,16 +92,17 @@ def train(
     classes = tuple(rows_of_class(y))
     refuse_large(recipe, len(classes), X.shape[1:], max_file_bytes)
     why_none = "" if estimate else "no recordings were held out, as asked"
-    splits = None
+    partitions: list[Partition] = []
+    note = ""
     if estimate:
         try:
-            splits = group_aware_splits(data, n_folds=n_folds, seed=recipe.random_state)
+            partitions, note = strictest_partitions(data, n_folds=n_folds, seed=recipe.random_state)
         except ValueError as why:  # a model all the same, of which nobody knows how good it is
             why_none = str(why)
     held = posterior = None
     # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
     with showing(progress or False) as callback, convergence_warnings(recipe.space) as complaints:
-        ticker = Ticker(1 if splits is None else 1 + len(splits[1]), callback)
+        ticker = Ticker(1 + len(partitions), callback)
         with single_threaded_blas():
             origins = groups_of(data)
             pipeline = recipe.pipeline(rate_hz, threads=threads)
@@ -125,8 +111,8 @@ def train(
             if recipe.posterior is not None and chooses:
                 posterior = _posterior_of_best(classifier, y, recipe.posterior)
             ticker.tick("all recordings")
-            if splits is not None:
-                held = _answers(data, recipe, origins, splits, threads, ticker.tick)
+            if partitions:
+                held = _answers(data, recipe, origins, partitions, note, threads, ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     rules = {}
     if held is not None:
@@ -219,31 +205,17 @@ def fit_pipeline(
 # What held-out recordings say.
 
 
-def group_aware_splits(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> Splits:
-    """Draw the strictest partitions that recordings allow.
-
-    Whole sessions where every class has several; else halves in time order; else, without an order in time, stratified
-    random folds. A ValueError where a class has a single recording.
-    """
-    rows = splittable_rows(data.y, "held-out")
-    name, why = strictest(data)
-    protocol = "kfold" if name is None else name
-    largest = max(own.size for own in rows.values())
-    partitions, note = plan_partitions(data, protocol, n_folds=min(n_folds, largest), seed=seed)
-    return protocol, partitions, f"{note} ({why})" if why else note
-
-
 def _answers(
     data: Dataset,
     recipe: Recipe,
     origins: Groups,
-    splits: Splits,
+    partitions: list[Partition],
+    note: str,
     threads: int | None,
     tick: Callable[[str], None],
 ) -> HeldOut:
     """Train on the rows of each partition, and answer about the recordings it holds out."""
-    protocol, partitions, note = splits
-    X, held_out = data.X, protocol_name(protocol, partitions)
+    X, held_out = data.X, protocol_name(partitions[0].protocol, partitions)
     _, truth = np.unique(data.y, return_inverse=True)
     n_seen = checkpoints(X.shape[1])
     answers, values, scores, chosen = [], [], [], []
@@ -266,7 +238,6 @@ def _answers(
         truth=truth[rows].astype(np.intp),
         winners=np.array(winners, dtype=np.intp),
         margins=np.array(margins),
-        protocol=protocol,
         held_out=held_out,
         note=note,
         partitions=tuple(partitions),
@@ -279,18 +250,17 @@ def _answers(
 def _estimate(held: HeldOut, classes: tuple[str, ...]) -> dict[str, Any]:
     """Return the accuracy on held-out recordings and how it was found, in types that JSON knows.
 
-    The accuracy is the mean over partitions; its interval is corrected for the recordings that they share, and None
-    with fewer than three partitions or where all agree.
+    The interval is corrected for the recordings that partitions share, and None with few partitions or where all agree.
     """
-    shares = held.fold_accuracies()
+    right = held.right[:, -1]
+    shares = np.array([right[held.folds == fold].mean() for fold in range(len(held.partitions))])
     low, high = math.nan, math.nan
     if len(shares) >= MIN_PARTITIONS:
-        n_train = float(np.mean([partition.train.size for partition in held.partitions]))
-        n_test = float(np.mean([partition.test.size for partition in held.partitions]))
-        low, high = corrected_interval(shares, n_train, n_test)
+        sizes = [(partition.train.size, partition.test.size) for partition in held.partitions]
+        low, high = corrected_interval(shares, *np.mean(sizes, axis=0).tolist())
     recall = recall_per_class(confusion_counts(held.truth, held.winners[:, -1], len(classes)))
     return {
-        "protocol": held.protocol,
+        "protocol": held.partitions[0].protocol,
         "held_out": held.held_out,
         "note": held.note,
         "n_partitions": len(held.partitions),
