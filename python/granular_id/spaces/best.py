@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from itertools import groupby, product
 from numbers import Integral
 from typing import Any
@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs, positive_number
 from granular_id._parallel import in_threads, single_threaded_blas
+from granular_id._schema import check_form
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
 from granular_id.gram import linear_gram
@@ -404,30 +405,15 @@ class Chosen:
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Chosen:
-        """Make one from what `to_dict` gave; refuse parts that are missing, or do not fit together."""
-        missing = [field.name for field in fields(cls) if field.name not in saved]
-        if missing:
-            raise ValueError(f"a choice must hold {', '.join(missing)}")
-        machines, chosen, accuracies = (
-            _list(name, saved[name], kinds)
-            for name, kinds in (("machines", (str,)), ("chosen", (int,)), ("accuracies", (int, float)))
-        )
-        together = saved["together"]
-        if together is not None:
-            (together,) = _list("together", [together], (int, float))
+        """Make one from JSON of what `to_dict` gave; refuse parts that are missing, or do not fit together."""
+        form = {"machines": [str, ...], "chosen": [int, ...], "accuracies": [float, ...]}
+        check_form(saved, {**form, "together": (float, None), "note": str}, what="a choice")
+        machines, chosen, accuracies = (tuple(saved[name]) for name in form)
         if not chosen or not set(chosen) <= set(range(len(machines))):
             raise ValueError(f"chosen must be among the {len(machines)} machines, got {chosen}")
         if len(accuracies) not in (0, len(machines)):
             raise ValueError(f"wanted an accuracy of each of {len(machines)} machines, got {len(accuracies)}")
-        return cls(machines, chosen, accuracies, together, str(saved["note"]))
-
-
-def _list(name: str, values: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-    """Return a list as JSON gave it; no text for a list, and no true for a 1."""
-    if not isinstance(values, list | tuple) or any(type(value) not in kinds for value in values):
-        wanted = " or ".join(kind.__name__ for kind in kinds)
-        raise TypeError(f"{name} must be a list of {wanted}, got {values!r:.80}")
-    return tuple(values)
+        return cls(machines, chosen, accuracies, saved["together"], saved["note"])
 
 
 @dataclass(frozen=True)
