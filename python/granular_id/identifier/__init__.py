@@ -21,7 +21,7 @@ from granular_id.identifier.streaming import StreamingIdentifier
 
 if TYPE_CHECKING:
     from granular_id.identifier.recipe import Recipe as Recipe
-    from granular_id.identifier.time_course import OverTime, accuracy_over_time
+    from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
     from granular_id.identifier.training import (
         Training as Training,
         fit_pipeline as fit_pipeline,

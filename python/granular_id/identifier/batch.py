@@ -15,7 +15,7 @@ from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import fingerprint, marks_in, marks_of
-from granular_id.identifier.rules import margins_of, probabilities
+from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch
 
 CSV_COLUMNS = (
@@ -26,46 +26,31 @@ CSV_COLUMNS = (
 
 @dataclass(frozen=True)
 class Named:
-    """What a model says of one recording, as a final `granular_id.Decision`, and what is known of the recording.
-
-    `truth` is its label, None where it has none; `warnings` say what is wrong with its samples; `trained_on`, whether
-    the model was trained on these very samples, is None where the model does not know its recordings one by one.
-    """
+    """What a model says of one recording, as a final `granular_id.Decision`, and what is known of the recording."""
 
     name: str
     label: str
     margin: float
     probability: float | None
-    truth: str | None
-    warnings: tuple[str, ...]
+    truth: str | None  # its label
+    warnings: tuple[str, ...]  # what is wrong with its samples
     candidates: tuple[str, ...]
     unknown: bool | None
-    trained_on: bool | None
+    trained_on: (
+        bool | None
+    )  # on these very samples; None where the model does not know its recordings one by one
     ranking: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Answers about recordings, in their order; iterate over them.
-
-    Attributes
-    ----------
-    each : tuple of Named
-    classes : tuple of str
-        Labels that the model knows.
-    synthetic : str
-        What is simulated, in words; empty where nothing is.
-    trained_on_these : bool
-        Whether the model was trained on exactly these recordings: its answers then say nothing about new ones.
-    differences : tuple of str
-        What of their set-up is not as in the training.
-    """
+    """Answers about recordings, in their order; iterate over them."""
 
     each: tuple[Named, ...]
-    classes: tuple[str, ...]
-    synthetic: str
-    trained_on_these: bool
-    differences: tuple[str, ...] = ()
+    classes: tuple[str, ...]  # that the model knows
+    synthetic: str  # what is simulated, in words
+    trained_on_these: bool  # exactly
+    differences: tuple[str, ...] = ()  # what of their set-up is not as in the training
 
     def __iter__(self) -> Iterator[Named]:
         return iter(self.each)
@@ -173,25 +158,11 @@ class Batch:
 
 
 def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
-    """Name the material of every recording of a data set.
-
-    Parameters
-    ----------
-    model : Identifier
-    data : Dataset
-        Of the length, rate and axes of the model, see `granular_id.identifier.fitted`.
-    differences : tuple of str
-        What of their set-up is not as in the training, as `granular_id.identifier.refuse_others` returns it.
-
-    Returns
-    -------
-    Batch
-    """
+    """Name the material of every recording, cropped by `fitted`; `differences` are those of `refuse_others`."""
     scores = model.scores(data.X)
     losses = model.core.losses(scores)
     order = np.argsort(losses, axis=1, kind="stable")  # of equal losses the first label, as everywhere
     shares = None if model.core.sigmoid is None else probabilities(model.core, scores)
-    margins = margins_of(losses)
     verdicts = model.core.verdicts(scores)
     marks = marks_in(model.trained)
     seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
@@ -203,7 +174,7 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
             Named(
                 name=recording.name,
                 label=ranking[0][0],
-                margin=float(margins[i]),
+                margin=ranking[1][1] - ranking[0][1],
                 probability=None if shares is None else float(shares[i, order[i, 0]]),
                 truth=recording.label,
                 warnings=_warnings(recording),
@@ -215,7 +186,11 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
         )
     simulated = ["a model of SYNTHETIC recordings"] if model.synthetic else []
     simulated += ["SYNTHETIC recordings"] if data.is_synthetic else []
-    return Batch(tuple(each), model.classes, " and ".join(simulated), _trained_on(model, data), differences)
+    trained_on_these = False
+    settings = model.trained.get("settings")
+    if settings is not None and None not in {recording.label for recording in data}:
+        trained_on_these = fingerprint(data, settings) == model.core.metadata["training_sha256"]
+    return Batch(tuple(each), model.classes, " and ".join(simulated), trained_on_these, differences)
 
 
 def _rightly(judged: Sequence[Named]) -> int:
@@ -227,11 +202,3 @@ def _warnings(recording: Recording) -> tuple[str, ...]:
     flags = 0 if recording.flags is None else recording.flags
     counts = {flag.name or "": int(np.count_nonzero(flags & flag)) for flag in SampleFlag}
     return tuple(f"{count} {name.lower().replace('_', ' ')}" for name, count in counts.items() if count)
-
-
-def _trained_on(model: Identifier, data: Dataset) -> bool:
-    """Whether the model was trained on exactly these recordings."""
-    mark, settings = model.core.metadata["training_sha256"], model.trained.get("settings")
-    if not mark or settings is None or None in {recording.label for recording in data}:
-        return False
-    return fingerprint(data, settings) == mark

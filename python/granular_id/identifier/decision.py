@@ -96,19 +96,11 @@ class Decision:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the decision in types that JSON knows; computes the probability."""
-        return {
-            "label": self.label,
+        return vars(self) | {
             "ranking": [[label, loss] for label, loss in self.ranking],
-            "margin": self.margin,
             "probability": self.probability,
-            "final": self.final,
-            "settled": self.settled,
-            "sure": self.sure,
-            "n_seen": self.n_seen,
-            "seconds": self.seconds,
             "warnings": list(self.warnings),
             "candidates": list(self.candidates),
-            "unknown": self.unknown,
         }
 
 

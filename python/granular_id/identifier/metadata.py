@@ -33,7 +33,7 @@ SPACES = (*BANDED, "raw", "hfmh", "raw+hfmh")
 """Those of `granular_id.spaces.feature_spaces` that can be computed while samples arrive."""
 
 MARKS = "recording_marks"
-"""Where hashes of the recordings stand in what a model says of its training: side by side in one text."""
+"""Key of the hashes of the recordings: side by side in one text."""
 
 Begin = Literal["auto", "first", "trigger"]
 
@@ -150,22 +150,7 @@ def marks_in(trained: Mapping[str, Any]) -> frozenset[str] | None:
 def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
     """Refuse recordings of other axes, another rate or another set-up than a model was trained on.
 
-    Parameters
-    ----------
-    data : Dataset
-    core : granular_id._core.Model
-    accept : str or sequence of str
-        What of the set-up may differ though it is refused otherwise, see `granular_id.recording.Setup`.
-
-    Returns
-    -------
-    tuple of str
-        What else is not as in the training, by name, each once.
-
-    Raises
-    ------
-    ValueError
-        Naming the first such recording, and the step that helps.
+    What of the set-up is in `accept` may differ. Returns what else is not as in the training, by name, each once.
     """
     axes, rate_hz = axes_of(core), core.rate_hz
     for recording in data:
@@ -204,31 +189,12 @@ def fitted(
     lead_s: float | None = None,
     on_short: Literal["raise", "skip"] = "raise",
 ) -> Dataset:
-    """Crop recordings to the length of a model.
+    """Crop recordings of the rate and axes of a model to its length; the same data set where all have it already.
 
-    Parameters
-    ----------
-    data : Dataset
-        Of the rate and axes of the model, see `refuse_others`.
-    core : granular_id._core.Model
-    begin_at : {"auto", "first", "trigger"}, default "auto"
-        Where to begin: at the first sample; at the trigger, less the lead; or, automatically, at the first sample
-        of recordings that have the length already, and of longer ones as in the training: at the trigger where all
-        had the same lead, else at the first sample where that is how they were cropped.
-    lead_s : float, optional
-        Seconds kept ahead of the trigger. Default: as in the recordings of the training, where all had the same.
-    on_short : {"raise", "skip"}
-        What to do with a recording that is too short, or longer and without trigger: refuse, or leave it out.
-
-    Returns
-    -------
-    Dataset
-        The same one where every recording has the length already; else ``history[-1]`` says what was cropped.
-
-    Raises
-    ------
-    ValueError
-        A recording is too short, has no trigger or too little rest before it; or `lead_s` is neither stated nor known.
+    They begin at the first sample, or at the trigger less the lead. Automatically those of the length begin at the
+    first sample, and longer ones as in the training: at the trigger where all had the same lead, else at the first
+    sample where that is how they were cropped. `on_short` is for recordings that are too short, or longer and without
+    trigger.
     """
     n, rate_hz = core.n_samples, core.rate_hz
     lengths = [recording.n_samples for recording in data]
