@@ -101,7 +101,7 @@ def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost():
 def test_the_classifier_of_a_space_chooses_with_sessions_held_out(data):
     pipeline = Pipeline([("features", feature_spaces()["multiband"].transformer), ("own", BestClassifier())])
     rows = np.arange(18)
-    model = fit_pipeline(pipeline, data.X[rows], data.y[rows], groups_of(data), rows)
+    model = fit_pipeline(pipeline, data.X[rows], data.y[rows], groups_of(data).take(rows))
     assert "session" in model[-1].choice_.held_out
     assert model[-1].blocks == model[0].block_sizes_
     assert explain(model, "rice", "oat", data.X, data.y).findings(1)[0].axes == ("fz",)

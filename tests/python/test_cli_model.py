@@ -3,6 +3,8 @@
 import csv
 import json
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -311,3 +313,16 @@ def test_model_info_prints_and_writes_what_is_in_the_file(model, tmp_path):
     assert written["spec"]["n_bins"] == 10
     assert written["training_sha256"] == identifier.core.metadata["training_sha256"]
     assert "belongs to" in refused("model", "info", model, "--json", model)
+
+
+def test_model_info_does_not_wait_for_what_trains(model):
+    code = (
+        "import sys; from granular_id.cli import main\n"
+        "try: main()\n"
+        "except SystemExit as end: print('exit', end.code)\n"
+        "print('heavy', sorted({'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    )
+    words = [sys.executable, "-c", code, "model", "info", str(model)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
+    assert "candidates: hold the right material" in done.stdout
+    assert "heavy []" in done.stdout

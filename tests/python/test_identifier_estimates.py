@@ -101,7 +101,7 @@ def test_one_recording_of_a_class_gives_a_model_without_estimate(data):
     assert training.held is None
     assert training.early is None
     assert training.trained["estimate"] is None
-    assert "class 'peas' has 1 recording" in training.why_none
+    assert "class 'peas' has 1 recording" in training.trained["why_no_estimate"]
     model = Identifier(training.core)
     assert model.predict(few.X).tolist() == few.y.tolist()
     assert any("not known: class 'peas' has 1 recording" in line for line in promises(model))

@@ -107,7 +107,7 @@ def _explained(
         if (y == label).sum() < 2:
             raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
     part, held_out = pair_partition(data, first, second)
-    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data), part.train)
+    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data).take(part.train))
     chosen = Chosen.of(model[-1])
     how = "" if chosen is None else f"; {chosen.words}"
     split = {

@@ -151,7 +151,8 @@ def train(
     )
     identifier = Identifier(training.core)
     if figure is not None and training.held is None:
-        raise ValueError(f"--figure shows held-out recordings, and there are none: {training.why_none}")
+        why = training.trained["why_no_estimate"]
+        raise ValueError(f"--figure shows held-out recordings, and there are none: {why}")
     _print_model(identifier, brief=True)
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     _write_extras(training, data, figure, json)

@@ -25,7 +25,7 @@ CSV_COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Named:
+class Answer:
     """What a model says of one recording, as a final `granular_id.Decision`, and what is known of the recording."""
 
     name: str
@@ -46,20 +46,20 @@ class Named:
 class Batch:
     """Answers about recordings, in their order; iterate over them."""
 
-    each: tuple[Named, ...]
+    each: tuple[Answer, ...]
     classes: tuple[str, ...]  # that the model knows
     synthetic: str  # what is simulated, in words
     trained_on_these: bool  # exactly
     differences: tuple[str, ...] = ()  # what of their set-up is not as in the training
 
-    def __iter__(self) -> Iterator[Named]:
+    def __iter__(self) -> Iterator[Answer]:
         return iter(self.each)
 
     def __len__(self) -> int:
         return len(self.each)
 
     @property
-    def judged(self) -> tuple[Named, ...]:
+    def judged(self) -> tuple[Answer, ...]:
         """Answers about recordings with a label that the model knows."""
         return tuple(named for named in self.each if named.truth in self.classes)
 
@@ -171,7 +171,7 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
         candidates, unknown = verdicts[i]
         ranking = tuple((model.classes[k], float(losses[i, k])) for k in order[i].tolist())
         each.append(
-            Named(
+            Answer(
                 name=recording.name,
                 label=ranking[0][0],
                 margin=ranking[1][1] - ranking[0][1],
@@ -193,7 +193,7 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
     return Batch(tuple(each), model.classes, " and ".join(simulated), trained_on_these, differences)
 
 
-def _rightly(judged: Sequence[Named]) -> int:
+def _rightly(judged: Sequence[Answer]) -> int:
     return sum(named.label == named.truth for named in judged)
 
 

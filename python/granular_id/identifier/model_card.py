@@ -7,7 +7,7 @@ from textwrap import shorten
 from typing import Any
 
 from granular_id import _core
-from granular_id._text import counted, fixed
+from granular_id._text import counted, fixed, percent
 from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import begins_at_first
@@ -129,13 +129,13 @@ def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str
     within = "" if interval is None else f" (95 %: {100 * interval[0]:.1f} to {100 * interval[1]:.1f})"
     lines = [
         f"accuracy, {estimate['held_out']}{' (SYNTHETIC recordings)' if model.synthetic else ''}: "
-        f"{100 * estimate['accuracy']:.1f} %{within}, "
+        f"{percent(estimate['accuracy'])}{within}, "
         f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions",
         f"  {estimate['note']}",
     ]
     weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
     if weak:
-        least = ", ".join(f"{label} {100 * share:.0f} %" for share, label in weak[:5])
+        least = ", ".join(f"{label} {percent(share, 0)}" for share, label in weak[:5])
         lines.append(f"  least recognised: {least}")
     return lines
 
@@ -161,9 +161,8 @@ def _choice(choice: Mapping[str, Any] | None) -> list[str]:
         lines.append(line)
     together = choice["accuracy_on_the_folds_that_chose"]
     if together is not None:
-        lines.append(
-            f"  {100 * together:.1f} % together, on the recordings that chose: not what to expect of new ones"
-        )
+        reached = percent(together)
+        lines.append(f"  {reached} together, on the recordings that chose: not what to expect of new ones")
     return lines
 
 

@@ -48,14 +48,7 @@ _CHOSEN_BY_BEST = ("C", "coding", "loss", "decoding", "shrinkage")
 
 @dataclass(frozen=True)
 class Recipe:
-    """Settings of features and classifier, as in `granular_id.Identifier.fit`.
-
-    Raises
-    ------
-    ValueError
-        An unknown space, coding, loss, decoding or posterior (the message names those that work), or a setting that
-        is not for the space.
-    """
+    """Settings of features and classifier, as in `granular_id.Identifier.fit`; refuses what is not for the space."""
 
     space: str = "best"
     cutoff_hz: float = 23.0

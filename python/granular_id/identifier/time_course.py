@@ -188,5 +188,5 @@ def accuracy_over_time(
         data, Recipe(space=space, **settings), target_error=target_error, n_folds=n_folds, progress=progress
     )
     if training.held is None:
-        raise ValueError(f"data: nothing can be held out: {training.why_none}")
+        raise ValueError(f"data: nothing can be held out: {training.trained['why_no_estimate']}")
     return over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)

@@ -57,7 +57,6 @@ class Training:
     trained: dict[str, Any]  # what the model keeps of its training, in types that JSON knows
     held: HeldOut | None
     early: EarlyRule | None  # None where it was not asked for, or nothing was held out
-    why_none: str  # why nothing was held out
 
 
 def train(
@@ -101,22 +100,22 @@ def train(
             why_none = str(why)
     held = posterior = None
     # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
-    with showing(progress or False) as callback, convergence_warnings(recipe.space) as complaints:
+    with showing(progress or False) as callback, convergence_warnings(recipe.space) as not_converged:
         ticker = Ticker(1 + len(partitions), callback)
         with single_threaded_blas():
-            origins = groups_of(data)
+            groups = groups_of(data)
             pipeline = recipe.pipeline(rate_hz, threads=threads)
-            classifier = fit_pipeline(pipeline, X, y, origins)[-1]
+            classifier = fit_pipeline(pipeline, X, y, groups)[-1]
             chooses = isinstance(classifier, BestClassifier)
             if recipe.posterior is not None and chooses:
                 posterior = _posterior_of_best(classifier, y, recipe.posterior)
             ticker.tick("all recordings")
             if partitions:
-                held = _answers(data, recipe, origins, partitions, note, threads, ticker.tick)
+                held = _answers(data, recipe, groups, partitions, note, threads, ticker.tick)
     rule = calibrate(held, target_error) if early and held is not None else None
     rules = {}
     if held is not None:
-        rules = _confidence_rules(held, classes, classifier.coding_matrix_, coverage, share_known)
+        rules = _fit_confidence_rules(held, classes, classifier.coding_matrix_, coverage, share_known)
     trained = {
         **_described(data, recipe),
         **stored_marks(data),
@@ -127,7 +126,7 @@ def train(
         **({KEY: rules} if rules else {}),
         "left_out": getattr(pipeline[0], "dropped_", ""),
         # What may mislead a reader of the estimate.
-        "notes": [*(mixed_setup_warnings(data) if held is None else data_warnings(data)), *complaints],
+        "notes": [*(mixed_setup_warnings(data) if held is None else data_warnings(data)), *not_converged],
     }
     with single_threaded_blas():
         core = model_of(
@@ -143,7 +142,7 @@ def train(
             training_sha256=fingerprint(data, trained["settings"]),
             coding=recipe.coding if isinstance(recipe.coding, str) else "",
         )
-    return Training(core, trained, held, rule, why_none)
+    return Training(core, trained, held, rule)
 
 
 def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: int) -> None:
@@ -181,13 +180,11 @@ def fit_pipeline(
     pipeline: Pipeline,
     X: FloatArray,
     y: npt.NDArray[np.str_],
-    origins: Groups | None = None,
-    rows: npt.NDArray[np.intp] | None = None,
+    groups: Groups | None = None,
 ) -> Pipeline:
     """Fit a pipeline in place on recordings X (n, T, C) and labels y (n,).
 
-    Steps that ask are told the blocks of columns, and sessions and order of the recordings: `origins` knows those of
-    all recordings, of which X are the `rows` (default: all).
+    Steps that ask are told the blocks of columns, and sessions and order of the recordings.
     """
     features, *steps = (step for _, step in pipeline.steps)
     values = features.fit(X, y).transform(X)
@@ -195,10 +192,7 @@ def fit_pipeline(
     for step in steps:
         tell_blocks(step, sizes)
     rest = Pipeline(pipeline.steps[1:])
-    known: dict[str, Any] = {}
-    if origins is not None:
-        known = origins.fit_arguments(rest, np.arange(len(y)) if rows is None else rows)
-    rest.fit(values, y, **known)
+    rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest, np.arange(len(y)))))
     return pipeline
 
 
@@ -208,7 +202,7 @@ def fit_pipeline(
 def _answers(
     data: Dataset,
     recipe: Recipe,
-    origins: Groups,
+    groups: Groups,
     partitions: list[Partition],
     note: str,
     threads: int | None,
@@ -222,7 +216,7 @@ def _answers(
     for partition in partitions:
         samples = X[partition.train]
         pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
-        fit_pipeline(pipeline, samples, data.y[partition.train], origins, partition.train)
+        fit_pipeline(pipeline, samples, data.y[partition.train], groups.take(partition.train))
         core = model_of(pipeline, data.rate_hz, axes=data.axes, samples=samples)
         chosen.append(Chosen.of(pipeline))
         answers += [provisional_answers(core, X[row], n_seen) for row in partition.test.tolist()]
@@ -271,7 +265,7 @@ def _estimate(held: HeldOut, classes: tuple[str, ...]) -> dict[str, Any]:
     }
 
 
-def _confidence_rules(
+def _fit_confidence_rules(
     held: HeldOut,
     classes: tuple[str, ...],
     coding: npt.NDArray[np.int8],
