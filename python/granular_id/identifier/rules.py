@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import argument_error, finite_number
 from granular_id._text import fixed
 from granular_id.confidence import ConformalRule, UnknownRule
 
@@ -88,14 +87,8 @@ def provisional_answers(
         stream.push(wrench[start:stop])
         losses[k] = stream.losses()
         start = int(stop)
-    return losses.argmin(axis=1), margins_of(losses)
-
-
-def margins_of(losses: FloatArray) -> FloatArray:
-    """Return the second least of the mean losses (..., K) minus the least."""
-    least = np.partition(losses, 1, axis=-1)
-    margins: FloatArray = least[..., 1] - least[..., 0]
-    return margins
+    least = np.partition(losses, 1, axis=1)
+    return losses.argmin(axis=1), least[:, 1] - least[:, 0]
 
 
 # Early answers. The rule has two numbers: from `n_seen` samples on, the first provisional answer whose margin reaches
@@ -140,9 +133,8 @@ class EarlyRule:
         }
 
 
-def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
+def calibrate(held: HeldOut, target: float) -> EarlyRule:
     """Find the rule that answers soonest, with early answers wrong in at most a share of cases."""
-    target = checked_target(target_error)
     n = len(held.truth)
     if 1 / (n + 1) > target:
         least = math.ceil(1 / target - 1e-9) - 1
@@ -162,14 +154,6 @@ def calibrate(held: HeldOut, target_error: float = 0.01) -> EarlyRule:
     hint = "" if reached is None else f"; one of {100 * reached:g} % could be kept"
     why = f"no rule keeps the error of early answers within {100 * target:g} %{hint}"
     return EarlyRule(target, why_not=why)
-
-
-def checked_target(target_error: object) -> float:
-    """Return the share of early answers that may be wrong, or say what it must be."""
-    target = finite_number("target_error", target_error)
-    if not 0 < target < 1:
-        raise argument_error(ValueError, "target_error", f"must lie between 0 and 1, got {target:g}")
-    return target
 
 
 def first_reached(margins: FloatArray, margin: float, beginning: int = 0) -> IntArray:

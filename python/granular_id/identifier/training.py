@@ -25,7 +25,6 @@ from granular_id.identifier.rules import (
     EarlyRule,
     HeldOut,
     calibrate,
-    checked_target,
     checkpoints,
     provisional_answers,
 )
@@ -78,10 +77,11 @@ def train(
     Parameters and errors are those of `granular_id.Identifier.fit`; what is wrong with them is said before anything is
     trained.
     """
-    target_error = checked_target(target_error)
-    for name, share in (("coverage", coverage), ("share_known", share_known)):
-        if share is not None and not 0 < finite_number(name, share) < 1:
-            raise argument_error(ValueError, name, f"must lie between 0 and 1, got {share:g}")
+    _check_share("target_error", target_error)
+    if coverage is not None:
+        _check_share("coverage", coverage)
+    if share_known is not None:
+        _check_share("share_known", share_known)
     if checked_index(n_folds, "n_folds") < 2:
         raise argument_error(ValueError, "n_folds", f"must be at least 2, got {n_folds}")
     if not isinstance(data, Dataset):
@@ -112,7 +112,7 @@ def train(
             ticker.tick("all recordings")
             if partitions:
                 held = _answers(data, recipe, groups, partitions, note, threads, ticker.tick)
-    rule = calibrate(held, target_error) if early and held is not None else None
+    rule = calibrate(held, float(target_error)) if early and held is not None else None
     rules = {}
     if held is not None:
         rules = _fit_confidence_rules(held, classes, classifier.coding_matrix_, coverage, share_known)
@@ -143,6 +143,12 @@ def train(
             coding=recipe.coding if isinstance(recipe.coding, str) else "",
         )
     return Training(core, trained, held, rule)
+
+
+def _check_share(name: str, share: float) -> None:
+    value = finite_number(name, share)
+    if not 0 < value < 1:
+        raise argument_error(ValueError, name, f"must lie between 0 and 1, got {value:g}")
 
 
 def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: int) -> None:
