@@ -61,7 +61,7 @@ class Batch:
     @property
     def judged(self) -> tuple[Answer, ...]:
         """Answers about recordings with a label that the model knows."""
-        return tuple(named for named in self.each if named.truth in self.classes)
+        return tuple(answer for answer in self.each if answer.truth in self.classes)
 
     @property
     def accuracy(self) -> float | None:
@@ -72,7 +72,7 @@ class Batch:
     @property
     def n_trained_on(self) -> int | None:
         """Recordings that the model was trained on; None where it does not know."""
-        known = [named.trained_on for named in self.each if named.trained_on is not None]
+        known = [answer.trained_on for answer in self.each if answer.trained_on is not None]
         return sum(known) if known else None
 
     def table(self) -> Table:
@@ -149,7 +149,7 @@ class Batch:
         elif self.n_trained_on == len(self):
             yield "the model was trained on each of these recordings: this says nothing about new ones"
         elif self.n_trained_on:
-            fresh = [named for named in judged if not named.trained_on]
+            fresh = [answer for answer in judged if not answer.trained_on]
             rest = f"; of the others {_rightly(fresh)} of {len(fresh)} named rightly" if fresh else ""
             yield (
                 f"the model was trained on {self.n_trained_on} of these {counted(len(self))}, whose answers say "
@@ -194,7 +194,7 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
 
 
 def _rightly(judged: Sequence[Answer]) -> int:
-    return sum(named.label == named.truth for named in judged)
+    return sum(answer.label == answer.truth for answer in judged)
 
 
 def _warnings(recording: Recording) -> tuple[str, ...]:
