@@ -8,6 +8,7 @@ from sklearn.pipeline import Pipeline
 
 from cli_cases import ended_well, saved
 from granular_id.cli.method import OneSpace
+from granular_id.cli.options import with_defaults
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.identifier import fit_pipeline
@@ -93,7 +94,7 @@ def test_what_is_explained_is_held_out_as_strictly_as_the_two_materials_allow(se
 
 
 def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost():
-    classifier = OneSpace(space="hfmh", c=3.0).pipeline(500.0)[-1]
+    classifier = with_defaults(OneSpace, space="hfmh", c=3.0).pipeline(500.0)[-1]
     assert isinstance(classifier, ECOCClassifier)
     assert classifier.C == 3.0
 

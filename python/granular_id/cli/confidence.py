@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Literal
 
 from granular_id.cli.method import OneSpace
-from granular_id.cli.options import Force, at_least, between, command, option
+from granular_id.cli.options import FORCE, at_least, between, command, numbers_in, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, print_table, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -16,61 +15,48 @@ if TYPE_CHECKING:
 
     from granular_id.recording import Dataset
 
-TEXT = """
-Say how sure a model of these recordings may be.
-
-Three questions. Do probabilities mean what they say? Do sets of materials hold the right one as often as asked for, on
-random recordings, and in sessions or halves in time that did not train? Is a material refused that the model has never
-met: each one is left out in turn.
-
-The model is that of `granular-id train`. It is trained many times over, and --space best chooses anew each time: for a
-first look take --space multiband or fewer --seeds.
-
-PATH is a file or folder of any format, as for `granular-id evaluate`.
-
-Examples:
-
-`granular-id confidence recordings`
-
-`granular-id confidence recordings --space multiband --seeds 5`
-
-`granular-id confidence recordings --space hfmh --levels 0.9,0.99 --figure sure.png --json sure.json`
-"""
-
 SURE, OUTPUT = "Confidence", "Output"
 
 
-class Sets(str, Enum):
-    """Choices of ``--sets``."""
-
-    margin = "margin"
-    probability = "probability"
-    cumulative = "cumulative"
-
-
-@command(TEXT, Reading, Steps, OneSpace)
+@command
 def confidence(
     reading: Reading,
     steps: Steps,
     method: OneSpace,
     *,
-    levels: Annotated[str, option(SURE, "Coverages of the sets, separated by commas.")] = "0.8,0.9,0.95",
-    sets: Annotated[Sets, option(SURE, "What a material is judged by.")] = Sets.margin,
-    per_class: Annotated[
-        bool, option(SURE, "Cover each material as often as asked for, not all together.", "--per-class")
-    ] = False,
-    known: Annotated[float, option(SURE, "Share of known recordings to be accepted.")] = 0.95,
-    compare: Annotated[
-        bool, option(SURE, "Also compare other ways to see the unknown.", "--compare")
-    ] = False,
-    seeds: Annotated[int, option(SURE, "Random partitions.")] = 20,
-    seed: Annotated[int, option(SURE, "Same seed, same figures.")] = 0,
-    figure: Annotated[Path | None, option(OUTPUT, "Draw it: png, svg or pdf.")] = None,
-    json: Annotated[Path | None, option(OUTPUT, "Write all figures, and both rules.")] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "Print the tables only.", "--quiet")] = False,
+    levels: str = option(SURE, "Coverages of the sets, separated by commas.", default="0.8,0.9,0.95"),
+    sets: Literal["margin", "probability", "cumulative"] = option(
+        SURE, "What a material is judged by.", default="margin"
+    ),
+    per_class: bool = option(
+        SURE, "Cover each material as often as asked for, not all together.", "--per-class", default=False
+    ),
+    known: float = option(SURE, "Share of known recordings to be accepted.", default=0.95),
+    compare: bool = option(SURE, "Also compare other ways to see the unknown.", "--compare", default=False),
+    seeds: int = option(SURE, "Random partitions.", default=20),
+    seed: int = option(SURE, "Same seed, same figures.", default=0),
+    figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
+    json: Path | None = option(OUTPUT, "Write all figures, and both rules."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "Print the tables only.", "--quiet", default=False),
 ) -> None:
-    """Print how sure a model may be."""
+    """Say how sure a model of these recordings may be.
+
+    Three questions. Do probabilities mean what they say? Do sets of materials hold the right one as often as
+    asked for, on random recordings, and in sessions or halves in time that did not train? Is a material
+    refused that the model has never met: each one is left out in turn.
+
+    The model is that of `granular-id train`. It is trained many times over, and --space best chooses anew
+    each time: for a first look take --space multiband or fewer --seeds.
+
+    PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+    For example:
+
+    `granular-id confidence recordings`
+    `granular-id confidence recordings --space multiband --seeds 5`
+    `granular-id confidence recordings --space hfmh --levels 0.9,0.99 --figure sure.png --json sure.json`
+    """
     at_least("--seeds", seeds, 1)
     at_least("--seed", seed, 0)
     wanted = _levels(levels)
@@ -94,7 +80,7 @@ def confidence(
         data,
         _model(method, data),
         levels=wanted,
-        kind=sets.value,
+        kind=sets,
         per_class=per_class,
         share_known=known,
         compare=compare,
@@ -131,12 +117,8 @@ def _model(method: OneSpace, data: Dataset) -> Pipeline:
 
 def _levels(text: str) -> list[float]:
     """Read ``--levels``."""
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if not found or not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
-        raise ValueError(
-            f"--levels must be numbers between 0 and 1, separated by commas, each once, got {text!r}"
-        )
+    wanted = "numbers between 0 and 1, separated by commas, each once"
+    found = numbers_in("--levels", text, wanted)
+    if not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
+        raise ValueError(f"--levels must be {wanted}, got {text!r}")
     return found

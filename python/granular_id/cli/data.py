@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Literal
 
 import typer
 from rich.console import Console
 
+from granular_id._files import write_json
 from granular_id._text import counted
-from granular_id.cli.options import Force, at_least, between, command, names_in, option, positive
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
+from granular_id.cli.options import FORCE, at_least, between, command, names_in, option, positive
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps
 
 if TYPE_CHECKING:
@@ -27,11 +27,8 @@ FOUND_ERRORS = 3
 class Target:
     """A place for recordings, where there is nothing yet and which can be written."""
 
-    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File or folder to write.")]
-    to: Annotated[
-        str | None,
-        option(OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT."),
-    ] = None
+    output: Path = typer.Argument(metavar="OUTPUT", help="File or folder to write.")
+    to: str | None = option(OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT.")
 
     def __post_init__(self) -> None:
         from granular_id.io.saving import check_save
@@ -47,27 +44,22 @@ class Target:
 
 # ``granular-id data info``
 
-INFO = """
-Say what a folder or file holds: recordings, materials, sessions, rates, lengths, gaps, flags, history.
 
-Examples:
-
-`granular-id data info recordings`
-
-`granular-id data info pushes.mat`
-
-`granular-id data info recordings --json info.json`
-"""
-
-
-@command(INFO, Reading)
+@command
 def info(
     reading: Reading,
     *,
-    json: Annotated[Path | None, option(OUTPUT, "Write the summary and all steps.")] = None,
-    force: Force = False,
+    json: Path | None = option(OUTPUT, "Write the summary and all steps."),
+    force: bool = FORCE,
 ) -> None:
-    """Print a summary."""
+    """Say what a folder or file holds: recordings, materials, sessions, rates, lengths, gaps, flags, history.
+
+    For example:
+
+    `granular-id data info recordings`
+    `granular-id data info pushes.mat`
+    `granular-id data info recordings --json info.json`
+    """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     data = reading.load()
     summary = data.summary()
@@ -84,34 +76,27 @@ def info(
         str(summary),
     ]
     show("\n".join(lines))
-    if json is not None:
-        from granular_id._files import write_json
-
-        write_json(json, {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]})
-        say_written([json])
+    everything = {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]}
+    write_files((json, lambda path: write_json(path, everything)))
 
 
 # ``granular-id data head``
 
-HEAD = """
-Print what is known of one recording and its first samples: forces in N, torques in N m.
 
-Examples:
-
-`granular-id data head recordings`
-
-`granular-id data head recordings --name rice/rice_07.csv -n 20`
-"""
-
-
-@command(HEAD, Reading)
+@command
 def head(
     reading: Reading,
     *,
-    n: Annotated[int, option("Shown", "Samples to print.", "-n")] = 10,
-    name: Annotated[str | None, option("Shown", "Name of the recording. Default: the first one.")] = None,
+    n: int = option("Shown", "Samples to print.", "-n", default=10),
+    name: str | None = option("Shown", "Name of the recording. Default: the first one."),
 ) -> None:
-    """Print the first samples of a recording."""
+    """Print what is known of one recording and its first samples: forces in N, torques in N m.
+
+    For example:
+
+    `granular-id data head recordings`
+    `granular-id data head recordings --name rice/rice_07.csv -n 20`
+    """
     at_least("-n", n, 1)
     data = reading.load()
     show("\n".join(_lines(_chosen(data, name), n)))
@@ -151,39 +136,33 @@ def _lines(recording: Recording, n: int) -> list[str]:
 
 # ``granular-id data check``
 
-CHECK = """
-Look recordings over for what would spoil an evaluation, and give each a verdict.
 
-Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without the forces:
-the clock, the length, the session, the file. Exit code 0 when there is no error, 3 when there is one.
-
-Examples:
-
-`granular-id data check recordings`
-
-`granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
-
-`granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
-"""
-
-
-@command(CHECK, Reading)
+@command
 def check(
     reading: Reading,
     *,
-    sensor_range: Annotated[
-        str | None,
-        option(SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."),
-    ] = None,
-    false_alarm_rate: Annotated[
-        float,
-        option(SENSOR, "Chance that a sound data set shows an outlier or a leak."),
-    ] = 0.01,
-    strict: Annotated[bool, option(OUTPUT, "Exit with 3 for warnings too.", "--strict")] = False,
-    json: Annotated[Path | None, option(OUTPUT, "Write findings and verdicts.")] = None,
-    force: Force = False,
+    sensor_range: str | None = option(
+        SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."
+    ),
+    false_alarm_rate: float = option(
+        SENSOR, "Chance that a sound data set shows an outlier or a leak.", default=0.01
+    ),
+    strict: bool = option(OUTPUT, "Exit with 3 for warnings too.", "--strict", default=False),
+    json: Path | None = option(OUTPUT, "Write findings and verdicts."),
+    force: bool = FORCE,
 ) -> None:
-    """Print findings and verdicts."""
+    """Look recordings over for what would spoil an evaluation, and give each a verdict.
+
+    Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without
+    the forces: the clock, the length, the session, the file. Exit code 0 when there is no error, 3 when there
+    is one.
+
+    For example:
+
+    `granular-id data check recordings`
+    `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
+    `granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
+    """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
@@ -216,62 +195,46 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
 
 # ``granular-id data plot``
 
-PLOT = """
-Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
 
-Examples:
-
-`granular-id data plot recordings -o recordings.png`
-
-`granular-id data plot recordings -o onset.png --what onset --rate-hz 100 --max-gap-s inf`
-
-`granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
-"""
-
-
-class What(str, Enum):
-    """Choices of ``--what``."""
-
-    recordings = "recordings"
-    mean = "mean"
-    onset = "onset"
-
-
-@command(PLOT, Reading, Steps)
+@command
 def plot(
     reading: Reading,
     steps: Steps,
     *,
-    output: Annotated[Path, option(PICTURES, "File to write: png, svg or pdf.", "--output", "-o")] = Path(
-        "recordings.png"
+    output: Path = option(
+        PICTURES, "File to write: png, svg or pdf.", "--output", "-o", default=Path("recordings.png")
     ),
-    what: Annotated[
-        What, option(PICTURES, "Single recordings, means of materials, or onsets of motion.")
-    ] = What.recordings,
-    axes: Annotated[
-        str,
-        option(PICTURES, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean."),
-    ] = "",
-    n: Annotated[
-        int | None, option(PICTURES, "Recordings per material (recordings) or in all (onset).", "-n")
-    ] = None,
-    force: Force = False,
+    what: Literal["recordings", "mean", "onset"] = option(
+        PICTURES, "Single recordings, means of materials, or onsets of motion.", default="recordings"
+    ),
+    axes: str = option(
+        PICTURES, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean.", default=""
+    ),
+    n: int | None = option(PICTURES, "Recordings per material (recordings) or in all (onset).", "-n"),
+    force: bool = FORCE,
 ) -> None:
-    """Draw a picture."""
+    """Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
+
+    For example:
+
+    `granular-id data plot recordings -o recordings.png`
+    `granular-id data plot recordings -o onset.png --what onset --rate-hz 100 --max-gap-s inf`
+    `granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
+    """
     at_least("-n", n, 1)
-    if axes and what is What.onset:
+    if axes and what == "onset":
         raise ValueError("--axes does not go with --what onset, which draws all forces")
-    if n is not None and what is What.mean:
+    if n is not None and what == "mean":
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
 
     from granular_id import plotting
 
-    data = steps.taken(reading.load(), onsets_later=what is What.onset)
+    data = steps.taken(reading.load(), onsets_later=what == "onset")
     chosen = names_in(axes)
-    if what is What.mean:
+    if what == "mean":
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
-    elif what is What.onset:
+    elif what == "onset":
         data = steps.with_onsets(data)
         show(str(data.history[-1]))
         plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.rest_s)
@@ -282,32 +245,27 @@ def plot(
 
 # ``granular-id data convert``
 
-CONVERT = """
-Convert recordings: CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP and GM10-ts in; CSV, NPZ, HDF5, Parquet and
-MCAP out.
 
-Samples, stamps, flags, labels, sessions and history are kept to the last bit, unless an option asks for a step; what
-was written is read back and compared. Nothing is overwritten.
-
-Examples:
-
-`granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
-
-`granular-id data convert recordings archive --to parquet`
-
-`granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
-"""
-
-
-@command(CONVERT, Reading, Steps, Target)
+@command
 def convert(
     reading: Reading,
     steps: Steps,
     target: Target,
     *,
-    verify: Annotated[bool, option(OUTPUT, "Read back what was written and compare.")] = True,
+    verify: bool = option(OUTPUT, "Read back what was written and compare.", default=True),
 ) -> None:
-    """Read, take the steps asked for, write, compare."""
+    """Convert recordings into CSV, NPZ, HDF5, Parquet or MCAP.
+
+    It reads CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP and GM10-ts. Samples, stamps, flags, labels,
+    sessions and history are kept to the last bit, unless an option asks for a step; what was written is read
+    back and compared. Nothing is overwritten.
+
+    For example:
+
+    `granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
+    `granular-id data convert recordings archive --to parquet`
+    `granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+    """
     from granular_id.io import load
 
     data = steps.taken(reading.load())
@@ -326,30 +284,26 @@ def convert(
 
 # ``granular-id data synthesize``
 
-SYNTHESIZE = """
-Write SYNTHETIC recordings: pushes through simulated materials, from a physical model and not from a sensor.
 
-Examples:
-
-`granular-id data synthesize pushes.npz`
-
-`granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
-"""
-
-
-@command(SYNTHESIZE, Target)
+@command
 def synthesize(
     target: Target,
     *,
-    materials: Annotated[str, option(PUSHES, "Names separated by commas. Default: the paper's eleven.")] = "",
-    per_class: Annotated[int, option(PUSHES, "Pushes of each material.")] = 62,
-    sessions: Annotated[
-        int | None, option(PUSHES, "Sessions they come from. Default: see synthesize().")
-    ] = None,
-    rate_hz: Annotated[float, option(PUSHES, "Sampling rate.")] = 500.0,
-    seed: Annotated[int, option(PUSHES, "Same seed, same recordings.")] = 0,
+    materials: str = option(PUSHES, "Names separated by commas. Default: the paper's eleven.", default=""),
+    per_class: int = option(PUSHES, "Pushes of each material.", default=62),
+    sessions: int | None = option(PUSHES, "Sessions they come from. Default: see synthesize()."),
+    rate_hz: float = option(PUSHES, "Sampling rate.", default=500.0),
+    seed: int = option(PUSHES, "Same seed, same recordings.", default=0),
 ) -> None:
-    """Write simulated recordings."""
+    """Write SYNTHETIC recordings: pushes through simulated materials.
+
+    They come from a physical model and not from a sensor.
+
+    For example:
+
+    `granular-id data synthesize pushes.npz`
+    `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
+    """
     at_least("--per-class", per_class, 1)
     at_least("--sessions", sessions, 1)
     at_least("--seed", seed, 0)

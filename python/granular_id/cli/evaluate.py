@@ -6,9 +6,8 @@ import importlib.util
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich.console import Console
@@ -16,7 +15,7 @@ from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id.cli.method import Features, Method, chosen_spaces
-from granular_id.cli.options import Force, at_least, command, option
+from granular_id.cli.options import FORCE, at_least, command, option, with_defaults
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -28,6 +27,7 @@ from granular_id.cli.outputs import (
     repeated_command,
     say_written,
     show,
+    write_files,
 )
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -47,14 +47,12 @@ CHECKPOINT = "Keep each finished partition in this folder; after Ctrl-C the same
 class Outputs:
     """Files of an evaluation to write, and a folder for figures; None leaves one out."""
 
-    report: Annotated[Path | None, option(OUTPUT, "Write one HTML file with everything.")] = None
-    json: Annotated[Path | None, option(OUTPUT, "Write figures, settings and predictions.")] = None
-    csv: Annotated[Path | None, option(OUTPUT, "Write every prediction.")] = None
-    figures: Annotated[Path | None, option(OUTPUT, "Write the figures of the report into this folder.")] = (
-        None
-    )
-    checkpoint: Annotated[Path | None, option(OUTPUT, CHECKPOINT)] = None
-    force: Force = False
+    report: Path | None = option(OUTPUT, "Write one HTML file with everything.")
+    json: Path | None = option(OUTPUT, "Write figures, settings and predictions.")
+    csv: Path | None = option(OUTPUT, "Write every prediction.")
+    figures: Path | None = option(OUTPUT, "Write the figures of the report into this folder.")
+    checkpoint: Path | None = option(OUTPUT, CHECKPOINT)
+    force: bool = FORCE
 
     @contextmanager
     def ready(self, source: Path | None = None, named: Mapping[str, str] | None = None) -> Iterator[None]:
@@ -205,56 +203,19 @@ def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -
 
 # ``granular-id evaluate``
 
-EVALUATE = """
-Measure how well the materials in a set of recordings are told apart.
-
-PATH is a file that holds the whole set (NumPy, MATLAB, HDF5, Parquet), or a folder of files of any format, CSV and
-ROS bags among them: one sub-folder per material (`rice/01.csv`), files named after it (`rice_01.csv`), or an
-`index.csv`. Forces are in N, torques in N m; `granular-id data info PATH` says what is found. Nothing is resampled,
-cropped or left out unless an option asks for it; a refusal names the option.
-
-Examples:
-
-`granular-id evaluate recordings --report report.html`
-
-`granular-id evaluate recordings --train 40 --test 10 --json result.json --csv predictions.csv`
-
-`granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
-
-`granular-id evaluate recordings --protocol session --spaces raw,raw+hfmh --figures figures`
-
-`granular-id evaluate few --protocol kfold --folds 5`
-
-Random partitions (the paper's protocol) flatter a method that recognises the session instead of the material.
-The strictest protocol that the recordings allow runs beside them: whole sessions held out, or halves in time
-order; the gap between the two is shown. Controls say what can be had without touching the material.
-
-`--checkpoint FOLDER` keeps what is finished: after Ctrl-C the same command goes on from there.
-"""
-
-
-class Protocol(str, Enum):
-    """Choices of ``--protocol``."""
-
-    auto = "auto"
-    paper = "paper"
-    session = "session"
-    chronological = "chronological"
-    kfold = "kfold"
-
 
 @dataclass(kw_only=True)
 class Partitions:
     """What trains and what is tested."""
 
-    protocol: Annotated[
-        Protocol, option(SPLIT, "auto: paper, and the strictest that the recordings allow.")
-    ] = Protocol.auto
-    train: Annotated[int, option(SPLIT, "Training recordings of each class (random partitions).")] = 50
-    test: Annotated[int, option(SPLIT, "Test recordings of each class (random partitions).")] = 12
-    partitions: Annotated[int, option(SPLIT, "Number of random partitions.")] = 20
-    folds: Annotated[int, option(SPLIT, "Folds of kfold, and of session with one session per class.")] = 5
-    seed: Annotated[int, option(SPLIT, "Same seed, same numbers.")] = 0
+    protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
+        SPLIT, "auto: paper, and the strictest that the recordings allow.", default="auto"
+    )
+    train: int = option(SPLIT, "Training recordings of each class (random partitions).", default=50)
+    test: int = option(SPLIT, "Test recordings of each class (random partitions).", default=12)
+    partitions: int = option(SPLIT, "Number of random partitions.", default=20)
+    folds: int = option(SPLIT, "Folds of kfold, and of session with one session per class.", default=5)
+    seed: int = option(SPLIT, "Same seed, same numbers.", default=0)
 
     def __post_init__(self) -> None:
         at_least("--train", self.train, 1)
@@ -264,7 +225,7 @@ class Partitions:
         at_least("--seed", self.seed, 0)
 
 
-@command(EVALUATE, Reading, Steps, Method, Partitions, Outputs)
+@command
 def evaluate(
     reading: Reading,
     steps: Steps,
@@ -272,14 +233,34 @@ def evaluate(
     parts: Partitions,
     outputs: Outputs,
     *,
-    controls: Annotated[bool, option(SPLIT, "What the rest, the means, the clock alone would give.")] = True,
-    spaces: Annotated[str, option(METHOD, "Feature spaces separated by commas; paper: the paper's.")] = "all",
-    confusion: Annotated[
-        str | None, option(OUTPUT, "Space of the confusion matrix. Default: the best.")
-    ] = None,
-    quiet: Annotated[bool, option(OUTPUT, "Print the table of accuracies only.", "--quiet")] = False,
+    controls: bool = option(SPLIT, "What the rest, the means, the clock alone would give.", default=True),
+    spaces: str = option(METHOD, "Feature spaces separated by commas; paper: the paper's.", default="all"),
+    confusion: str | None = option(OUTPUT, "Space of the confusion matrix. Default: the best."),
+    quiet: bool = option(OUTPUT, "Print the table of accuracies only.", "--quiet", default=False),
 ) -> None:
-    """Print accuracies, confusions and seconds."""
+    """Measure how well the materials in a set of recordings are told apart.
+
+    PATH is a file that holds the whole set (NumPy, MATLAB, HDF5, Parquet), or a folder of files of any
+    format, CSV and ROS bags among them: one sub-folder per material (`rice/01.csv`), files named after it
+    (`rice_01.csv`), or an `index.csv`. Forces are in N, torques in N m; `granular-id data info PATH` says
+    what is found. Nothing is resampled, cropped or left out unless an option asks for it; a refusal names the
+    option.
+
+    For example:
+
+    `granular-id evaluate recordings --report report.html`
+    `granular-id evaluate recordings --train 40 --test 10 --json result.json --csv predictions.csv`
+    `granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
+    `granular-id evaluate recordings --protocol session --spaces raw,raw+hfmh --figures figures`
+    `granular-id evaluate few --protocol kfold --folds 5`
+
+    Random partitions (the paper's protocol) flatter a method that recognises the session instead of the
+    material. The strictest protocol that the recordings allow runs beside them: whole sessions held out, or
+    halves in time order; the gap between the two is shown. Controls say what can be had without touching the
+    material.
+
+    `--checkpoint FOLDER` keeps what is finished: after Ctrl-C the same command goes on from there.
+    """
     method.refuse_impossible(steps.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
     with outputs.ready(reading.path), _saying_how_to_go_on(outputs.checkpoint):
@@ -296,7 +277,7 @@ def evaluate(
         _evaluate_and_show(
             data,
             {name: known[name] for name in chosen or in_paper_order(known)},
-            parts.protocol.value,
+            parts.protocol,
             outputs,
             confusion=confusion,
             quiet=quiet,
@@ -313,34 +294,30 @@ def evaluate(
 
 # ``granular-id report``
 
-REPORT = """
-Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
 
-Examples:
-
-`granular-id report result.json`
-
-`granular-id report result.json -o for_the_boss.html --figures figures`
-"""
-
-
-@command(REPORT)
+@command
 def report(
     *,
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="JSON file of an evaluation.")],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="HTML file. Default: RESULT with the ending .html.")
-    ] = None,
-    figures: Annotated[Path | None, typer.Option(help="Write the figures into this folder, too.")] = None,
-    force: Force = False,
+    result: Path = typer.Argument(metavar="RESULT", help="JSON file of an evaluation."),
+    output: Path | None = typer.Option(
+        None, "--output", "-o", help="HTML file. Default: RESULT with the ending .html."
+    ),
+    figures: Path | None = typer.Option(None, help="Write the figures into this folder, too."),
+    force: bool = FORCE,
 ) -> None:
-    """Write the report of a stored result."""
+    """Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
+
+    For example:
+
+    `granular-id report result.json`
+    `granular-id report result.json -o for_the_boss.html --figures figures`
+    """
     page = result.with_suffix(".html") if output is None else output
     if output is None and page == result:
         raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
     if page == result:
         raise ValueError(f"--output {page} is the result itself: give another file")
-    outputs = Outputs(report=page, figures=figures, force=force)
+    outputs = with_defaults(Outputs, report=page, figures=figures, force=force)
     with outputs.ready(named={"--report": "--output"}):
         from granular_id.evaluation import EvaluationResult
 
@@ -350,39 +327,31 @@ def report(
 
 # ``granular-id demo``
 
-DEMO = """
-Evaluate the built-in SYNTHETIC recordings: 11 simulated materials, 62 pushes of each.
-
-The recordings come from a physical model, not from a sensor. The accuracies show that the program works; they
-say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG, result.json and
-predictions.csv.
-
-Examples:
-
-`granular-id demo`
-
-`granular-id demo -o somewhere --quick`
-"""
-
 FULL = {"n_partitions": 20, "train_per_class": 50, "test_per_class": 12}
 QUICK = {"n_partitions": 5, "train_per_class": 8, "test_per_class": 4}
 
 
-@command(DEMO)
+@command
 def demo(
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")] = Path("demo"),
-    quick: Annotated[
-        bool, typer.Option("--quick", help="12 recordings of each material, 5 partitions.")
-    ] = False,
-    seed: Annotated[int, typer.Option(help="Same seed, same recordings and numbers.")] = 0,
-    threads: Annotated[
-        int | None, typer.Option(help="The numbers do not depend on it. Default: all cores.")
-    ] = None,
-    checkpoint: Annotated[Path | None, typer.Option(help=CHECKPOINT)] = None,
-    force: Force = False,
+    output: Path = typer.Option(Path("demo"), "--output", "-o", help="Folder for the files."),
+    quick: bool = typer.Option(False, "--quick", help="12 recordings of each material, 5 partitions."),
+    seed: int = typer.Option(0, help="Same seed, same recordings and numbers."),
+    threads: int | None = typer.Option(None, help="The numbers do not depend on it. Default: all cores."),
+    checkpoint: Path | None = typer.Option(None, help=CHECKPOINT),
+    force: bool = FORCE,
 ) -> None:
-    """Evaluate simulated recordings."""
+    """Evaluate the built-in SYNTHETIC recordings: 11 simulated materials, 62 pushes of each.
+
+    The recordings come from a physical model, not from a sensor. The accuracies show that the program works;
+    they say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG,
+    result.json and predictions.csv.
+
+    For example:
+
+    `granular-id demo`
+    `granular-id demo -o somewhere --quick`
+    """
     at_least("--seed", seed, 0)
     at_least("--threads", threads, 1)
     outputs = Outputs(
@@ -443,47 +412,42 @@ def _in_lines() -> ProgressCallback:
 
 # ``granular-id select``
 
-SELECT = """
-Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
-
-Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the choice.
-Whole sessions are held out where the recordings have several of each material; else halves in time order, as
-`granular-id evaluate` does; else random folds. The output says which.
-
-Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for itself.
-`granular-id evaluate --spaces` compares them with others.
-
-PATH is a file or folder of any format, as for `granular-id evaluate`.
-
-Examples:
-
-`granular-id select recordings`
-
-`granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
-
-`granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
-"""
-
 CHOICE = "Choice"
 
 
-@command(SELECT, Reading, Steps, Features)
+@command
 def select(
     reading: Reading,
     steps: Steps,
     method: Features,
     *,
-    spaces: Annotated[
-        str, option(CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones.")
-    ] = "",
-    outer: Annotated[int, option(CHOICE, "Folds that judge the choice. Halves in time are 2.")] = 5,
-    inner: Annotated[int, option(CHOICE, "Folds that choose, within each outer fold.")] = 4,
-    seed: Annotated[int, option(CHOICE, "Same seed, same choice.")] = 0,
-    json: Annotated[Path | None, option(OUTPUT, "Write everything the choice rests on.")] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "Print the choice only.", "--quiet")] = False,
+    spaces: str = option(
+        CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones.", default=""
+    ),
+    outer: int = option(CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5),
+    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4),
+    seed: int = option(CHOICE, "Same seed, same choice.", default=0),
+    json: Path | None = option(OUTPUT, "Write everything the choice rests on."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "Print the choice only.", "--quiet", default=False),
 ) -> None:
-    """Print the choice."""
+    """Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
+
+    Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the
+    choice. Whole sessions are held out where the recordings have several of each material; else halves in
+    time order, as `granular-id evaluate` does; else random folds. The output says which.
+
+    Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for
+    itself. `granular-id evaluate --spaces` compares them with others.
+
+    PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+    For example:
+
+    `granular-id select recordings`
+    `granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
+    `granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
+    """
     at_least("--outer", outer, 2)
     at_least("--inner", inner, 2)
     at_least("--seed", seed, 0)
@@ -512,9 +476,7 @@ def select(
     console.print(Text(selection.verdict()))
     if not quiet:
         print_table(selection.table(), strong=selection.synthetic)
-    if json is not None:
-        selection.to_json(json)
-    say_written([json], repeat=not quiet)
+    write_files((json, selection.to_json), repeat=not quiet)
 
 
 def _candidates(spaces: str) -> list[str]:

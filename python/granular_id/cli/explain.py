@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from granular_id._files import write_json
 from granular_id.cli.method import OneSpace
-from granular_id.cli.options import Force, command, option
+from granular_id.cli.options import FORCE, command, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -17,25 +18,6 @@ if TYPE_CHECKING:
 
     from granular_id.explanation import Explanation
     from granular_id.recording import Dataset
-
-TEXT = """
-Say which instants, axes, bins and bands decide between two materials.
-
-The method is trained on about one half of the recordings of the two materials and explained on the other, so that what
-is shown decides for recordings it has not seen. The halves are as strict as the two materials allow, as those of
-`granular-id evaluate`: whole sessions, else the earlier and the later half in time, else random. Text, figure and JSON
-say which. The method is that of `granular-id train`, --space best.
-
-PATH is a file or folder of any format, as for `granular-id evaluate`.
-
-Examples:
-
-`granular-id explain recordings rice oat`
-
-`granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
-
-`granular-id explain recordings rice oat --figure bands.png`
-"""
 
 OUTPUT = "Output"
 
@@ -47,20 +29,35 @@ SPLITS = {
 """What is explained, by protocol, in the heading of the figure."""
 
 
-@command(TEXT, Reading, Steps, OneSpace)
+@command
 def explain(
     reading: Reading,
     steps: Steps,
     method: OneSpace,
     *,
-    first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
-    second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
-    figure: Annotated[Path | None, option(OUTPUT, "Draw it: png, svg or pdf.")] = None,
-    json: Annotated[Path | None, option(OUTPUT, "Write all weights and contributions.")] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "Print the explanation only.", "--quiet")] = False,
+    first: str = typer.Argument(metavar="FIRST", help="A material."),
+    second: str = typer.Argument(metavar="SECOND", help="Another material."),
+    figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
+    json: Path | None = option(OUTPUT, "Write all weights and contributions."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "Print the explanation only.", "--quiet", default=False),
 ) -> None:
-    """Print what decides between two materials."""
+    """Say which instants, axes, bins and bands decide between two materials.
+
+    The method is trained on about one half of the recordings of the two materials and explained on the other,
+    so that what is shown decides for recordings it has not seen. The halves are as strict as the two
+    materials allow, as those of `granular-id evaluate`: whole sessions, else the earlier and the later half
+    in time, else random. Text, figure and JSON say which. The method is that of `granular-id train`, --space
+    best.
+
+    PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+    For example:
+
+    `granular-id explain recordings rice oat`
+    `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
+    `granular-id explain recordings rice oat --figure bands.png`
+    """
     method.refuse_impossible(steps.rate_hz)
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
@@ -87,8 +84,6 @@ def explain(
         title += ", SYNTHETIC recordings" if data.is_synthetic else ""
         plot_explanation(explanation, title=title, path=figure)
     if json is not None:
-        from granular_id._files import write_json
-
         write_json(json, {"space": method.space, "model": model, "split": split, **explanation.to_dict()})
     say_written([figure, json], repeat=not quiet)
 

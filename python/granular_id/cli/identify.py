@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from granular_id._files import MODELS
+from granular_id._files import MODELS, write_json
 from granular_id.cli.errors import words_of
-from granular_id.cli.options import Force, command, option
+from granular_id.cli.options import FORCE, command, option
 from granular_id.cli.outputs import (
     ANSWERS,
     JSON_FILE,
     check_outputs,
     print_table,
-    say_written,
     show,
     warn_of_setups,
+    write_files,
 )
 from granular_id.cli.recordings import (
     ACCEPT,
@@ -35,53 +34,20 @@ if TYPE_CHECKING:
     from granular_id.identifier import Identifier
     from granular_id.recording import Dataset
 
-TEXT = """
-Name the material in each recording, with a model that `granular-id train` has written.
-
-PATH is a file or folder of any format, as for `granular-id evaluate`; labels are not needed. Where recordings have some
-that the model knows, its answers are compared with them.
-
-Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length. Longer ones begin
-as those of the training: at their stored trigger, less the rest ahead of it, or at their first sample; --begin-at says
-otherwise.
-
-A model knows what its recordings were made with. Another frame or sign is refused, another sensor, filter, tool,
-trigger or speed is said; what is not known is not compared. `--accept` takes what is the same under another name.
-
-Examples:
-
-`granular-id identify kitchen.safetensors fresh`
-
-`granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
-
-`granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
-"""
-
 OUTPUT = "Output"
-
-
-class Beginning(str, Enum):
-    """Choices of ``--begin-at``."""
-
-    auto = "auto"
-    first = "first"
-    trigger = "trigger"
-    onset = "onset"
 
 
 @dataclass(kw_only=True)
 class Recordings(ReadingOptions):
     """A model and the recordings to identify."""
 
-    files: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="MODEL PATH", help="Model file, then folders and files of recordings.", show_default=False
-        ),
-    ] = None
-    model: Annotated[
-        Path | None, option(PANEL, "Model file; all arguments are recordings then.", "--model", "-m")
-    ] = None
+    files: list[Path] | None = typer.Argument(
+        metavar="MODEL PATH",
+        help="Model file, then folders and files of recordings.",
+        show_default=False,
+        default=None,
+    )
+    model: Path | None = option(PANEL, "Model file; all arguments are recordings then.", "--model", "-m")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -137,24 +103,20 @@ def _place(path: Path, name: str, *, alone: bool) -> str:
 class Fitting(StepOptions):
     """How recordings come to the rate and length of the model."""
 
-    begin_at: Annotated[
-        Beginning,
-        option(
-            PANEL,
-            "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
-            "the forces; auto: as in the training.",
-        ),
-    ] = Beginning.auto
-    lead_s: Annotated[
-        float | None, option(PANEL, "Seconds ahead of trigger or onset. Default: as in the training.")
-    ] = None
-    accept: Annotated[list[Difference] | None, option(PANEL, ACCEPT)] = None
+    begin_at: Literal["auto", "first", "trigger", "onset"] = option(
+        PANEL,
+        "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
+        "the forces; auto: as in the training.",
+        default="auto",
+    )
+    lead_s: float | None = option(PANEL, "Seconds ahead of trigger or onset. Default: as in the training.")
+    accept: list[Difference] | None = option(PANEL, ACCEPT)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lead_s is not None and self.begin_at is Beginning.first:
+        if self.lead_s is not None and self.begin_at == "first":
             raise ValueError("--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first")
-        if self.onsets and self.begin_at is not Beginning.onset:
+        if self.onsets and self.begin_at != "onset":
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
@@ -164,30 +126,48 @@ class Fitting(StepOptions):
         accepted = [one.value for one in self.accept or []]
         data = self.resampled(data, quiet=quiet)
         differences = refuse_others(data, identifier.core, accepted)
-        if self.begin_at is Beginning.onset:
+        if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
             differences = refuse_others(data, identifier.core, accepted)  # the trigger is another one
         cropped = fitted(
             data,
             identifier.core,
-            begin_at="trigger" if self.begin_at is Beginning.onset else self.begin_at.value,
+            begin_at="trigger" if self.begin_at == "onset" else self.begin_at,
             lead_s=self.lead_s,
-            on_short=self.on_short.value,
+            on_short=self.on_short,
         )
         return cropped if cropped is data else say_step(cropped, quiet=quiet), differences
 
 
-@command(TEXT, Recordings, Fitting)
+@command
 def identify(
     recordings: Recordings,
     fitting: Fitting,
     *,
-    json: Annotated[Path | None, option(OUTPUT, "Write answers with their rankings.")] = None,
-    csv: Annotated[Path | None, option(OUTPUT, "Write answers as a table.")] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "Print recording and answer only.", "--quiet")] = False,
+    json: Path | None = option(OUTPUT, "Write answers with their rankings."),
+    csv: Path | None = option(OUTPUT, "Write answers as a table."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "Print recording and answer only.", "--quiet", default=False),
 ) -> None:
-    """Name the material in each recording."""
+    """Name the material in each recording, with a model that `granular-id train` has written.
+
+    PATH is a file or folder of any format, as for `granular-id evaluate`; labels are not needed. Where
+    recordings have some that the model knows, its answers are compared with them.
+
+    Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length.
+    Longer ones begin as those of the training: at their stored trigger, less the rest ahead of it, or at
+    their first sample; --begin-at says otherwise.
+
+    A model knows what its recordings were made with. Another frame or sign is refused, another sensor,
+    filter, tool, trigger or speed is said; what is not known is not compared. `--accept` takes what is the
+    same under another name.
+
+    For example:
+
+    `granular-id identify kitchen.safetensors fresh`
+    `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
+    `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
+    """
     for path in (recordings.model_file, *recordings.paths):
         check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
     identifier = recordings.load_model()
@@ -205,10 +185,4 @@ def identify(
             show(answers.synthetic, "bold yellow", err=True)
     else:
         print_table(answers.table(), strong=bool(answers.synthetic))
-    if json is not None:
-        from granular_id._files import write_json
-
-        write_json(json, answers.to_dict())
-    if csv is not None:
-        answers.to_csv(csv)
-    say_written([json, csv])
+    write_files((json, lambda path: write_json(path, answers.to_dict())), (csv, answers.to_csv))

@@ -8,16 +8,15 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich.console import Console
 
 from granular_id._text import counted
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
-from granular_id.cli.options import Force, at_least, command, names_in, option, positive
+from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
 from granular_id.cli.outputs import LIVE_ANSWERS, RERUN_LOG, check_outputs, show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
@@ -33,43 +32,20 @@ _MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
 SOURCE, MOTION, LIMITS = "Source", "Motion", "What a push must be like"
 
 
-class Robot(str, Enum):
-    """Choices of ``--robot``."""
-
-    auto = "auto"
-    none = "none"
-    manual = "manual"
-    source = "source"
-
-
-class Trigger(str, Enum):
-    """Choices of ``--trigger``."""
-
-    auto = "auto"
-    motion = "motion"
-    force = "force"
-
-
 @dataclass(kw_only=True)
 class Sensing:
     """A source of wrenches."""
 
-    source: Annotated[
-        str,
-        option(
-            SOURCE,
-            "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, ur://HOST, franka://HOST, bota:FILE or "
-            "ros2://TOPIC; options as in sim:rice?seed=1.",
-            "--source",
-            "-s",
-        ),
-    ]
-    speed: Annotated[
-        float | None, option(SOURCE, "Simulations and replays: so many seconds in one. Default: 1.")
-    ] = None
-    buffer_s: Annotated[float, option(SOURCE, "So far behind may the program fall before rows are lost.")] = (
-        30.0
+    source: str = option(
+        SOURCE,
+        "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, ur://HOST, franka://HOST, bota:FILE or "
+        "ros2://TOPIC; options as in sim:rice?seed=1.",
+        "--source",
+        "-s",
+        default=...,
     )
+    speed: float | None = option(SOURCE, "Simulations and replays: so many seconds in one. Default: 1.")
+    buffer_s: float = option(SOURCE, "So far behind may the program fall before rows are lost.", default=30.0)
 
     def __post_init__(self) -> None:
         for name, value, most in (
@@ -92,36 +68,33 @@ class Sensing:
 class Moving:
     """Who moves the tool, what starts a capture, and what is not acceptable."""
 
-    robot: Annotated[
-        Robot,
-        option(
-            MOTION,
-            "auto: the simulated robot of a simulated sensor, else nobody. manual: you push, and are told when. "
-            "source: the arm of ur:// or franka://, which WILL MOVE.",
-        ),
-    ] = Robot.auto
-    direction: Annotated[str, option(MOTION, "Where the robot pushes: X,Y,Z in its base frame.")] = "1,0,0"
-    speed_m_s: Annotated[float, option(MOTION, "Speed of the robot; the paper's.")] = 0.03
-    trigger: Annotated[
-        Trigger,
-        option(MOTION, "What starts a recording. auto: the robot's motion; without a robot the force."),
-    ] = Trigger.auto
-    threshold_n: Annotated[float, option(MOTION, "Change of force that is a motion, newton.")] = 0.5
-    max_gap: Annotated[
-        int, option(LIMITS, "So many missing samples in a row are filled in, flagged; more: again.")
-    ] = 0
-    allow_saturated: Annotated[
-        bool, option(LIMITS, "Take samples at the end of the sensor's range, flagged.", "--allow-saturated")
-    ] = False
-    max_lag_s: Annotated[
-        float,
-        option(
-            LIMITS,
-            "Rows that come in later than this are late: noted in recordings and warned of in answers; refused "
-            "where the sensor has no clock of its own.",
-        ),
-    ] = 0.02
-    timeout_s: Annotated[float, option(LIMITS, "How long to wait for the motion.")] = 30.0
+    robot: Literal["auto", "none", "manual", "source"] = option(
+        MOTION,
+        "auto: the simulated robot of a simulated sensor, else nobody. manual: you push, and are told when. "
+        "source: the arm of ur:// or franka://, which WILL MOVE.",
+        default="auto",
+    )
+    direction: str = option(MOTION, "Where the robot pushes: X,Y,Z in its base frame.", default="1,0,0")
+    speed_m_s: float = option(MOTION, "Speed of the robot; the paper's.", default=0.03)
+    trigger: Literal["auto", "motion", "force"] = option(
+        MOTION,
+        "What starts a recording. auto: the robot's motion; without a robot the force.",
+        default="auto",
+    )
+    threshold_n: float = option(MOTION, "Change of force that is a motion, newton.", default=0.5)
+    max_gap: int = option(
+        LIMITS, "So many missing samples in a row are filled in, flagged; more: again.", default=0
+    )
+    allow_saturated: bool = option(
+        LIMITS, "Take samples at the end of the sensor's range, flagged.", "--allow-saturated", default=False
+    )
+    max_lag_s: float = option(
+        LIMITS,
+        "Rows that come in later than this are late: noted in recordings and warned of in answers; refused "
+        "where the sensor has no clock of its own.",
+        default=0.02,
+    )
+    timeout_s: float = option(LIMITS, "How long to wait for the motion.", default=30.0)
 
     def __post_init__(self) -> None:
         positive("--threshold-n", self.threshold_n)
@@ -131,7 +104,7 @@ class Moving:
         if not 0 <= self.max_lag_s < float("inf"):
             raise ValueError(f"--max-lag-s must be at least 0 and finite, got {self.max_lag_s:g}")
         self.of_pushes: dict[str, Any] = {
-            "direction": _direction_of(self.direction),
+            "direction": tuple(numbers_in("--direction", self.direction, "X,Y,Z such as 0,-1,0", 3)),
             "speed_m_s": self.speed_m_s,
             "max_gap": self.max_gap,
             "allow_saturated": self.allow_saturated,
@@ -143,80 +116,63 @@ class Moving:
         """Choose robot and trigger."""
         from granular_id.live import setup_of
 
-        return setup_of(source, self.robot.value, self.trigger.value, threshold_n=self.threshold_n)
-
-
-def _direction_of(text: str) -> tuple[float, float, float]:
-    """Read ``--direction``."""
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--direction must be X,Y,Z such as 0,-1,0, got {text!r}") from None
-    return x, y, z
+        return setup_of(source, self.robot, self.trigger, threshold_n=self.threshold_n)
 
 
 # ``granular-id live``
 
-LIVE = """
-Name the material of each push while the tool moves.
-
-The screen shows the six axes, the ranking of materials as it grows, the answer, lag and losses. `--view` adds a page
-for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a replay; how many answers
-there were, and how many of them were right where the source knows it, stands at the end of either.
-
-A final answer says whether the signal is like no known material, with the nearest one, and which others it may be,
-where the model has rules for that (see `granular-id model info`); answers before the end of a push say neither.
-
-A frame or sign other than in the training is refused before anything moves, unless `--accept` says that it may be;
-another sensor, filter, tool, trigger or speed is a warning beside every answer. What either side does not know is not
-compared.
-
-Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it was. What a
-simulation answers says nothing about real materials.
-
-Examples:
-
-`granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
-
-`granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
-"""
-
 MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
 
 
-@command(LIVE, Sensing, Moving)
+@command
 @stopping_the_robot()
 def live(
     sensing: Sensing,
     moving: Moving,
     *,
-    model: Annotated[Path, option(MODEL, "Model file, from `granular-id train`.", "--model", "-m")],
-    n: Annotated[int | None, option(MODEL, "Stop after so many answers.", "--n", "-n")] = None,
-    early: Annotated[
-        bool,
-        option(MODEL, "Answer as soon as the model is sure enough, not at the end of the push.", "--early"),
-    ] = False,
-    accept: Annotated[list[Difference] | None, option(MODEL, ACCEPT)] = None,
-    pre_s: Annotated[
-        float | None, option(MODEL, "Rest before the motion; needed where the model does not know it.")
-    ] = None,
-    view: Annotated[
-        bool, option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view")
-    ] = False,
-    port: Annotated[int, option(VIEWS, "Of that page; 0: any free one.")] = 0,
-    no_browser: Annotated[
-        bool, option(VIEWS, "Print the page's address instead of opening it.", "--no-browser")
-    ] = False,
-    rerun: Annotated[
-        Path | None, option(VIEWS, "Log everything into a file for the Rerun viewer (.rrd).")
-    ] = None,
-    json: Annotated[
-        Path | None, option(OUTPUT, "Write each answer into this file, one line of JSON each.")
-    ] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "No screen: one line per push.", "--quiet", "-q")] = False,
+    model: Path = option(MODEL, "Model file, from `granular-id train`.", "--model", "-m", default=...),
+    n: int | None = option(MODEL, "Stop after so many answers.", "--n", "-n"),
+    early: bool = option(
+        MODEL,
+        "Answer as soon as the model is sure enough, not at the end of the push.",
+        "--early",
+        default=False,
+    ),
+    accept: list[Difference] | None = option(MODEL, ACCEPT),
+    pre_s: float | None = option(MODEL, "Rest before the motion; needed where the model does not know it."),
+    view: bool = option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view", default=False),
+    port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
+    no_browser: bool = option(
+        VIEWS, "Print the page's address instead of opening it.", "--no-browser", default=False
+    ),
+    rerun: Path | None = option(VIEWS, "Log everything into a file for the Rerun viewer (.rrd)."),
+    json: Path | None = option(OUTPUT, "Write each answer into this file, one line of JSON each."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "No screen: one line per push.", "--quiet", "-q", default=False),
 ) -> None:
-    """Name pushes."""
+    """Name the material of each push while the tool moves.
+
+    The screen shows the six axes, the ranking of materials as it grows, the answer, lag and losses. `--view`
+    adds a page for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a
+    replay; how many answers there were, and how many of them were right where the source knows it, stands at
+    the end of either.
+
+    A final answer says whether the signal is like no known material, with the nearest one, and which others
+    it may be, where the model has rules for that (see `granular-id model info`); answers before the end of a
+    push say neither.
+
+    A frame or sign other than in the training is refused before anything moves, unless `--accept` says that
+    it may be; another sensor, filter, tool, trigger or speed is a warning beside every answer. What either
+    side does not know is not compared.
+
+    Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it
+    was. What a simulation answers says nothing about real materials.
+
+    For example:
+
+    `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
+    `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
+    """
     at_least("--n", n, 1)
     if not 0 <= port <= 65535:
         raise ValueError(f"--port must be between 0 and 65535, got {port}")
@@ -344,46 +300,43 @@ def _sum_up(identifying: LiveIdentifier, views: Views, *, over: bool) -> None:
 
 # ``granular-id record``
 
-RECORD = """
-Record pushes through materials: one file per push, with label, session, sensor and time.
-
-A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the right rate.
-What was refused is said, and recorded again. Works without any hardware, with a simulated sensor and robot; such
-recordings are marked as SYNTHETIC.
-
-Examples:
-
-`granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
-
-`granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`
-"""
-
 WHAT = "What to record"
 
 
-@command(RECORD, Sensing, Moving)
+@command
 @stopping_the_robot()
 def record(
     sensing: Sensing,
     moving: Moving,
     *,
-    label: Annotated[
-        str,
-        option(
-            WHAT, "Name of the material; several, separated by commas, one after another.", "--label", "-l"
-        ),
-    ],
-    n: Annotated[int, option(WHAT, "Recordings of each.", "--n", "-n")] = 10,
-    output: Annotated[Path, option(WHAT, "Folder; recordings are added to what is there.", "--output", "-o")],
-    session: Annotated[
-        str | None, option(WHAT, "What is recorded in one go (one filling, one set-up). Default: now.")
-    ] = None,
-    duration_s: Annotated[float, option(WHAT, "Length of a recording.")] = 3.2,
-    pre_s: Annotated[float, option(WHAT, "Of that, rest before the motion.")] = 0.25,
-    retries: Annotated[int, option(WHAT, "So many refused recordings in a row are tried again.")] = 3,
-    quiet: Annotated[bool, option(WHAT, "Only what went wrong, and the last line.", "--quiet", "-q")] = False,
+    label: str = option(
+        WHAT,
+        "Name of the material; several, separated by commas, one after another.",
+        "--label",
+        "-l",
+        default=...,
+    ),
+    n: int = option(WHAT, "Recordings of each.", "--n", "-n", default=10),
+    output: Path = option(
+        WHAT, "Folder; recordings are added to what is there.", "--output", "-o", default=...
+    ),
+    session: str | None = option(WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
+    duration_s: float = option(WHAT, "Length of a recording.", default=3.2),
+    pre_s: float = option(WHAT, "Of that, rest before the motion.", default=0.25),
+    retries: int = option(WHAT, "So many refused recordings in a row are tried again.", default=3),
+    quiet: bool = option(WHAT, "Only what went wrong, and the last line.", "--quiet", "-q", default=False),
 ) -> None:
-    """Record pushes."""
+    """Record pushes through materials: one file per push, with label, session, sensor and time.
+
+    A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the
+    right rate. What was refused is said, and recorded again. Works without any hardware, with a simulated
+    sensor and robot; such recordings are marked as SYNTHETIC.
+
+    For example:
+
+    `granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
+    `granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`
+    """
     at_least("--n", n, 1)
     at_least("--retries", retries, 0)
     positive("--duration-s", duration_s)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from granular_id.cli.errors import OPTIONS
-from granular_id.cli.options import at_least, names_in, option, positive
+from granular_id.cli.options import at_least, names_in, numbers_in, option, positive, with_defaults
 
 if TYPE_CHECKING:
     from sklearn.pipeline import Pipeline
@@ -21,37 +20,21 @@ ONE_VS_ONE = "onevsone"
 """Default of ``--coding``, the paper's."""
 
 
-class Initial(str, Enum):
-    """Choices of ``--initial``."""
-
-    zero = "zero"
-    steady = "steady"
-
-
-class Weights(str, Enum):
-    """Choices of ``--block-weights``."""
-
-    plain = "plain"
-    unit = "unit"
-
-
 @dataclass(kw_only=True)
 class Features:
     """What features are made of."""
 
-    cutoff_hz: Annotated[float, option(PANEL, "High-pass cut-off of the histogram.")] = 23.0
-    order: Annotated[int, option(PANEL, "High-pass order.")] = 8
-    n_bins: Annotated[int, option(PANEL, "Bins per axis.")] = 100
-    bin_range: Annotated[str, option(PANEL, "LOW,HIGH in N and N m; auto: learned per axis.")] = "-1.5,1.5"
-    initial: Annotated[
-        Initial, option(PANEL, "High-pass starts at rest (the paper), or as if the first sample had lasted.")
-    ] = Initial.zero
-    tare_s: Annotated[
-        float | None, option(PANEL, "Subtract the mean of the first seconds, before the motion.")
-    ] = None
-    threads: Annotated[int | None, option(PANEL, "The numbers do not depend on it. Default: all cores.")] = (
-        None
+    cutoff_hz: float = option(PANEL, "High-pass cut-off of the histogram.", default=23.0)
+    order: int = option(PANEL, "High-pass order.", default=8)
+    n_bins: int = option(PANEL, "Bins per axis.", default=100)
+    bin_range: str = option(PANEL, "LOW,HIGH in N and N m; auto: learned per axis.", default="-1.5,1.5")
+    initial: Literal["zero", "steady"] = option(
+        PANEL,
+        "High-pass starts at rest (the paper), or as if the first sample had lasted.",
+        default="zero",
     )
+    tare_s: float | None = option(PANEL, "Subtract the mean of the first seconds, before the motion.")
+    threads: int | None = option(PANEL, "The numbers do not depend on it. Default: all cores.")
 
     def __post_init__(self) -> None:
         at_least("--threads", self.threads, 1)
@@ -61,7 +44,7 @@ class Features:
             "order": self.order,
             "n_bins": self.n_bins,
             "bin_range": _bin_range_of(self.bin_range),
-            "initial": self.initial.value,
+            "initial": self.initial,
             "tare_s": self.tare_s,
         }
 
@@ -106,8 +89,8 @@ class Features:
 
     def given(self) -> dict[str, Any]:
         """Return the settings that are not the usual ones."""
-        usual = Features().settings
-        return {name: value for name, value in self.settings.items() if value != usual.get(name)}
+        without = with_defaults(Features).settings
+        return {name: value for name, value in self.settings.items() if value != without.get(name)}
 
     def _unused(self, names: Sequence[str] | None) -> dict[str, dict[str, str]]:
         """Find options that were given and would change nothing: for each feature space names, and why."""
@@ -122,15 +105,17 @@ class Features:
 class Method(Features):
     """Features, and what is done with them."""
 
-    block_weights: Annotated[
-        Weights, option(PANEL, "Blocks side by side as they are (the paper), or each of unit mean norm.")
-    ] = Weights.plain
-    c: Annotated[float, option(PANEL, "Box constraint of the support vector machines.", "--C")] = 1.0
+    block_weights: Literal["plain", "unit"] = option(
+        PANEL,
+        "Blocks side by side as they are (the paper), or each of unit mean norm.",
+        default="plain",
+    )
+    c: float = option(PANEL, "Box constraint of the support vector machines.", "--C", default=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         positive("--C", self.c)
-        self.settings["block_weights"] = None if self.block_weights is Weights.plain else "unit"
+        self.settings["block_weights"] = None if self.block_weights == "plain" else "unit"
 
     def given(self) -> dict[str, Any]:
         """Return the settings that are not the usual ones."""
@@ -141,14 +126,12 @@ class Method(Features):
 class OneSpace(Method):
     """The method in one feature space."""
 
-    space: Annotated[
-        str,
-        option(
-            PANEL,
-            "Feature space. best: multi-band, blocks, whitening and C chosen on recordings held out; multiband: the "
-            "same without a choice; raw+hfmh: the paper's.",
-        ),
-    ] = "best"
+    space: str = option(
+        PANEL,
+        "Feature space. best: multi-band, blocks, whitening and C chosen on recordings held out; multiband: the "
+        "same without a choice; raw+hfmh: the paper's.",
+        default="best",
+    )
 
     def refuse_unused(self) -> None:
         """Refuse what was asked for and would change nothing in the feature space."""
@@ -190,10 +173,7 @@ def _bin_range_of(text: str) -> Literal["auto"] | tuple[float, float]:
     """Read ``--bin-range``."""
     if text == "auto":
         return "auto"
-    try:
-        low, high = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got {text!r}") from None
+    low, high = numbers_in("--bin-range", text, "LOW,HIGH such as -1.5,1.5, or auto", 2)
     return low, high
 
 

@@ -6,69 +6,73 @@ import functools
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import is_dataclass
 from inspect import Parameter
-from typing import Annotated, Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import typer
 
 from granular_id.cli.errors import guarded
 
-
-def option(panel: str, text: str, *names: str) -> Any:
-    """Return an option with its help in one of the panels of ``--help``; its name is the parameter's unless given."""
-    return typer.Option(*names, help=text, rich_help_panel=panel)
+Group = TypeVar("Group")
 
 
-Force = Annotated[
-    bool, option("Output", "Replace files that are there, where they are of the same kind.", "--force")
-]
+def option(panel: str, text: str, *names: str, default: Any = None) -> Any:
+    """Return an option with its help in one of the panels of ``--help``; with the default ``...`` it must be given.
 
-
-def command(text: str, *groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Make a function a command with a text for its help and some groups of options.
-
-    typer reads options off the signature of one function. A group is a dataclass whose fields are options and which
-    checks them in `__post_init__`; the function gets an instance of each as its first arguments.
+    Its name is the parameter's unless given.
     """
+    return typer.Option(default, *names, help=text, rich_help_panel=panel)
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(function, eval_str=True).parameters.values())[len(groups) :]
-        of_groups = [_parameters(group) for group in groups]
 
-        @guarded
-        @functools.wraps(function)
-        def run(**values: Any) -> None:
-            made = [
-                group(**{parameter.name: values.pop(parameter.name) for parameter in parameters})
-                for group, parameters in zip(groups, of_groups, strict=True)
-            ]
-            function(*made, **values)
+FORCE = option(
+    "Output", "Replace files that are there, where they are of the same kind.", "--force", default=False
+)
 
-        every = [parameter for parameters in (*of_groups, own) for parameter in parameters]
-        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-            [parameter.replace(kind=Parameter.KEYWORD_ONLY) for parameter in every]
-        )
-        run.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
-        run.__doc__ = text
-        return run
 
-    return decorate
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Make a function a command; its help is its docstring.
+
+    typer reads options off the signature of one function. Here a parameter may also stand for a group of options: a
+    dataclass whose fields are options and which checks them in `__post_init__`.
+    """
+    parameters = inspect.signature(function, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {
+        each.name: each.annotation for each in parameters if is_dataclass(each.annotation)
+    }
+
+    @guarded
+    @functools.wraps(function)
+    def run(**values: Any) -> None:
+        made = {
+            name: group(**{each.name: values.pop(each.name) for each in _options_of(group)})
+            for name, group in groups.items()
+        }
+        function(**made, **values)
+
+    every = [
+        option.replace(kind=Parameter.KEYWORD_ONLY)
+        for each in parameters
+        for option in (_options_of(each.annotation) if each.name in groups else [each])
+    ]
+    run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    run.__annotations__ = {option.name: option.annotation for option in every}
+    # Markdown would join examples that no blank line parts.
+    run.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("`\n`", "`\n\n`")
+    return run
 
 
 @functools.cache  # commands share groups, and reading annotations takes time
-def _parameters(group: type) -> list[Parameter]:
-    hints = get_type_hints(group, include_extras=True)
+def _options_of(group: Callable[..., Any]) -> list[Parameter]:
+    hints = get_type_hints(group)
     return [
-        Parameter(
-            field.name,
-            Parameter.KEYWORD_ONLY,
-            default=Parameter.empty if field.default is MISSING else field.default,
-            annotation=hints[field.name],
-        )
-        for field in fields(group)
-        if field.init
+        each.replace(annotation=hints[each.name]) for each in inspect.signature(group).parameters.values()
     ]
+
+
+def with_defaults(group: Callable[..., Group], **given: Any) -> Group:
+    """Return a group of options, at their defaults where none is given."""
+    return group(**{each.name: each.default.default for each in _options_of(group)} | given)
 
 
 # Values of options, checked before any file is read.
@@ -92,6 +96,17 @@ def between(option: str, share: float) -> None:
     """Refuse what does not lie between 0 and 1."""
     if not 0 < share < 1:
         raise ValueError(f"{option} must lie between 0 and 1, got {share:g}")
+
+
+def numbers_in(option: str, text: str, wanted: str, count: int | None = None) -> list[float]:
+    """Split numbers at commas."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if not numbers or count not in (None, len(numbers)):
+        raise ValueError(f"{option} must be {wanted}, got {text!r}")
+    return numbers
 
 
 def names_in(text: str) -> list[str]:

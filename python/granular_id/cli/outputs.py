@@ -6,7 +6,7 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,6 +71,14 @@ def say_written(written: Sequence[Path | None], *, repeat: bool = False) -> None
     if repeat:
         command = repeated_command()
         show(f"repeat with: {command}{' --force' if paths and '--force' not in sys.argv else ''}")
+
+
+def write_files(*outputs: tuple[Path | None, Callable[[Path], object]], repeat: bool = False) -> None:
+    """Write the files that were asked for, each by its function, and name them."""
+    for path, write in outputs:
+        if path is not None:
+            write(path)
+    say_written([path for path, _ in outputs], repeat=repeat)
 
 
 def repeated_command() -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -28,38 +28,6 @@ MAX_GAP_S = 0.25
 _MOST_LINES = 10
 
 
-class Handling(str, Enum):
-    """Choices of ``--on-error``, ``--on-gap`` and the like."""
-
-    refuse = "raise"
-    skip = "skip"
-
-
-class Repair(str, Enum):
-    """Choices of ``--on-time-error``."""
-
-    refuse = "raise"
-    repair = "repair"
-
-
-class Unit(str, Enum):
-    """Choices of ``--time-unit``."""
-
-    s = "s"
-    ms = "ms"
-    us = "us"
-    ns = "ns"
-    sample = "sample"
-
-
-class Beginning(str, Enum):
-    """Choices of ``--begin-at``."""
-
-    first = "first"
-    trigger = "trigger"
-    onset = "onset"
-
-
 class Difference(str, Enum):
     """Choices of ``--accept``."""
 
@@ -73,39 +41,31 @@ ACCEPT = "Goes on though this is not as in the training, with a warning. Repeata
 """Help of ``--accept``."""
 
 
+Handling = Literal["raise", "skip"]
+
+
 @dataclass(kw_only=True)
 class ReadingOptions:
     """How files are read."""
 
-    on_error: Annotated[Handling, option(PANEL, "A file that cannot be read: refuse, or leave it out.")] = (
-        Handling.refuse
+    on_error: Handling = option(
+        PANEL, "A file that cannot be read: refuse, or leave it out.", default="raise"
     )
-    on_time_error: Annotated[
-        Repair, option(PANEL, "Time running backwards or repeated: refuse, or sort and merge.")
-    ] = Repair.refuse
-    recorded_hz: Annotated[
-        float | None,
-        option(PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."),
-    ] = None
-    topic: Annotated[
-        str | None,
-        option(
-            PANEL,
-            "Topic of a bag, where several hold a wrench; with .field after it one inside its messages.",
-        ),
-    ] = None
-    time_unit: Annotated[
-        Unit | None, option(PANEL, "What stamps count, where a file does not state it. Default: seconds.")
-    ] = None
-    array: Annotated[
-        str | None, option(PANEL, "Array or group of a file that holds the samples, where several may.")
-    ] = None
-    label: Annotated[
-        str | None, option(PANEL, "Array or column of a file that holds the labels, where several may.")
-    ] = None
-    max_file_mb: Annotated[
-        float | None, option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
-    ] = None
+    on_time_error: Literal["raise", "repair"] = option(
+        PANEL, "Time running backwards or repeated: refuse, or sort and merge.", default="raise"
+    )
+    recorded_hz: float | None = option(
+        PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."
+    )
+    topic: str | None = option(
+        PANEL, "Topic of a bag, where several hold a wrench; with .field after it one inside its messages."
+    )
+    time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = option(
+        PANEL, "What stamps count, where a file does not state it. Default: seconds."
+    )
+    array: str | None = option(PANEL, "Array or group of a file that holds the samples, where several may.")
+    label: str | None = option(PANEL, "Array or column of a file that holds the labels, where several may.")
+    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
 
     def __post_init__(self) -> None:
         positive("--recorded-hz", self.recorded_hz)
@@ -120,10 +80,10 @@ class ReadingOptions:
                 path,
                 progress=not quiet,
                 rate_hz=self.recorded_hz,
-                on_error=self.on_error.value,
-                on_time_error=self.on_time_error.value,
+                on_error=self.on_error,
+                on_time_error=self.on_time_error,
                 topic=self.topic,
-                time_unit=None if self.time_unit is None else self.time_unit.value,
+                time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
                 max_file_bytes=None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
@@ -138,7 +98,7 @@ class ReadingOptions:
 class Reading(ReadingOptions):
     """Recordings to read, all in one file or folder."""
 
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="Folder or file of recordings.")]
+    path: Path = typer.Argument(metavar="PATH", help="Folder or file of recordings.")
 
     def refuse_absent(self) -> None:
         """Refuse a path with nothing there, before an import that takes longer than a look."""
@@ -157,25 +117,20 @@ class Reading(ReadingOptions):
 class StepOptions:
     """How recordings come to one rate, and which of them are left out."""
 
-    rate_hz: Annotated[
-        float | None,
-        option(
-            PANEL, "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz."
-        ),
-    ] = None
-    max_gap_s: Annotated[float, option(PANEL, "Longest gap to fill when resampling; inf: any.")] = MAX_GAP_S
-    on_gap: Annotated[Handling, option(PANEL, "A longer gap: refuse, or leave the recording out.")] = (
-        Handling.refuse
+    rate_hz: float | None = option(
+        PANEL, "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz."
     )
-    on_short: Annotated[
-        Handling,
-        option(PANEL, "A recording too short, or without trigger or onset: refuse, or leave it out."),
-    ] = Handling.refuse
-    rest_s: Annotated[float, option(PANEL, "Rest at the start from which the onset is judged.")] = 0.1
-    onset_at: Annotated[
-        list[str] | None,
-        option(PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."),
-    ] = None
+    max_gap_s: float = option(PANEL, "Longest gap to fill when resampling; inf: any.", default=MAX_GAP_S)
+    on_gap: Handling = option(PANEL, "A longer gap: refuse, or leave the recording out.", default="raise")
+    on_short: Handling = option(
+        PANEL,
+        "A recording too short, or without trigger or onset: refuse, or leave it out.",
+        default="raise",
+    )
+    rest_s: float = option(PANEL, "Rest at the start from which the onset is judged.", default=0.1)
+    onset_at: list[str] | None = option(
+        PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."
+    )
     onsets: dict[str, float | None] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -189,7 +144,7 @@ class StepOptions:
         if self.rate_hz is None or all(recording.rate_hz == self.rate_hz for recording in data):
             return data
         limit = None if math.isinf(self.max_gap_s) else self.max_gap_s
-        data = data.resample(self.rate_hz, max_gap_s=limit, on_gap=self.on_gap.value)
+        data = data.resample(self.rate_hz, max_gap_s=limit, on_gap=self.on_gap)
         return say_step(data, quiet=quiet)
 
     def with_onsets(self, data: Dataset) -> Dataset:
@@ -202,32 +157,30 @@ class StepOptions:
 class Steps(StepOptions):
     """What to do with recordings once they are read."""
 
-    begin_at: Annotated[
-        Beginning,
-        option(
-            PANEL,
-            "Keep from the first sample, the stored trigger, or the onset of motion found in the forces.",
-        ),
-    ] = Beginning.first
-    lead_s: Annotated[float, option(PANEL, "Seconds to keep ahead of trigger or onset.")] = 0.0
-    duration_s: Annotated[float | None, option(PANEL, "Keep this many seconds from there on.")] = None
-    n_samples: Annotated[str | None, option(PANEL, "Keep this many samples, or: shortest.")] = None
-    exclude: Annotated[str, option(PANEL, "Materials to leave out, separated by commas.")] = ""
+    begin_at: Literal["first", "trigger", "onset"] = option(
+        PANEL,
+        "Keep from the first sample, the stored trigger, or the onset of motion found in the forces.",
+        default="first",
+    )
+    lead_s: float = option(PANEL, "Seconds to keep ahead of trigger or onset.", default=0.0)
+    duration_s: float | None = option(PANEL, "Keep this many seconds from there on.")
+    n_samples: str | None = option(PANEL, "Keep this many samples, or: shortest.")
+    exclude: str = option(PANEL, "Materials to leave out, separated by commas.", default="")
     length: int | Literal["shortest"] | None = field(init=False)
 
     def __post_init__(self) -> None:
         if self.duration_s is not None and self.n_samples is not None:
             raise ValueError("give one of --duration-s and --n-samples, not both")
-        if self.begin_at is not Beginning.first and self.duration_s is None and self.n_samples is None:
+        if self.begin_at != "first" and self.duration_s is None and self.n_samples is None:
             raise ValueError(
-                f"--begin-at {self.begin_at.value} crops recordings: add --duration-s or --n-samples (a number, or "
+                f"--begin-at {self.begin_at} crops recordings: add --duration-s or --n-samples (a number, or "
                 "shortest)"
             )
-        if self.lead_s and self.begin_at is Beginning.first:
+        if self.lead_s and self.begin_at == "first":
             raise ValueError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
         positive("--duration-s", self.duration_s)
         super().__post_init__()
-        if self.rate_hz is None and (self.max_gap_s != MAX_GAP_S or self.on_gap is not Handling.refuse):
+        if self.rate_hz is None and (self.max_gap_s != MAX_GAP_S or self.on_gap != "raise"):
             unused = "--max-gap-s" if self.max_gap_s != MAX_GAP_S else "--on-gap"
             raise ValueError(f"{unused} is about gaps that resampling fills: add --rate-hz")
         self.length = _length_of(self.n_samples)
@@ -237,10 +190,10 @@ class Steps(StepOptions):
 
         `onsets_later`: stating some onsets makes sense without ``--begin-at onset``.
         """
-        if self.onsets and self.begin_at is not Beginning.onset and not onsets_later:
+        if self.onsets and self.begin_at != "onset" and not onsets_later:
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
         data = self.resampled(self._without_excluded(data, quiet=quiet), quiet=quiet)
-        if self.begin_at is Beginning.onset:
+        if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
             self._refuse_missing_onsets(data)
         if self.duration_s is None and self.length is None:
@@ -249,10 +202,10 @@ class Steps(StepOptions):
         aligned = data.align(
             self.length,
             duration_s=self.duration_s,
-            trigger=None if self.begin_at is Beginning.first else "recorded",
+            trigger=None if self.begin_at == "first" else "recorded",
             lead_s=self.lead_s,
-            on_short=self.on_short.value,
-            on_missing=self.on_short.value,
+            on_short=self.on_short,
+            on_missing=self.on_short,
         )
         return say_step(aligned, quiet=quiet)
 
@@ -276,7 +229,7 @@ class Steps(StepOptions):
 
     def _refuse_missing_onsets(self, data: Dataset) -> None:
         without = [recording.name for recording in data if recording.trigger_index is None]
-        if without and self.on_short is Handling.refuse:
+        if without and self.on_short == "raise":
             raise ValueError(
                 f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
                 "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"

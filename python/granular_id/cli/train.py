@@ -4,64 +4,32 @@ from __future__ import annotations
 
 import json as json_format
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from granular_id._files import write_json
 from granular_id.cli.method import ONE_VS_ONE, OneSpace
-from granular_id.cli.options import Force, at_least, between, command, option
-from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show
+from granular_id.cli.options import FORCE, at_least, between, command, option
+from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:
-    from granular_id.identifier import Identifier, Training
-    from granular_id.recording import Dataset
-
-TEXT = """
-Train a model on all recordings and write it into one file, which `granular-id identify` and `granular-id live` use.
-
-What may be expected of it is measured on recordings that are held out, as strictly as they allow: whole sessions where
-every material has several; else halves in time order; else random folds. The output says which. On the same recordings
-it is found from which margin on an answer may be given before the push is over.
-
-Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the options of its
-histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
-
-PATH is a file or folder of any format, as for `granular-id evaluate`.
-
-Examples:
-
-`granular-id train recordings -o kitchen.safetensors`
-
-`granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
-
-`granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
-
-`granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
-"""
+    from granular_id.identifier import Identifier
 
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
-
-
-class Posterior(str, Enum):
-    """Choices of ``--posterior``."""
-
-    none = "none"
-    kullback_leibler = "kullback_leibler"
-    wu_lin_weng = "wu_lin_weng"
 
 
 @dataclass(kw_only=True)
 class ModelOptions(OneSpace):
     """What a model is made of."""
 
-    coding: Annotated[str, option(METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...")] = (
-        ONE_VS_ONE
+    coding: str = option(
+        METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...", default=ONE_VS_ONE
     )
-    posterior: Annotated[Posterior, option(METHOD, "Also fit probabilities of the materials.")] = (
-        Posterior.none
+    posterior: Literal["none", "kullback_leibler", "wu_lin_weng"] = option(
+        METHOD, "Also fit probabilities of the materials.", default="none"
     )
 
     def given(self) -> dict[str, Any]:
@@ -83,37 +51,51 @@ class ModelOptions(OneSpace):
             "space": self.space,
             "C": self.c,
             "coding": self.coding,
-            "posterior": None if self.posterior is Posterior.none else self.posterior.value,
+            "posterior": None if self.posterior == "none" else self.posterior,
         }
 
 
-@command(TEXT, Reading, Steps, ModelOptions)
+@command
 def train(
     reading: Reading,
     steps: Steps,
     method: ModelOptions,
     *,
-    output: Annotated[Path, option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o")],
-    target_error: Annotated[float, option(ESTIMATE, "Share of early answers that may be wrong.")] = 0.01,
-    coverage: Annotated[
-        float, option(ESTIMATE, "Share of recordings whose candidates hold the right material.")
-    ] = 0.9,
-    share_known: Annotated[
-        float, option(ESTIMATE, "Share of known materials that is not called unknown.")
-    ] = 0.95,
-    early: Annotated[bool, option(ESTIMATE, "Allow answers before the end.")] = True,
-    folds: Annotated[int, option(ESTIMATE, "Random folds, without sessions and order in time.")] = 5,
-    seed: Annotated[int, option(ESTIMATE, "Same seed, same bytes.")] = 0,
-    figure: Annotated[
-        Path | None, option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf.")
-    ] = None,
-    json: Annotated[
-        Path | None, option(OUTPUT, "Write estimates, and accuracy against seconds seen.")
-    ] = None,
-    force: Force = False,
-    quiet: Annotated[bool, option(OUTPUT, "Print the estimate only.", "--quiet")] = False,
+    output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
+    target_error: float = option(ESTIMATE, "Share of early answers that may be wrong.", default=0.01),
+    coverage: float = option(
+        ESTIMATE, "Share of recordings whose candidates hold the right material.", default=0.9
+    ),
+    share_known: float = option(
+        ESTIMATE, "Share of known materials that is not called unknown.", default=0.95
+    ),
+    early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
+    folds: int = option(ESTIMATE, "Random folds, without sessions and order in time.", default=5),
+    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0),
+    figure: Path | None = option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf."),
+    json: Path | None = option(OUTPUT, "Write estimates, and accuracy against seconds seen."),
+    force: bool = FORCE,
+    quiet: bool = option(OUTPUT, "Print the estimate only.", "--quiet", default=False),
 ) -> None:
-    """Train, estimate, write."""
+    """Train a model on all recordings and write it into one file.
+
+    `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings
+    that are held out, as strictly as they allow: whole sessions where every material has several; else halves
+    in time order; else random folds. The output says which. On the same recordings it is found from which
+    margin on an answer may be given before the push is over.
+
+    Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
+    options of its histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
+
+    PATH is a file or folder of any format, as for `granular-id evaluate`.
+
+    For example:
+
+    `granular-id train recordings -o kitchen.safetensors`
+    `granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
+    `granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
+    `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
+    """
     between("--target-error", target_error)
     between("--coverage", coverage)
     between("--share-known", share_known)
@@ -136,7 +118,7 @@ def train(
     recipe = Recipe(**settings, random_state=seed)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier, train as fit
+    from granular_id.identifier import Identifier, over_time, train as fit
 
     training = fit(
         data,
@@ -155,15 +137,6 @@ def train(
         raise ValueError(f"--figure shows held-out recordings, and there are none: {why}")
     _print_model(identifier, brief=True)
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
-    _write_extras(training, data, figure, json)
-    say_written([output, figure, json], repeat=not quiet)
-
-
-def _write_extras(training: Training, data: Dataset, figure: Path | None, json: Path | None) -> None:
-    """Write the figure and the JSON file that were asked for."""
-    from granular_id._files import write_json
-    from granular_id.identifier import over_time
-
     course = None
     if training.held is not None:
         course = over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)
@@ -173,46 +146,39 @@ def _write_extras(training: Training, data: Dataset, figure: Path | None, json: 
         plot_over_time(course, path=figure)
     if json is not None:
         write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})
+    say_written([output, figure, json], repeat=not quiet)
 
 
 # ``granular-id model``
 
 model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
 
-INFO = """
-Say what a model was trained on, which materials it knows, what it takes, how well it did on recordings held out, and
-when it answers early.
-
-The file is checked as strictly as for use: what this prints is a model that works.
-
-Examples:
-
-`granular-id model info kitchen.safetensors`
-
-`granular-id model info kitchen.safetensors --json kitchen.json`
-"""
-
 
 @model.command("info")
-@command(INFO)
+@command
 def info(
     *,
-    file: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-    json: Annotated[Path | None, option(OUTPUT, "Write everything but the weights.")] = None,
-    force: Force = False,
+    file: Path = typer.Argument(metavar="MODEL", help="Model file."),
+    json: Path | None = option(OUTPUT, "Write everything but the weights."),
+    force: bool = FORCE,
 ) -> None:
-    """Print what is in a model file."""
+    """Say what a model knows, takes and was trained on, how well it did, and when it answers early.
+
+    How well it did was measured on recordings held out. The file is checked as strictly as for use: what this
+    prints is a model that works.
+
+    For example:
+
+    `granular-id model info kitchen.safetensors`
+    `granular-id model info kitchen.safetensors --json kitchen.json`
+    """
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
     from granular_id.identifier import Identifier
 
     identifier = Identifier.load(file)
     _print_model(identifier)
-    if json is not None:
-        from granular_id._files import write_json
-
-        write_json(json, _everything(identifier))
-        say_written([json])
+    write_files((json, lambda path: write_json(path, _everything(identifier))))
 
 
 def _print_model(identifier: Identifier, *, brief: bool = False) -> None:
