@@ -49,8 +49,6 @@ def confidence(
     The model is that of `granular-id train`. It is trained many times over, and --space best chooses anew
     each time: for a first look take --space multiband or fewer --seeds.
 
-    PATH is a file or folder of any format, as for `granular-id evaluate`.
-
     For example:
 
     `granular-id confidence recordings`

@@ -42,9 +42,6 @@ class Target:
         save(data, self.output, self.to, progress=True)
 
 
-# ``granular-id data info``
-
-
 @command
 def info(
     reading: Reading,
@@ -78,9 +75,6 @@ def info(
     show("\n".join(lines))
     everything = {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]}
     write_files((json, lambda path: write_json(path, everything)))
-
-
-# ``granular-id data head``
 
 
 @command
@@ -134,18 +128,13 @@ def _lines(recording: Recording, n: int) -> list[str]:
     return ["", repr(recording), *facts, "", *text_table(rows)]
 
 
-# ``granular-id data check``
-
-
 @command
 def check(
     reading: Reading,
     *,
-    sensor_range: str | None = option(
-        SENSOR, "Largest values of the axes, or a name: 'ATI Mini45 SI-145-5'."
-    ),
+    sensor_range: str | None = option(SENSOR, "Largest values of axes, or a name: 'ATI Mini45 SI-145-5'."),
     false_alarm_rate: float = option(
-        SENSOR, "Chance that a sound data set shows an outlier or a leak.", default=0.01
+        SENSOR, "Chance that sound data show an outlier or a leak.", default=0.01
     ),
     strict: bool = option(OUTPUT, "Exit with 3 for warnings too.", "--strict", default=False),
     json: Path | None = option(OUTPUT, "Write findings and verdicts."),
@@ -193,16 +182,13 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-# ``granular-id data plot``
-
-
 @command
 def plot(
     reading: Reading,
     steps: Steps,
     *,
     output: Path = option(
-        PICTURES, "File to write: png, svg or pdf.", "--output", "-o", default=Path("recordings.png")
+        PICTURES, "Picture: png, svg or pdf.", "--output", "-o", default=Path("recordings.png")
     ),
     what: Literal["recordings", "mean", "onset"] = option(
         PICTURES, "Single recordings, means of materials, or onsets of motion.", default="recordings"
@@ -243,9 +229,6 @@ def plot(
     say_written([output])
 
 
-# ``granular-id data convert``
-
-
 @command
 def convert(
     reading: Reading,
@@ -280,9 +263,6 @@ def convert(
         raise ValueError(f"{target.output} was written, but does not read back equal: do not rely on it")
     said = ", read back and found equal" if verify else ""
     show(f"wrote {target.output}{said}")
-
-
-# ``granular-id data synthesize``
 
 
 @command

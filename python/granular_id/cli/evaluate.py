@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -201,9 +202,6 @@ def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -
     print_table(seconds_table(result))
 
 
-# ``granular-id evaluate``
-
-
 @dataclass(kw_only=True)
 class Partitions:
     """What trains and what is tested."""
@@ -292,16 +290,11 @@ def evaluate(
         )
 
 
-# ``granular-id report``
-
-
 @command
 def report(
     *,
     result: Path = typer.Argument(metavar="RESULT", help="JSON file of an evaluation."),
-    output: Path | None = typer.Option(
-        None, "--output", "-o", help="HTML file. Default: RESULT with the ending .html."
-    ),
+    output: Path | None = typer.Option(None, "--output", "-o", help="HTML file. Default: RESULT as .html."),
     figures: Path | None = typer.Option(None, help="Write the figures into this folder, too."),
     force: bool = FORCE,
 ) -> None:
@@ -324,8 +317,6 @@ def report(
         written = outputs.write(EvaluationResult.from_json(result), None)
     say_written(written)
 
-
-# ``granular-id demo``
 
 FULL = {"n_partitions": 20, "train_per_class": 50, "test_per_class": 12}
 QUICK = {"n_partitions": 5, "train_per_class": 8, "test_per_class": 4}
@@ -378,19 +369,15 @@ def _evaluate_simulated(outputs: Outputs, counts: dict[str, Any], seed: int, thr
         f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
         "figures below show that the program works, not how well it knows real materials."
     )
-    console = Console(stderr=True, highlight=False)
-    step = f"simulating {n} pushes"
-    if not console.is_terminal:
-        console.print(step)
-    with console.status(step):
-        data = synthesize(n_per_class=n_per_class, seed=seed)
+    show(f"simulating {n} pushes", err=True)
+    data = synthesize(n_per_class=n_per_class, seed=seed)
     known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
     _evaluate_and_show(
         data,
         {name: known[name] for name in in_paper_order(known)},
         "auto",
         outputs,
-        progress=True if console.is_terminal else _in_lines(),
+        progress=True if sys.stderr.isatty() else _in_lines(),
         **counts,
         random_state=seed,
         n_jobs=-1 if threads is None else threads,
@@ -410,8 +397,6 @@ def _in_lines() -> ProgressCallback:
     return tell
 
 
-# ``granular-id select``
-
 CHOICE = "Choice"
 
 
@@ -421,9 +406,7 @@ def select(
     steps: Steps,
     method: Features,
     *,
-    spaces: str = option(
-        CHOICE, "Candidates separated by commas. Default: the paper's, but slow ones.", default=""
-    ),
+    spaces: str = option(CHOICE, "Candidates, by commas. Default: the paper's, but slow ones.", default=""),
     outer: int = option(CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5),
     inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4),
     seed: int = option(CHOICE, "Same seed, same choice.", default=0),
@@ -439,8 +422,6 @@ def select(
 
     Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for
     itself. `granular-id evaluate --spaces` compares them with others.
-
-    PATH is a file or folder of any format, as for `granular-id evaluate`.
 
     For example:
 
@@ -471,9 +452,7 @@ def select(
         n_jobs=method.n_jobs,
         progress=not quiet,
     )
-    console = Console(highlight=False)
-    console.print()
-    console.print(Text(selection.verdict()))
+    Console(highlight=False).print(Text(f"\n{selection.verdict()}"))
     if not quiet:
         print_table(selection.table(), strong=selection.synthetic)
     write_files((json, selection.to_json), repeat=not quiet)

@@ -50,8 +50,6 @@ def explain(
     in time, else random. Text, figure and JSON say which. The method is that of `granular-id train`, --space
     best.
 
-    PATH is a file or folder of any format, as for `granular-id evaluate`.
-
     For example:
 
     `granular-id explain recordings rice oat`

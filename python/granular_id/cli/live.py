@@ -5,7 +5,6 @@ from __future__ import annotations
 import json as json_format
 import sys
 import webbrowser
-from collections.abc import Iterator
 from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from granular_id.live import Capture, LiveIdentifier, Push, Recorder, Stream, Views, WrenchSource
     from granular_id.live.drive import Step
     from granular_id.live.setup import Setup
-    from granular_id.live.view import View
 
 _MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
 """At 500 Hz a buffer of so many seconds takes 30 MB; at the highest speed a push takes 4 ms."""
@@ -83,7 +81,7 @@ class Moving:
     )
     threshold_n: float = option(MOTION, "Change of force that is a motion, newton.", default=0.5)
     max_gap: int = option(
-        LIMITS, "So many missing samples in a row are filled in, flagged; more: again.", default=0
+        LIMITS, "Missing samples in a row that are filled in, flagged; more: again.", default=0
     )
     allow_saturated: bool = option(
         LIMITS, "Take samples at the end of the sensor's range, flagged.", "--allow-saturated", default=False
@@ -119,8 +117,6 @@ class Moving:
         return setup_of(source, self.robot, self.trigger, threshold_n=self.threshold_n)
 
 
-# ``granular-id live``
-
 MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
 
 
@@ -142,9 +138,7 @@ def live(
     pre_s: float | None = option(MODEL, "Rest before the motion; needed where the model does not know it."),
     view: bool = option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view", default=False),
     port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
-    no_browser: bool = option(
-        VIEWS, "Print the page's address instead of opening it.", "--no-browser", default=False
-    ),
+    no_browser: bool = option(VIEWS, "Print its address, do not open it.", "--no-browser", default=False),
     rerun: Path | None = option(VIEWS, "Log everything into a file for the Rerun viewer (.rrd)."),
     json: Path | None = option(OUTPUT, "Write each answer into this file, one line of JSON each."),
     force: bool = FORCE,
@@ -197,13 +191,11 @@ def live(
             "note: the model has no early rule (see granular-id model info): it answers before the end of a push only "
             "where the answer can no longer change"
         )
-    console = Console(highlight=False)
     with ExitStack() as stack:
         stream = stack.enter_context(opened(source, sensing.buffer_s))
         setup = moving.setup(source)
         views = stack.enter_context(Views([]))
-        for shown in _views(console, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet):
-            views.add(shown)  # one by one: those that are open are closed where the next cannot be opened
+        _open_views(views, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet)
         identifying = LiveIdentifier(
             stream,
             identifier,
@@ -236,26 +228,22 @@ def live(
             _sum_up(identifying, views, over=over)
 
 
-def _views(
-    console: Console, *, view: bool, port: int, browser: bool, rerun: Path | None, quiet: bool
-) -> Iterator[View]:
-    """Open what was asked for, and say where it is."""
-    if view:
-        from granular_id.live import MonitorServer
+def _open_views(
+    views: Views, *, view: bool, port: int, browser: bool, rerun: Path | None, quiet: bool
+) -> None:
+    """Open what was asked for, one by one: what is open is closed where the next cannot be opened."""
+    from granular_id.live import MonitorServer, RerunLog, TerminalView
 
+    if view:
         page = MonitorServer(port)
+        views.add(page)
         show(f"page: {page.url}")
         if browser:
             webbrowser.open(page.url)
-        yield page
     if rerun is not None:
-        from granular_id.live import RerunLog
-
-        yield RerunLog(rerun)
+        views.add(RerunLog(rerun))
     if not quiet:
-        from granular_id.live import TerminalView
-
-        yield TerminalView(console)
+        views.add(TerminalView(Console(highlight=False)))
 
 
 def _row(push: Push, identifying: LiveIdentifier) -> dict[str, Any]:
@@ -298,8 +286,6 @@ def _sum_up(identifying: LiveIdentifier, views: Views, *, over: bool) -> None:
     show(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}{end}")
 
 
-# ``granular-id record``
-
 WHAT = "What to record"
 
 
@@ -317,9 +303,7 @@ def record(
         default=...,
     ),
     n: int = option(WHAT, "Recordings of each.", "--n", "-n", default=10),
-    output: Path = option(
-        WHAT, "Folder; recordings are added to what is there.", "--output", "-o", default=...
-    ),
+    output: Path = option(WHAT, "Folder; recordings are added to it.", "--output", "-o", default=...),
     session: str | None = option(WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
     duration_s: float = option(WHAT, "Length of a recording.", default=3.2),
     pre_s: float = option(WHAT, "Of that, rest before the motion.", default=0.25),

@@ -48,15 +48,11 @@ Handling = Literal["raise", "skip"]
 class ReadingOptions:
     """How files are read."""
 
-    on_error: Handling = option(
-        PANEL, "A file that cannot be read: refuse, or leave it out.", default="raise"
-    )
+    on_error: Handling = option(PANEL, "An unreadable file: refuse, or leave it out.", default="raise")
     on_time_error: Literal["raise", "repair"] = option(
         PANEL, "Time running backwards or repeated: refuse, or sort and merge.", default="raise"
     )
-    recorded_hz: float | None = option(
-        PANEL, "Rate at which files without a clock were recorded (--rate-hz resamples)."
-    )
+    recorded_hz: float | None = option(PANEL, "Rate of files without a clock (--rate-hz resamples).")
     topic: str | None = option(
         PANEL, "Topic of a bag, where several hold a wrench; with .field after it one inside its messages."
     )
@@ -98,7 +94,9 @@ class ReadingOptions:
 class Reading(ReadingOptions):
     """Recordings to read, all in one file or folder."""
 
-    path: Path = typer.Argument(metavar="PATH", help="Folder or file of recordings.")
+    path: Path = typer.Argument(
+        metavar="PATH", help="Folder or file of recordings, of any format; see granular-id evaluate."
+    )
 
     def refuse_absent(self) -> None:
         """Refuse a path with nothing there, before an import that takes longer than a look."""
@@ -118,19 +116,15 @@ class StepOptions:
     """How recordings come to one rate, and which of them are left out."""
 
     rate_hz: float | None = option(
-        PANEL, "Resample to this rate (linear interpolation). Files without a clock: see --recorded-hz."
+        PANEL, "Resample (linear interpolation). For files without a clock: --recorded-hz."
     )
     max_gap_s: float = option(PANEL, "Longest gap to fill when resampling; inf: any.", default=MAX_GAP_S)
     on_gap: Handling = option(PANEL, "A longer gap: refuse, or leave the recording out.", default="raise")
     on_short: Handling = option(
-        PANEL,
-        "A recording too short, or without trigger or onset: refuse, or leave it out.",
-        default="raise",
+        PANEL, "A recording too short, or without trigger or onset: refuse, or leave it out.", default="raise"
     )
     rest_s: float = option(PANEL, "Rest at the start from which the onset is judged.", default=0.1)
-    onset_at: list[str] | None = option(
-        PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. May be repeated."
-    )
+    onset_at: list[str] | None = option(PANEL, "Overrule an onset: NAME=SECONDS, or NAME=none. Repeatable.")
     onsets: dict[str, float | None] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -25,9 +25,7 @@ METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 class ModelOptions(OneSpace):
     """What a model is made of."""
 
-    coding: str = option(
-        METHOD, "onevsone (the paper), onevsall, ordinal, denserandom ...", default=ONE_VS_ONE
-    )
+    coding: str = option(METHOD, "onevsone (paper), onevsall, ordinal, denserandom ...", default=ONE_VS_ONE)
     posterior: Literal["none", "kullback_leibler", "wu_lin_weng"] = option(
         METHOD, "Also fit probabilities of the materials.", default="none"
     )
@@ -64,11 +62,9 @@ def train(
     output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
     target_error: float = option(ESTIMATE, "Share of early answers that may be wrong.", default=0.01),
     coverage: float = option(
-        ESTIMATE, "Share of recordings whose candidates hold the right material.", default=0.9
+        ESTIMATE, "Share of recordings whose candidates hold the material.", default=0.9
     ),
-    share_known: float = option(
-        ESTIMATE, "Share of known materials that is not called unknown.", default=0.95
-    ),
+    share_known: float = option(ESTIMATE, "Share of known materials not called unknown.", default=0.95),
     early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
     folds: int = option(ESTIMATE, "Random folds, without sessions and order in time.", default=5),
     seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0),
@@ -86,8 +82,6 @@ def train(
 
     Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
     options of its histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
-
-    PATH is a file or folder of any format, as for `granular-id evaluate`.
 
     For example:
 
