@@ -49,7 +49,7 @@ def confidence(
     The model is that of `granular-id train`. It is trained many times over, and --space best chooses anew
     each time: for a first look take --space multiband or fewer --seeds.
 
-    For example:
+    Examples:
 
     `granular-id confidence recordings`
     `granular-id confidence recordings --space multiband --seeds 5`

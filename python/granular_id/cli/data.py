@@ -51,7 +51,7 @@ def info(
 ) -> None:
     """Say what a folder or file holds: recordings, materials, sessions, rates, lengths, gaps, flags, history.
 
-    For example:
+    Examples:
 
     `granular-id data info recordings`
     `granular-id data info pushes.mat`
@@ -86,7 +86,7 @@ def head(
 ) -> None:
     """Print what is known of one recording and its first samples: forces in N, torques in N m.
 
-    For example:
+    Examples:
 
     `granular-id data head recordings`
     `granular-id data head recordings --name rice/rice_07.csv -n 20`
@@ -146,7 +146,7 @@ def check(
     the forces: the clock, the length, the session, the file. Exit code 0 when there is no error, 3 when there
     is one.
 
-    For example:
+    Examples:
 
     `granular-id data check recordings`
     `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
@@ -201,7 +201,7 @@ def plot(
 ) -> None:
     """Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
 
-    For example:
+    Examples:
 
     `granular-id data plot recordings -o recordings.png`
     `granular-id data plot recordings -o onset.png --what onset --rate-hz 100 --max-gap-s inf`
@@ -243,7 +243,7 @@ def convert(
     sessions and history are kept to the last bit, unless an option asks for a step; what was written is read
     back and compared. Nothing is overwritten.
 
-    For example:
+    Examples:
 
     `granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
     `granular-id data convert recordings archive --to parquet`
@@ -279,7 +279,7 @@ def synthesize(
 
     They come from a physical model and not from a sensor.
 
-    For example:
+    Examples:
 
     `granular-id data synthesize pushes.npz`
     `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`

@@ -244,7 +244,7 @@ def evaluate(
     what is found. Nothing is resampled, cropped or left out unless an option asks for it; a refusal names the
     option.
 
-    For example:
+    Examples:
 
     `granular-id evaluate recordings --report report.html`
     `granular-id evaluate recordings --train 40 --test 10 --json result.json --csv predictions.csv`
@@ -300,7 +300,7 @@ def report(
 ) -> None:
     """Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
 
-    For example:
+    Examples:
 
     `granular-id report result.json`
     `granular-id report result.json -o for_the_boss.html --figures figures`
@@ -338,7 +338,7 @@ def demo(
     they say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG,
     result.json and predictions.csv.
 
-    For example:
+    Examples:
 
     `granular-id demo`
     `granular-id demo -o somewhere --quick`
@@ -423,7 +423,7 @@ def select(
     Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for
     itself. `granular-id evaluate --spaces` compares them with others.
 
-    For example:
+    Examples:
 
     `granular-id select recordings`
     `granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`

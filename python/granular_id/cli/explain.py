@@ -50,7 +50,7 @@ def explain(
     in time, else random. Text, figure and JSON say which. The method is that of `granular-id train`, --space
     best.
 
-    For example:
+    Examples:
 
     `granular-id explain recordings rice oat`
     `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`

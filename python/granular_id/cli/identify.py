@@ -162,7 +162,7 @@ def identify(
     filter, tool, trigger or speed is said; what is not known is not compared. `--accept` takes what is the
     same under another name.
 
-    For example:
+    Examples:
 
     `granular-id identify kitchen.safetensors fresh`
     `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`

@@ -162,7 +162,7 @@ def live(
     Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it
     was. What a simulation answers says nothing about real materials.
 
-    For example:
+    Examples:
 
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
     `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
@@ -316,7 +316,7 @@ def record(
     right rate. What was refused is said, and recorded again. Works without any hardware, with a simulated
     sensor and robot; such recordings are marked as SYNTHETIC.
 
-    For example:
+    Examples:
 
     `granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
     `granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`

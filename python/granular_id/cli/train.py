@@ -83,7 +83,7 @@ def train(
     Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
     options of its histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
 
-    For example:
+    Examples:
 
     `granular-id train recordings -o kitchen.safetensors`
     `granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
@@ -161,7 +161,7 @@ def info(
     How well it did was measured on recordings held out. The file is checked as strictly as for use: what this
     prints is a model that works.
 
-    For example:
+    Examples:
 
     `granular-id model info kitchen.safetensors`
     `granular-id model info kitchen.safetensors --json kitchen.json`
