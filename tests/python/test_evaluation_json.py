@@ -110,6 +110,24 @@ BAD = [
         put("spaces", 0, "protocols", "paper", "predicted", 1, [0, 1]),
         "predictions of 'raw+hfmh', paper, do not fit the partitions",
     ),
+    *[
+        (
+            put("spaces", 0, "protocols", "paper", "predicted", 0, 0, code),
+            "predictions of 'raw+hfmh', paper: wanted whole numbers from 0 to",
+        )
+        for code in (99, -1, 10**30, 1.5, "1")
+    ],
+    (
+        put("partitions", "paper", 0, "test", 0, 999),
+        "paper partition 0, test: wanted whole numbers from 0 to",
+    ),
+    (
+        lambda saved: saved["partitions"]["paper"][0].update(train=saved["partitions"]["paper"][0]["test"]),
+        "paper partition 0 has a recording twice",
+    ),
+    (put("notes", [1]), "notes[0] must be text"),
+    (put("partitions", "zz", [{}]), "there is no protocol 'zz'"),
+    (put("recordings", 3, "label", "pepper"), "label 'pepper' of a recording is not among the labels"),
     (put("spaces", 0, "seconds", None), "does not hold a whole evaluation"),
     (put("portrait", "weights", 0, "influence", "much"), "does not hold a whole evaluation"),
     (put("controls", 0, "accuracies", None), "does not hold a whole evaluation"),

@@ -220,18 +220,28 @@ def right_share(result, share, protocol):
 
 
 @pytest.mark.parametrize(
-    ("strict", "kind", "points", "words"),
+    ("strict", "kind", "points", "but", "words"),
     [
-        (0.5, "lost", ("−50.0", "points"), "50.0 points do not survive different halves in time"),
-        (1.0, "kept", ("no", "difference"), "Less than a point is lost"),
+        (
+            0.5,
+            "lost",
+            ("−50.0", "points"),
+            "but only 50.0 %",
+            "50.0 points do not survive different halves in time",
+        ),
+        (1.0, "kept", ("no", "difference"), "and still 100.0 %", "Less than a point is lost"),
     ],
 )
-def test_the_verdict_follows_the_gap(result, strict, kind, points, words):
+def test_headline_and_verdict_follow_the_gap(result, strict, kind, points, but, words):
     both = right_share(right_share(result, 1.0, "paper"), strict, "chronological")
     gap = gap_of(both, "raw")
     assert gap.kind == kind
     assert gap.points == points
     assert words in gap.verdict
+    assert gap.headline == (
+        "raw names 100.0 % of recordings rightly when training and test are drawn at random, "
+        f"{but} when they come from different halves in time"
+    )
     assert gap.sides[0].spread == "the same in each of 3 partitions"
 
 
@@ -241,6 +251,7 @@ def test_a_gap_within_the_uncertainty_is_not_called_one(result):
     assert 0.01 < gap < result.mean_accuracy("raw", "paper") - low
     gap = gap_of(result, "raw")
     assert gap.kind == "unsure"
+    assert ", and " in gap.headline
     assert "do not show a gap" in gap.verdict
 
 
@@ -252,6 +263,7 @@ def test_a_strict_protocol_alone_is_not_praised_or_blamed(result):
     )
     gap = gap_of(alone, "raw")
     assert gap.kind == "unknown"
+    assert re.fullmatch(r"raw names [\d.]+ % of recordings rightly \(halves in time order\)", gap.headline)
     assert "Only halves in time order ran" in gap.verdict
 
 

@@ -110,7 +110,12 @@ class Method(Features):
         "Blocks side by side as they are (the paper), or each of unit mean norm.",
         default="plain",
     )
-    c: float = option(PANEL, "Box constraint of the support vector machines.", "--C", default=1.0)
+    c: float = option(
+        PANEL,
+        "Box constraint of the support vector machines, where the space has no classifier of its own.",
+        "--C",
+        default=1.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

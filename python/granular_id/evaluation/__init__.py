@@ -4,7 +4,7 @@ from granular_id.evaluation.candidates import (
     DEFAULT_SPACES as DEFAULT_SPACES,
     refuse_own_classifiers as refuse_own_classifiers,
 )
-from granular_id.evaluation.checkpoint import RUN as RUN, OtherEvaluationError as OtherEvaluationError
+from granular_id.evaluation.checkpoint import RUN as RUN
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.outcome import Prediction, SpaceSummary
 from granular_id.evaluation.report_data import (

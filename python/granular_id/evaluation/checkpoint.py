@@ -43,10 +43,6 @@ class Answer:
     """Whether the classifier, trained on features, has weights in `coef_`: such can be drawn."""
 
 
-class OtherEvaluationError(ValueError):
-    """A folder that keeps the partitions of other recordings, settings or versions."""
-
-
 def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequence[Partition]) -> str:
     """Digest of all that has a say in the predictions: recordings, settings and versions, rows of each partition."""
     plain = {
@@ -180,9 +176,8 @@ class Checkpoint:
         if mark != self._mark:
             raise self._error(
                 " belongs to another evaluation (other recordings, settings or versions): give a new folder, or the "
-                "arguments with which it was begun",
-                OtherEvaluationError,
+                "arguments with which it was begun"
             )
 
-    def _error(self, problem: str, kind: type[ValueError] = ValueError) -> ValueError:
-        return kind(f"checkpoint={str(self.folder)!r}{problem}")
+    def _error(self, problem: str) -> ValueError:
+        return ValueError(f"checkpoint={str(self.folder)!r}{problem}")

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import TABLES, refuse_other_kind, whole_file, write_json
+from granular_id._schema import check_form
 from granular_id._text import counted, percent
 from granular_id.evaluation.compare import json_value
 from granular_id.evaluation.controls import Control
@@ -23,7 +24,7 @@ from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
 from granular_id.evaluation.report_data import Portrait
 from granular_id.evaluation.tables import plain_text
-from granular_id.partitions import Partition
+from granular_id.partitions import PROTOCOLS, Partition
 from granular_id.spaces import Chosen
 
 FORMAT = "granular_id.evaluation/2"
@@ -210,15 +211,11 @@ def _figures(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
 
 def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of `EvaluationResult`; a KeyError names what is missing."""
+    check_form(saved, {"labels?": [str, ...], "notes?": [str, ...], "synthetic?": bool, "command?": str})
     labels = tuple(saved["labels"])
     recordings = saved["recordings"]
     partitions = {
-        protocol: tuple(
-            Partition(
-                protocol, one["index"], one["description"], _numbers(one["train"]), _numbers(one["test"])
-            )
-            for one in drawn
-        )
+        protocol: tuple(_partition(protocol, index, one, len(recordings)) for index, one in enumerate(drawn))
         for protocol, drawn in saved["partitions"].items()
     }
     if not (saved["spaces"] and partitions and all(partitions.values())):
@@ -227,11 +224,14 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
     for space in saved["spaces"]:
         for protocol, drawn in partitions.items():
             key, figures = (protocol, space["name"]), space["protocols"][protocol]
-            predicted[key] = tuple(map(_numbers, figures["predicted"]))
+            place = f"predictions of {space['name']!r}, {protocol}"
+            predicted[key] = tuple(_codes(place, codes, len(labels)) for codes in figures["predicted"])
             if [codes.size for codes in predicted[key]] != [partition.test.size for partition in drawn]:
-                raise ValueError(f"predictions of {space['name']!r}, {protocol}, do not fit the partitions")
-            if "chosen" in figures:
+                raise ValueError(f"{place}, do not fit the partitions")
+            if figures.get("chosen"):
                 chosen[key] = tuple(map(Chosen.from_dict, figures["chosen"]))
+                if len(chosen[key]) != len(drawn):
+                    raise ValueError(f"choices of {space['name']!r}, {protocol}, do not fit the partitions")
     for part, names in _READ_BY_REPORTS.items():
         if missing := [name for name in names if name not in saved[part]]:
             raise KeyError(missing[0])
@@ -240,7 +240,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "partitions": partitions,
         "predicted": predicted,
         "labels": labels,
-        "truth": _numbers([labels.index(one["label"]) for one in recordings]),
+        "truth": np.array([_number_of(one["label"], labels) for one in recordings], dtype=np.intp),
         "names": tuple(one["name"] for one in recordings),
         "sessions": tuple(one["session"] for one in recordings),
         **{name: saved[name] for name in ("settings", "data", "versions", "synthetic", "command")},
@@ -263,5 +263,29 @@ def _summary(saved: Mapping[str, Any]) -> SpaceSummary:
     )
 
 
-def _numbers(values: list[int]) -> NDArray[np.intp]:
-    return np.array(values, dtype=np.intp)
+def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int) -> Partition:
+    if protocol not in PROTOCOLS:
+        raise ValueError(f"there is no protocol {protocol!r}")
+    place = f"{protocol} partition {index}"
+    train, test = (_codes(f"{place}, {part}", saved[part], n_rows) for part in ("train", "test"))
+    if np.unique(np.concatenate([train, test])).size < train.size + test.size:
+        raise ValueError(f"{place} has a recording twice")
+    return Partition(protocol, saved["index"], saved["description"], train, test)
+
+
+def _codes(place: str, values: Any, below: int) -> NDArray[np.intp]:
+    codes = np.array(values)
+    if (
+        codes.ndim != 1
+        or codes.dtype.kind != "i"
+        or codes.min(initial=0) < 0
+        or codes.max(initial=0) >= below
+    ):
+        raise ValueError(f"{place}: wanted whole numbers from 0 to {below - 1}")
+    return codes.astype(np.intp)
+
+
+def _number_of(label: Any, labels: tuple[str, ...]) -> int:
+    if label not in labels:
+        raise ValueError(f"label {label!r} of a recording is not among the labels")
+    return labels.index(label)

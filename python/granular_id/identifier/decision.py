@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,21 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._text import fixed
 from granular_id.identifier.rules import probabilities
+
+
+class _Coupled:
+    """A field that may be given as a function, called when the field is first read: most are never read."""
+
+    def __get__(self, decision: object | None, owner: type) -> Any:
+        if decision is None:
+            return None  # the default of the field
+        value = vars(decision)["_probability"]
+        if callable(value):
+            value = vars(decision)["_probability"] = value()
+        return value
+
+    def __set__(self, decision: object, value: Any) -> None:
+        vars(decision)["_probability"] = value
 
 
 @dataclass(frozen=True)
@@ -63,7 +78,7 @@ class Decision:
     label: str
     ranking: tuple[tuple[str, float], ...]
     margin: float
-    probability: float | None = None
+    probability: float | None = _Coupled()  # type: ignore[assignment]
     final: bool = False
     settled: bool = False
     sure: bool = False
@@ -72,13 +87,6 @@ class Decision:
     warnings: tuple[str, ...] = ()
     candidates: tuple[str, ...] = ()
     unknown: bool | None = None
-
-    def __getattribute__(self, name: str) -> Any:
-        value = object.__getattribute__(self, name)
-        if name == "probability" and callable(value):
-            value = value()
-            object.__setattr__(self, name, value)  # the class is frozen
-        return value
 
     def __str__(self) -> str:
         stage = (
@@ -96,9 +104,8 @@ class Decision:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the decision in types that JSON knows; computes the probability."""
-        return vars(self) | {
+        return {field.name: getattr(self, field.name) for field in fields(self)} | {
             "ranking": [[label, loss] for label, loss in self.ranking],
-            "probability": self.probability,
             "warnings": list(self.warnings),
             "candidates": list(self.candidates),
         }

@@ -22,7 +22,6 @@ from granular_id.plotting.explanation import (
 from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.recordings import (
     AXIS_LINES as AXIS_LINES,
-    Curves as Curves,
     curves_in as curves_in,
     draw_hfmh as draw_hfmh,
     draw_mean_forces as draw_mean_forces,

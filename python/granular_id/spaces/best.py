@@ -397,7 +397,7 @@ class Chosen:
     def words(self) -> str:
         """What makes up the model, as a line to read."""
         count = f"{len(self.chosen)} of {len(self.machines)}"
-        return f"the mean of the machines that were chosen, {count}: {'; '.join(self.names)}"
+        return f"the mean of the candidate models that were chosen, {count}: {'; '.join(self.names)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text."""
@@ -410,9 +410,11 @@ class Chosen:
         check_form(saved, {**form, "together": (float, None), "note": str}, what="a choice")
         machines, chosen, accuracies = (tuple(saved[name]) for name in form)
         if not chosen or not set(chosen) <= set(range(len(machines))):
-            raise ValueError(f"chosen must be among the {len(machines)} machines, got {chosen}")
+            raise ValueError(f"chosen must be among the {len(machines)} candidate models, got {chosen}")
         if len(accuracies) not in (0, len(machines)):
-            raise ValueError(f"wanted an accuracy of each of {len(machines)} machines, got {len(accuracies)}")
+            raise ValueError(
+                f"wanted an accuracy of each of {len(machines)} candidate models, got {len(accuracies)}"
+            )
         return cls(machines, chosen, accuracies, saved["together"], saved["note"])
 
 
