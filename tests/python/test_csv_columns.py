@@ -141,3 +141,18 @@ def test_any_name_is_known_or_refused(name):
     assert axis_of(name) in {*KNOWN, None}
     if axis_of(name) is None:
         assert refusal(name)
+
+
+@pytest.mark.parametrize(
+    ("names", "silent"),
+    [
+        (["Fx [kgf]", "Fy", "Fz", "Tx", "Ty", "Tz"], "Fy"),
+        (["Fx", "Fy", "Fz", "Tx", "Ty", "Tz (N mm)"], "Tx"),
+    ],
+)
+def test_a_unit_of_some_forces_or_torques_alone_is_refused(names, silent):
+    with pytest.raises(ColumnError, match=f"and column '{silent}' none; wanted that of each"):
+        columns_of(names)
+    columns_of(
+        [name.replace("kgf", "N").replace("(N mm)", "[N m]") for name in names]
+    )  # what is meant anyway

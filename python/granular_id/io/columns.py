@@ -248,7 +248,19 @@ def columns_of(
         raise ColumnError(f"{refusal(names[others[0]])}; column {missing[0]!r} is missing", others[0])
     if missing:
         raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}")
+    _refuse_half_stated(names, found)
     return found
+
+
+def _refuse_half_stated(names: Sequence[str], found: Mapping[str, int]) -> None:
+    """Refuse a unit other than N or N m that only some of the forces, or of the torques, state."""
+    for alike in (AXES[:3], AXES[3:]):
+        columns = [found[axis] for axis in alike]
+        other = next((i for i in columns if _meaning(names[i]).scale not in (None, 1)), None)
+        silent = next((i for i in columns if _meaning(names[i]).unit is None), None)
+        if other is not None and silent is not None:
+            unit = f"column {names[other]!r} states a unit and column {names[silent]!r} none"
+            raise ColumnError(f"{unit}; wanted that of each", silent)
 
 
 def _what_in_table(name: str) -> str | None:
