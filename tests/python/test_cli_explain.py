@@ -46,7 +46,7 @@ def test_the_model_that_is_explained_is_that_of_train_and_is_named(data, tmp_pat
     printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", "--json", tmp_path / "best.json")
     line = next(line for line in printed.splitlines() if line.startswith("best: "))
     assert line.startswith(
-        "best: trained on 16 of 24 recordings; the mean of the machines that were chosen, "
+        "best: trained on 16 of 24 recordings; the mean of the candidate models that were chosen, "
     )
     assert "All axes: fz " in printed
     read = json.loads((tmp_path / "best.json").read_text(encoding="utf-8"))

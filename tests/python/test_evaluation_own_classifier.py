@@ -157,8 +157,8 @@ def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
     result = evaluate(data, "best", "session", controls=False)
     saved = result.to_dict()
     for change, message in (
-        ({"chosen": [8]}, "chosen must be among the 8 machines"),
-        ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 machines, got 1"),
+        ({"chosen": [8]}, "chosen must be among the 8 candidate models"),
+        ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 candidate models, got 1"),
         ({"chosen": [1.0, True]}, r"chosen\[0\] must be a whole number, got 1.0"),
         ({"machines": "ab"}, "machines must be a list, got 'ab'"),
         ({"together": "0.5"}, "together must be a finite number, got '0.5'"),

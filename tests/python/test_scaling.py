@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import assume, given, strategies as st
 from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -22,6 +22,7 @@ def rows(n=20, n_columns=7, seed=0):
 @given(n=st.integers(2, 30), first=st.integers(1, 6), second=st.integers(1, 6), seed=st.integers(0, 99))
 def test_equal_to_a_standard_scaler_with_blocks_of_one_norm(n, first, second, seed):
     X = rows(n, first + second, seed)
+    assume((X.std(axis=0) > 1e-9 * np.abs(X).max(axis=0)).all())  # else a column counts as constant
     scaled = BlockScaler([first, second]).fit_transform(X)
     weights = np.repeat([(2 * first) ** -0.5, (2 * second) ** -0.5], [first, second])
     np.testing.assert_allclose(scaled, StandardScaler().fit_transform(X) * weights, rtol=1e-9, atol=1e-12)
