@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
@@ -117,6 +121,13 @@ def write_json(path: str | os.PathLike[str], content: object) -> None:
     text = json.dumps(content, ensure_ascii=False, allow_nan=False, indent=1)
     with whole_file(path) as draft:
         draft.write_text(text + "\n", encoding="utf-8")
+
+
+def json_value(value: Any) -> Any:
+    """Return a list for an array, and None for NaN, which JSON does not know."""
+    if isinstance(value, np.ndarray):
+        return [json_value(item) for item in value.tolist()]
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @contextmanager

@@ -8,8 +8,8 @@ from cli_cases import SMALL, ended_well, make, refused, saved
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
-from granular_id.identifier import Batch, Identifier
-from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED
+from granular_id.identifier import Identifier
+from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED, Batch
 from granular_id.io.formats import FORMATS
 
 ARCHIVE = b"PK\x03\x04 a data set"

@@ -125,6 +125,7 @@ BAD = [
         lambda saved: saved["partitions"]["paper"][0].update(train=saved["partitions"]["paper"][0]["test"]),
         "paper partition 0 has a recording twice",
     ),
+    (put("partitions", "paper", 1, "index", 7), "paper partition 1 has index 7"),
     (put("notes", [1]), "notes[0] must be text"),
     (put("partitions", "zz", [{}]), "there is no protocol 'zz'"),
     (put("recordings", 3, "label", "pepper"), "label 'pepper' of a recording is not among the labels"),

@@ -24,7 +24,6 @@ from granular_id.evaluation.tables import (
     comparison_tables as comparison_tables,
     confusion_table as confusion_table,
     controls_table as controls_table,
-    gap_lines as gap_lines,
     mistakes_table as mistakes_table,
     recall_table as recall_table,
     seconds_table as seconds_table,

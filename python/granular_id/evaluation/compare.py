@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import named
+from granular_id._files import json_value
 from granular_id._text import Table, counted, whole_percent
 from granular_id.statistics import (
     MIN_PARTITIONS,
@@ -276,8 +277,3 @@ def probability(value: float) -> str:
     if math.isnan(value):
         return "-"
     return f"{whole_percent(100 * value) if value > 0 else '0'} %"
-
-
-def json_value(value: Any) -> Any:
-    """Return None for NaN, which JSON does not know, else the value."""
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import TABLES, refuse_other_kind, whole_file, write_json
+from granular_id._files import TABLES, json_value, refuse_other_kind, whole_file, write_json
 from granular_id._schema import check_form
 from granular_id._text import counted, percent
-from granular_id.evaluation.compare import json_value
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
@@ -267,10 +266,12 @@ def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int)
     if protocol not in PROTOCOLS:
         raise ValueError(f"there is no protocol {protocol!r}")
     place = f"{protocol} partition {index}"
+    if saved["index"] != index:
+        raise ValueError(f"{place} has index {saved['index']!r}")
     train, test = (_codes(f"{place}, {part}", saved[part], n_rows) for part in ("train", "test"))
     if np.unique(np.concatenate([train, test])).size < train.size + test.size:
         raise ValueError(f"{place} has a recording twice")
-    return Partition(protocol, saved["index"], saved["description"], train, test)
+    return Partition(protocol, index, saved["description"], train, test)
 
 
 def _codes(place: str, values: Any, below: int) -> NDArray[np.intp]:

@@ -6,7 +6,7 @@ What trains is loaded when first used: a robot that only identifies does not wai
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id.identifier.batch import Batch as Batch, identify_all as identify_all
+from granular_id.identifier.batch import identify_all as identify_all
 from granular_id.identifier.decision import Decision
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import (

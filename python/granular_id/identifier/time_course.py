@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._files import json_value
 from granular_id._progress import ProgressCallback
 from granular_id._text import fixed
 from granular_id.identifier.recipe import Recipe
@@ -98,13 +99,7 @@ class OverTime:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures, in types that JSON knows (NaN as None)."""
-        return {name: _plain(value) for name, value in vars(self).items()}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return [_plain(number) for number in value.tolist()]
-    return None if isinstance(value, float) and math.isnan(value) else value
+        return {name: json_value(value) for name, value in vars(self).items()}
 
 
 def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, synthetic: bool) -> OverTime:

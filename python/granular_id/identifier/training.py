@@ -40,7 +40,7 @@ from granular_id.recording import (
 )
 from granular_id.spaces import BestClassifier, Choice, Chosen, block_sizes, tell_blocks
 from granular_id.splits import Groups, groups_of, strictest_partitions
-from granular_id.statistics import MIN_PARTITIONS, confusion_counts, corrected_interval, recall_per_class
+from granular_id.statistics import confusion_counts, mean_interval, recall_per_class
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -254,10 +254,8 @@ def _estimate(held: HeldOut, classes: tuple[str, ...]) -> dict[str, Any]:
     """
     right = held.right[:, -1]
     shares = np.array([right[held.folds == fold].mean() for fold in range(len(held.partitions))])
-    low, high = math.nan, math.nan
-    if len(shares) >= MIN_PARTITIONS:
-        sizes = [(partition.train.size, partition.test.size) for partition in held.partitions]
-        low, high = corrected_interval(shares, *np.mean(sizes, axis=0).tolist())
+    n_train, n_test = zip(*((part.train.size, part.test.size) for part in held.partitions), strict=True)
+    low, high = mean_interval(shares, n_train, n_test)
     recall = recall_per_class(confusion_counts(held.truth, held.winners[:, -1], len(classes)))
     return {
         "protocol": held.partitions[0].protocol,
