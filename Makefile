@@ -11,8 +11,8 @@ BENCH_TOOLS := $(BENCHES)/.tools
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
-THREADED := tests/python/test_features.py tests/python/test_features_arrays.py tests/python/test_signal_arrays.py \
-	tests/python/test_buffer_arrays.py
+THREADED := tests/python/core/test_features.py tests/python/core/test_features_arrays.py tests/python/core/test_signal_arrays.py \
+	tests/python/core/test_buffer_arrays.py
 
 .PHONY: help demo test lint rust-test python-test bench bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
 
@@ -123,13 +123,13 @@ oldest: requirements-oldest.txt $(SOURCES) | toolchain
 	$(OLDEST)/bin/python -m pytest -o filterwarnings=default
 
 campaign: $(TOOLS)
-	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_signal_properties.py -k campaign -s
-	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/test_features.py -k campaign -s
-	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/test_fork.py
-	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/test_csv_fuzz.py -k campaign -s
-	GRANULAR_ID_CASES=20000 $(BIN)/python -m pytest tests/python/test_parquet_bad_files.py -k campaign -s
+	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/core/test_signal_properties.py -k campaign -s
+	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
+	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
+	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
+	GRANULAR_ID_CASES=20000 $(BIN)/python -m pytest tests/python/io/test_parquet_bad_files.py -k campaign -s
 	GRANULAR_ID_CASES=20000 cargo test --test buffer_model
-	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/test_stream.py tests/python/test_stream_identifier.py
+	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 
 FUZZ_RUNS ?= 200000
 

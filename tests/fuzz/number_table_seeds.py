@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "python"))
+sys.path.insert(0, str(HERE.parent / "python" / "io"))
 
 from test_csv_bad_files import BAD, GOOD, HEADER  # noqa: E402  # only now can it be found
 

@@ -29,7 +29,8 @@ from threadpoolctl import threadpool_limits
 
 import granular_id as gid
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "io")]
 
 Figures = dict[str, Any]
 

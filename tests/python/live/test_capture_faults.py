@@ -252,7 +252,7 @@ def test_a_line_from_a_saturated_sample_is_no_rest():
 
 
 def test_every_reason_is_explained():
-    page = Path(__file__).parents[2] / "docs" / "live" / "recording.md"
+    page = Path(__file__).parents[3] / "docs" / "live" / "recording.md"
     explained = {
         line.split("`")[1] for line in page.read_text("utf-8").splitlines() if line.startswith("| `")
     }

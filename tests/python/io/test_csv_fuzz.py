@@ -1,6 +1,6 @@
 """Random bytes and mutated files: either recordings or the documented exception, nothing else.
 
-``GRANULAR_ID_CASES=100000 pytest tests/python/test_csv_fuzz.py -k campaign -s`` runs the long campaign and prints
+``GRANULAR_ID_CASES=100000 pytest tests/python/io/test_csv_fuzz.py -k campaign -s`` runs the long campaign and prints
 how many files were read, refused and compared. ``tests/fuzz`` does the same to the table reader alone.
 """
 

@@ -12,7 +12,7 @@ from granular_id.io import load
 pytest.importorskip("mcap")
 pytest.importorskip("ruamel.yaml")
 
-HERE = Path(__file__).parents[1] / "data" / "ros"
+HERE = Path(__file__).parents[2] / "data" / "ros"
 MADE = runpy.run_path(str(HERE / "make_ros_bags.py"))
 
 

@@ -18,7 +18,7 @@ from granular_id.recording import Dataset, Setup
 from granular_id.recording.setup import ACCEPTABLE, data_warnings, setups_in, values_in
 from model_cases import put_together, taken_apart
 
-PAGE = Path(__file__).parents[2] / "docs" / "live" / "setup.md"
+PAGE = Path(__file__).parents[3] / "docs" / "live" / "setup.md"
 FLANGE = {
     "frame": "flange",
     "transform": "0;0;0;0;0;0",

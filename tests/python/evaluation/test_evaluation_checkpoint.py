@@ -1,6 +1,7 @@
 """Checkpoints: killed anywhere, an evaluation goes on to the same numbers; other evaluations are refused."""
 
 import json
+import os
 import shutil
 import signal
 import subprocess
@@ -63,7 +64,8 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, uninterrupted):
     folder, result = tmp_path / "kept", tmp_path / "result.json"
     program = [sys.executable, checkpoint_work.__file__, folder, result]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
-    with subprocess.Popen(program, cwd=Path(__file__).parent, **pipes) as working:
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(program, env=found, **pipes) as working:
 
         def end_of_run(stop):
             working.stdin.write(f"{stop}\n")

@@ -1,6 +1,6 @@
 """The filter against scipy's: any order, band, signal, axis and state must give the same bits.
 
-``GRANULAR_ID_CASES=100000 pytest tests/python/test_signal_properties.py -k campaign -s`` runs the long
+``GRANULAR_ID_CASES=100000 pytest tests/python/core/test_signal_properties.py -k campaign -s`` runs the long
 campaign and prints how many numbers were compared.
 """
 

@@ -22,7 +22,7 @@ from granular_id.identifier.rules import KEY, confidence_rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart
 
-GOLDEN = Path(__file__).parent.parent / "data" / "rules"
+GOLDEN = Path(__file__).parents[2] / "data" / "rules"
 
 CHOICE = {
     "note": "halves",

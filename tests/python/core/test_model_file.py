@@ -1,6 +1,6 @@
 """Model files: what is written comes back, other libraries read it, and files that are no models are refused.
 
-``GRANULAR_ID_CASES=1000000 pytest tests/python/test_model_file.py -k campaign -s`` damages that many files;
+``GRANULAR_ID_CASES=1000000 pytest tests/python/core/test_model_file.py -k campaign -s`` damages that many files;
 ``tests/fuzz`` does the same to the reader alone. ``pytest ... -k costs -s`` prints what refusing costs at most.
 """
 
@@ -272,7 +272,7 @@ def test_a_flipped_bit_is_noticed(model):
 
 @pytest.mark.parametrize("name", ["model_1", "model_2"])
 def test_a_file_of_an_earlier_version_is_read_and_says_so(name, tmp_path):
-    file = HERE.parent / "data" / "model" / f"{name}.safetensors"
+    file = HERE.parents[1] / "data" / "model" / f"{name}.safetensors"
     with pytest.warns(UserWarning, match=f"{name}.safetensors: this file has no digest") as caught:
         old = Identifier.load(file)
     assert caught[0].filename == __file__
@@ -287,7 +287,7 @@ def test_a_file_of_an_earlier_version_is_read_and_says_so(name, tmp_path):
 
 @pytest.mark.thread_unsafe(reason="starts a process")
 def test_the_command_line_warns_in_one_line():
-    file = str(HERE.parent / "data" / "model" / "model_1.safetensors")
+    file = str(HERE.parents[1] / "data" / "model" / "model_1.safetensors")
     command = [sys.executable, "-m", "granular_id", "model", "info", file]
     run = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     (line,) = run.stderr.splitlines()

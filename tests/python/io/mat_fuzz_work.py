@@ -11,7 +11,7 @@ from pathlib import Path
 
 from granular_id.io import RecordingFileError, load
 
-GOLDEN = Path(__file__).parents[1] / "data" / "mat"
+GOLDEN = Path(__file__).parents[2] / "data" / "mat"
 
 
 def changed(data: bytes, rng: random.Random) -> bytes:

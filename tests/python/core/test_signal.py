@@ -12,7 +12,7 @@ from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 SOS = butter(8, 23, "highpass", fs=500)
 INTEGRATOR = [[1, 0, 0, 1, -1, 0]]
 X = np.random.default_rng(11).standard_normal((40, 3))
-GOLDEN = Path(__file__).parents[1] / "data" / "filter_golden.txt"
+GOLDEN = Path(__file__).parents[2] / "data" / "filter_golden.txt"
 
 
 def same_bits(a, b):

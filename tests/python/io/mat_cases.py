@@ -15,7 +15,7 @@ from granular_id.io.matlab.mat import read_variables
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 
-GOLDEN = Path(__file__).parents[1] / "data" / "mat"
+GOLDEN = Path(__file__).parents[2] / "data" / "mat"
 INT8, INT32, UINT32, DOUBLE, MATRIX, COMPRESSED = 1, 5, 6, 9, 14, 15
 CELL, STRUCT, CHAR, DOUBLES, FUNCTION, OPAQUE = 1, 2, 4, 6, 16, 17
 

@@ -10,7 +10,7 @@ import pytest
 import granular_id as gid
 from granular_id.recording import Dataset, Recording
 
-BENCHES = Path(__file__).resolve().parents[2] / "benches"
+BENCHES = Path(__file__).resolve().parents[3] / "benches"
 NAMES = (
     "accuracy",
     "accuracy_data",

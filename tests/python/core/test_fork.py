@@ -2,7 +2,7 @@
 
 A forked child has a copy of everything but the threads of its parent. Whoever waits for those hangs.
 
-``GRANULAR_ID_FORKS=100 pytest tests/python/test_fork.py -s`` starts a hundred children of each kind and prints
+``GRANULAR_ID_FORKS=100 pytest tests/python/core/test_fork.py -s`` starts a hundred children of each kind and prints
 how long their work took. The limits of time are there to end a hang, not to measure.
 """
 

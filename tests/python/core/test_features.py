@@ -1,6 +1,6 @@
 """Feature extraction against scipy and numpy: not one bit may differ, whatever the shape and the options.
 
-``GRANULAR_ID_CASES=20000 pytest tests/python/test_features.py -k campaign -s`` runs the long campaign and
+``GRANULAR_ID_CASES=20000 pytest tests/python/core/test_features.py -k campaign -s`` runs the long campaign and
 prints how many numbers were compared.
 """
 

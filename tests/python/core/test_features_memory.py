@@ -1,7 +1,7 @@
 """Memory: a batch takes its input, its output and little more, and calls leave nothing behind.
 
 Each measurement has a process of its own, whose peak nothing else has raised.
-``GRANULAR_ID_CALLS=1000000 pytest tests/python/test_features_memory.py -s`` makes ten times as many small calls.
+``GRANULAR_ID_CALLS=1000000 pytest tests/python/core/test_features_memory.py -s`` makes ten times as many small calls.
 """
 
 import json
