@@ -9,11 +9,15 @@ noise of breaking contacts (`contact_breaks`); it reaches all six axes through t
 `synthesize` draws whole sets of recordings with everything that varies between them (`Nuisance`).
 """
 
-from granular_id.synthetic.drag import Rig, contact_count, drag_profile, froude_number, mean_drag_n
-from granular_id.synthetic.fluctuations import (
+from granular_id.synthetic.drag import (
+    Rig,
     contact_break_rate_hz,
     contact_breaks,
+    contact_count,
+    drag_profile,
+    froude_number,
     heterogeneity,
+    mean_drag_n,
     relative_fluctuation,
     shear_band_wave,
     slip_length_m,
@@ -22,14 +26,20 @@ from granular_id.synthetic.fluctuations import (
 from granular_id.synthetic.generate import (
     FRAME as FRAME,
     SIGN as SIGN,
+    Nuisance,
     draw_push as draw_push,
     push_meta as push_meta,
     synthesize,
 )
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials as resolve_materials
-from granular_id.synthetic.nuisance import Conditions, Nuisance
-from granular_id.synthetic.push import PARTS, random_stream as random_stream, simulate_push
-from granular_id.synthetic.sensor import Sensor, tool_resonance
+from granular_id.synthetic.push import (
+    PARTS,
+    Conditions,
+    Sensor,
+    random_stream as random_stream,
+    simulate_push,
+    tool_resonance,
+)
 
 __all__ = [
     "PAPER_MATERIALS",

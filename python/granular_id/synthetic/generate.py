@@ -1,23 +1,113 @@
-"""Whole sets of synthetic recordings: materials, sessions, and what varies between pushes."""
+"""Whole sets of synthetic recordings: materials, sessions, and how much varies between pushes."""
 
 from __future__ import annotations
 
 import hashlib
 import math
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from granular_id._checks import argument_error, positive_number, sampling_rate, whole_number
+from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic.drag import Rig
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
-from granular_id.synthetic.nuisance import CUT_SD, Conditions, Nuisance
-from granular_id.synthetic.push import random_stream, simulate_push
-from granular_id.synthetic.sensor import Sensor
+from granular_id.synthetic.push import Conditions, Sensor, random_stream, simulate_push
+
+# Draws beyond this many standard deviations are cut: a bed a centimetre too deep would be seen and redone.
+CUT_SD = 2.5
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Standard deviations of what varies, each split into recording, fill and session.
+
+    A *fill* is one material poured in one session. Each field is ``(per recording, per fill, per session)``.
+
+    Parameters
+    ----------
+    depth_m : fill height; together about 3 mm, read off a scale on the container.
+    packing_percent : packing fraction; pouring and levelling by hand repeat to about one per cent.
+    overshoot_log, heap_log, back_flow_log : shape of the profile, logarithm of a factor.
+    wall_m : starting point of the push.
+    lift_ratio, lateral_ratio : direction of the mean force.
+    off_axis_m : eccentricity of the mounted tool.
+    tilt_deg : tilt of the sensor, each of roll, pitch and yaw.
+    gain_log : gain error of the calibration.
+    tare_n, tare_n_m : zero-point error of each force and torque axis.
+    drift_n_s, drift_n_m_s : drift of each force and torque axis.
+
+    Examples
+    --------
+    >>> from granular_id.synthetic import Nuisance
+    >>> Nuisance().scaled(0).tare_n
+    (0.0, 0.0, 0.0)
+    """
+
+    depth_m: tuple[float, float, float] = (0.0020, 0.0020, 0.0010)
+    packing_percent: tuple[float, float, float] = (1.0, 0.8, 0.5)
+    overshoot_log: tuple[float, float, float] = (0.20, 0.12, 0.0)
+    heap_log: tuple[float, float, float] = (0.15, 0.10, 0.0)
+    back_flow_log: tuple[float, float, float] = (0.06, 0.05, 0.0)
+    wall_m: tuple[float, float, float] = (0.0008, 0.0005, 0.0005)
+    lift_ratio: tuple[float, float, float] = (0.02, 0.02, 0.01)
+    lateral_ratio: tuple[float, float, float] = (0.03, 0.02, 0.01)
+    off_axis_m: tuple[float, float, float] = (0.0, 0.0, 0.0005)
+    tilt_deg: tuple[float, float, float] = (0.1, 0.0, 0.6)
+    gain_log: tuple[float, float, float] = (0.0, 0.0, 0.01)
+    tare_n: tuple[float, float, float] = (0.05, 0.0, 0.10)
+    tare_n_m: tuple[float, float, float] = (0.002, 0.0, 0.005)
+    drift_n_s: tuple[float, float, float] = (0.004, 0.0, 0.004)
+    drift_n_m_s: tuple[float, float, float] = (0.0001, 0.0, 0.0001)
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            levels = getattr(self, field.name)
+            if not isinstance(levels, tuple) or len(levels) != 3:
+                raise ValueError(
+                    f"{field.name} must be (per recording, per fill, per session), got {levels!r:.60}"
+                )
+            for level in levels:
+                finite_number(field.name, level, least=0)
+
+    def scaled(self, factor: float) -> Nuisance:
+        """Return the same nuisance with every level times `factor`; 0 switches it off."""
+        factor = finite_number("factor", factor, least=0)
+        return Nuisance(**{f.name: tuple(factor * s for s in getattr(self, f.name)) for f in fields(self)})
+
+    def draw(self, *rngs: np.random.Generator) -> Conditions:
+        """Draw the conditions of one push from the generators of recording, fill and session, in this order.
+
+        The same generators give the same draws in units of the levels, whatever the levels are.
+        """
+        names = [field.name for field in fields(self)]
+        draws = np.stack([rng.standard_normal((len(names), 6)) for rng in rngs])
+        levels = np.array([getattr(self, name) for name in names])
+        total = np.einsum("nk,knj->nj", levels, np.clip(draws, -CUT_SD, CUT_SD))
+        drawn = dict(zip(names, total.tolist(), strict=True))
+        roll_deg, pitch_deg, yaw_deg = drawn["tilt_deg"][:3]
+        return Conditions(
+            depth_offset_m=drawn["depth_m"][0],
+            packing_percent=drawn["packing_percent"][0],
+            overshoot_log=drawn["overshoot_log"][0],
+            heap_log=drawn["heap_log"][0],
+            back_flow_log=drawn["back_flow_log"][0],
+            wall_offset_m=drawn["wall_m"][0],
+            lift_ratio=Conditions.lift_ratio + drawn["lift_ratio"][0],
+            lateral_ratio=drawn["lateral_ratio"][0],
+            off_axis_x_m=drawn["off_axis_m"][0],
+            off_axis_y_m=drawn["off_axis_m"][1],
+            roll_rad=math.radians(roll_deg),
+            pitch_rad=math.radians(pitch_deg),
+            yaw_rad=math.radians(yaw_deg),
+            gain_log=drawn["gain_log"][0],
+            tare=(*drawn["tare_n"][:3], *drawn["tare_n_m"][3:]),
+            drift_per_s=(*drawn["drift_n_s"][:3], *drawn["drift_n_m_s"][3:]),
+        )
+
 
 # Rest before the motion, s: drawn evenly between these ("a fraction of a second").
 LEAD_S = (0.10, 0.25)

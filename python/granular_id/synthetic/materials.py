@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
-from granular_id._checks import finite_number, positive_number
+from granular_id._checks import finite_number
 
+# Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
 _RANGES = {
-    # Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
     "grain_diameter_m": (1e-6, 0.1),
     "aspect_ratio": (1.0, math.inf),
     "friction_angle_deg": (0.0, 60.0),
@@ -88,16 +88,9 @@ class Material:
         if not isinstance(self.name, str) or not self.name.strip():
             raise ValueError(f"name must be a non-empty string, got {self.name!r}")
         for field in fields(self)[1:]:
+            least, most = _RANGES.get(field.name, (0.0, math.inf))
             where, value = f"{field.name} of material {self.name!r}", getattr(self, field.name)
-            if field.name in _POSITIVE:
-                positive_number(where, value)
-            elif field.name in _RANGES:
-                number, (least, most) = finite_number(where, value), _RANGES[field.name]
-                if not least <= number <= most:
-                    wanted = f"lie in [{least:g}, {most:g}]" if most < math.inf else f"be at least {least:g}"
-                    raise ValueError(f"{where} must {wanted}, got {number:g}")
-            else:
-                finite_number(where, value, least=0)
+            finite_number(where, value, positive=field.name in _POSITIVE, least=least, most=most)
         if self.bulk_density_kg_m3 == 0 and self.cohesion_pa == 0:
             raise ValueError(f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0")
 
@@ -127,24 +120,7 @@ PAPER_MATERIALS: tuple[Material, ...] = _paper_materials()
 
 
 def resolve_materials(materials: str | Material | Iterable[str | Material]) -> tuple[Material, ...]:
-    """Turn names and materials into a tuple of materials.
-
-    Parameters
-    ----------
-    materials : str, Material, or iterable of these
-        A string is looked up among `PAPER_MATERIALS`.
-
-    Returns
-    -------
-    tuple of Material
-
-    Raises
-    ------
-    ValueError
-        For an unknown name (the message lists the known ones), a name given twice, or no material at all.
-    TypeError
-        For anything that is neither a name nor a `Material`.
-    """
+    """Return the materials, those named from `PAPER_MATERIALS`; refuse unknown names and those given twice."""
     wanted = [materials] if isinstance(materials, str | Material) else list(materials)
     if not wanted:
         raise ValueError("materials must name at least one material, got none")

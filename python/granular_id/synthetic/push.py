@@ -1,31 +1,225 @@
-"""One push of the tool through one material."""
+"""One push of the tool through one material, as the sensor reads it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.signal import lfilter
 
-from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
+from granular_id._checks import (
+    FloatArray,
+    argument_error,
+    finite_number,
+    positive_number,
+    sampling_rate,
+    whole_number,
+)
 from granular_id._text import fixed
-from granular_id.synthetic.drag import N_LAYERS, Rig, drag_profile, layers, mean_drag_n
-from granular_id.synthetic.fluctuations import (
+from granular_id.synthetic.drag import (
+    N_LAYERS,
+    Rig,
     contact_breaks,
+    drag_profile,
     heterogeneity,
+    layers,
+    mean_drag_n,
     relative_fluctuation,
     shear_band_wave,
     stick_slip,
 )
 from granular_id.synthetic.materials import Material
-from granular_id.synthetic.nuisance import Conditions
-from granular_id.synthetic.sensor import Sensor, tool_resonance
-
-FloatArray = NDArray[np.float64]
 
 PARTS = ("texture", "slip", "contacts", "resonance")
 """Parts of the model that `simulate_push` can leave out; what remains is the mean course."""
+
+# Response to one per cent of packing fraction: friction angle (deg) and overshoot (factor, logarithm).
+# Dense beds dilate: angle and peak grow together (Gravish 2010).
+ANGLE_PER_PERCENT = 0.8
+OVERSHOOT_PER_PERCENT = 0.12
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """State of bed, mounting and sensor in one push; the default is nominal everywhere.
+
+    Parameters
+    ----------
+    depth_offset_m : float
+        Fill height against the rig's `depth_m`; the tool's length is the limit.
+    packing_percent : float
+        Packing fraction against the nominal one, per cent: density, friction angle and overshoot follow.
+    overshoot_log, heap_log, back_flow_log : float
+        Logarithms of factors on these terms of the profile.
+    wall_offset_m : float
+        Where the push starts: distance to the wall against the rig's.
+    lift_ratio : float
+        Fz over Fx.
+    lateral_ratio : float
+        Mean Fy over Fx, from an uneven bed.
+    off_axis_x_m, off_axis_y_m : float
+        Eccentricity of the tool against the sensor's axis, m.
+    roll_rad, pitch_rad, yaw_rad : float
+        Tilt of the sensor against the frame of the push.
+    gain_log : float
+        Logarithm of the sensor's gain error.
+    tare : tuple of 6 float
+        Zero-point error per axis, N and N m.
+    drift_per_s : tuple of 6 float
+        Drift per axis, N/s and N m/s.
+    """
+
+    depth_offset_m: float = 0.0
+    packing_percent: float = 0.0
+    overshoot_log: float = 0.0
+    heap_log: float = 0.0
+    back_flow_log: float = 0.0
+    wall_offset_m: float = 0.0
+    lift_ratio: float = 0.55
+    lateral_ratio: float = 0.0
+    off_axis_x_m: float = 0.0
+    off_axis_y_m: float = 0.0
+    roll_rad: float = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: float = 0.0
+    gain_log: float = 0.0
+    tare: tuple[float, ...] = (0.0,) * 6
+    drift_per_s: tuple[float, ...] = (0.0,) * 6
+
+    def material(self, nominal: Material) -> Material:
+        """Return the material in this state of packing."""
+        angle = nominal.friction_angle_deg + ANGLE_PER_PERCENT * self.packing_percent
+        overshoot_log = self.overshoot_log + OVERSHOOT_PER_PERCENT * self.packing_percent
+        return replace(
+            nominal,
+            bulk_density_kg_m3=nominal.bulk_density_kg_m3 * (1.0 + self.packing_percent / 100.0),
+            friction_angle_deg=min(max(angle, 0.0), 60.0),
+            overshoot=nominal.overshoot * math.exp(overshoot_log),
+            heap=nominal.heap * math.exp(self.heap_log),
+            back_flow=nominal.back_flow * math.exp(self.back_flow_log),
+        )
+
+    def rig(self, nominal: Rig) -> Rig:
+        """Return the rig with this fill height and starting point."""
+        return replace(
+            nominal,
+            depth_m=min(nominal.depth_m + self.depth_offset_m, nominal.tool_length_m),
+            wall_distance_m=nominal.wall_distance_m + self.wall_offset_m,
+        )
+
+    def rotation(self) -> FloatArray:
+        """Return the rotation from the frame of the push to the sensor's, shape (3, 3)."""
+        cr, sr = math.cos(self.roll_rad), math.sin(self.roll_rad)
+        cp, sp = math.cos(self.pitch_rad), math.sin(self.pitch_rad)
+        cy, sy = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+        about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+        about_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+        rotation: FloatArray = about_z @ about_y @ about_x
+        return rotation
+
+
+# What the numbers of the instrument are made of: resonances of the arm, and an ATI Mini45.
+
+# Bending modes of tool, sensor and arm: natural frequency (Hz) and damping ratio. Light arms with a
+# stiff tool ring between 30 and 100 Hz; a bed of grains damps them well.
+MODES = ((34.0, 0.20), (40.0, 0.18), (70.0, 0.16), (90.0, 0.15))
+# Share of each axis (fx fy fz tx ty tz) that passes through each mode; what is left of 1 goes straight
+# through. Bending torques follow their forces, the stiff vertical axis mostly follows directly.
+MODE_SHARE = np.array(
+    [
+        [0.45, 0.10, 0.25, 0.10],
+        [0.10, 0.45, 0.10, 0.25],
+        [0.05, 0.05, 0.20, 0.20],
+        [0.10, 0.45, 0.10, 0.25],
+        [0.45, 0.10, 0.25, 0.10],
+        [0.05, 0.05, 0.30, 0.40],
+    ]
+)
+
+
+def tool_resonance(wrench: FloatArray, step_s: float) -> FloatArray:
+    """Pass a wrench through the vibration of tool and arm; steady loads come out unchanged.
+
+    Each mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, brought to discrete time by the bilinear transform
+    with its frequency kept.
+
+    Parameters
+    ----------
+    wrench : ndarray, shape (6, n)
+        Load on the tool, N and N m.
+    step_s : float
+        Time step, s; below 5 ms, or the highest mode could not be represented.
+
+    Returns
+    -------
+    ndarray, shape (6, n)
+    """
+    result: FloatArray = (1.0 - MODE_SHARE.sum(axis=1, keepdims=True)) * wrench
+    for (frequency_hz, damping), share in zip(MODES, MODE_SHARE.T, strict=True):
+        omega = 2.0 * math.pi * frequency_hz
+        warp = omega / math.tan(0.5 * omega * step_s)
+        gain = np.array([1.0, 2.0, 1.0]) * omega**2
+        poles = np.array(
+            [
+                warp**2 + 2.0 * damping * omega * warp + omega**2,
+                2.0 * (omega**2 - warp**2),
+                warp**2 - 2.0 * damping * omega * warp + omega**2,
+            ]
+        )
+        result += share[:, np.newaxis] * lfilter(gain, poles, wrench, axis=-1)
+    return result
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Noise, resolution and range of a 6-axis force-torque sensor; default: ATI Mini45 (SI-145-5).
+
+    Parameters
+    ----------
+    noise_rms : tuple of 6 float
+        White noise per axis (fx fy fz in N, tx ty tz in N m).
+    full_scale : tuple of 6 float
+        Calibrated range, N and N m; readings saturate there.
+    bits : int, default 16
+        Of the converter, over plus and minus the full scale.
+
+    Examples
+    --------
+    >>> from granular_id.synthetic import Sensor
+    >>> (1000 * Sensor().resolution()[:3]).round(2).tolist()          # mN
+    [4.43, 4.43, 8.85]
+    """
+
+    noise_rms: tuple[float, ...] = (0.020, 0.019, 0.050, 0.53e-3, 0.53e-3, 0.50e-3)
+    full_scale: tuple[float, ...] = (145.0, 145.0, 290.0, 5.0, 5.0, 5.0)
+    bits: int = 16
+
+    def __post_init__(self) -> None:
+        for field, low in (("noise_rms", 0.0), ("full_scale", np.finfo(float).tiny)):
+            values = np.asarray(getattr(self, field), dtype=np.float64)
+            if values.shape != (6,) or not np.all(np.isfinite(values)) or np.any(values < low):
+                wanted = "6 finite numbers, " + ("at least 0" if low == 0 else "positive")
+                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
+        if isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 2 <= self.bits <= 32:
+            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
+
+    def resolution(self) -> FloatArray:
+        """Step of the converter per axis, shape (6,), N and N m."""
+        return np.asarray(self.full_scale, dtype=np.float64) / float(2 ** (self.bits - 1))
+
+    def read(self, wrench: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Return what the sensor reports for a true wrench of shape (n, 6)."""
+        noisy = wrench + rng.standard_normal(wrench.shape) * np.asarray(self.noise_rms)
+        step = self.resolution()
+        limit = np.asarray(self.full_scale)
+        read: FloatArray = np.clip(np.rint(noisy / step) * step, -limit, limit)
+        return read
+
+
+# The push itself.
 
 # The model runs at no less than this, so that slips and the 90 Hz mode are resolved at any output rate.
 MIN_MODEL_RATE_HZ = 1000.0
@@ -43,13 +237,7 @@ WALL_FRICTION = 0.3
 
 
 def random_stream(seed: int | np.random.SeedSequence, *key: int) -> np.random.SeedSequence:
-    """Return the seed of one independent stream; depends on `seed` and `key` only, never on call order.
-
-    Raises
-    ------
-    TypeError, ValueError
-        When the seed is neither a whole number >= 0 nor a `numpy.random.SeedSequence`.
-    """
+    """Return the seed of one independent stream; depends on `seed` and `key` only, never on call order."""
     if isinstance(seed, np.random.SeedSequence):
         return np.random.SeedSequence(entropy=seed.entropy, spawn_key=(*seed.spawn_key, *key))
     return np.random.SeedSequence(entropy=whole_number("seed", seed, least=0), spawn_key=key)

@@ -50,15 +50,11 @@ def test_synthesize_refuses(arguments, error, message):
     ("field", "value", "message"),
     [
         ("name", " ", "name must be a non-empty string"),
-        (
-            "grain_diameter_m",
-            4.5,
-            r"grain_diameter_m of material 'lentils' must lie in \[1e-06, 0.1\], got 4.5",
-        ),
+        ("grain_diameter_m", 4.5, "grain_diameter_m of material 'lentils' must be at most 0.1, got 4.5"),
         ("aspect_ratio", 0.5, "aspect_ratio of material 'lentils' must be at least 1"),
         ("bulk_density_kg_m3", -1, "bulk_density_kg_m3 of material 'lentils' must not be negative"),
         ("bulk_density_kg_m3", 0, "needs bulk_density_kg_m3 or cohesion_pa"),
-        ("friction_angle_deg", 75, r"must lie in \[0, 60\], got 75"),
+        ("friction_angle_deg", 75, "must be at most 60, got 75"),
         ("cohesion_pa", float("inf"), "cohesion_pa of material 'lentils' must be finite"),
         ("sharpness", 0, "sharpness of material 'lentils' must be positive"),
         ("mobilisation_diameters", -0.1, "mobilisation_diameters of material 'lentils' must be positive"),
