@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from granular_id.recording.checks.measured import SENSOR_RANGES, SensorRange
 from granular_id.recording.checks.report import CheckReport, Finding, Verdict
-from granular_id.recording.checks.sensor_ranges import SENSOR_RANGES, SensorRange
 
 __all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "SensorRange", "Verdict"]

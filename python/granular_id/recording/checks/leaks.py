@@ -1,7 +1,9 @@
-"""Label leaks: what gives the label away without a look at the forces."""
+"""Leaks: what gives the label away without a look at the forces, and recordings that hold each other's samples."""
 
 from __future__ import annotations
 
+import hashlib
+import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,11 +16,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from granular_id._checks import FloatArray
-from granular_id._text import verb
+from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, first_names
 from granular_id.recording.checks.stated import is_number
-from granular_id.recording.recording import Recording, SampleFlag
+from granular_id.recording.recording import Recording, SampleFlag, places_of
+from granular_id.recording.report import subject
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
@@ -47,11 +50,10 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
     labels = list(dict.fromkeys(r.label for r in recordings))
     if len(places) < FEWEST or len(labels) < 2:
         return
-    leaks: dict[str, dict[str, _Leak]] = {}
     numbers = np.array([labels.index(r.label) for r in recordings])
+    leaks: dict[str, list[_Leak]] = {}
     for leak in _leaks(_attributes(data, places), numbers, data.false_alarm_rate):
-        same = leaks.setdefault(leak.attribute.code, {})
-        same[leak.attribute.name] = max(same.get(leak.attribute.name, leak), leak, key=_Leak.weight)
+        leaks.setdefault(leak.attribute.code, []).append(leak)
     known = set(leaks)
     if data.labels_of_one_session:  # a finding of its own
         known.add("leak-session")
@@ -59,11 +61,11 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
     for code, members in leaks.items():
         if known & _EXPLAINED_BY.get(code, set()):
             continue
-        worst, *others = sorted(members.values(), key=_Leak.weight, reverse=True)
-        names = [leak.attribute.name for leak in (worst, *others)]
-        message = _words(worst, recordings, [str(labels[k]) for k in worst.apart])
-        if others:
-            message += f"; so {verb(len(others), 'does', 'do')} {first_names(names[1:])}"
+        members.sort(key=_Leak.weight, reverse=True)
+        worst, names = members[0], list(dict.fromkeys(leak.attribute.name for leak in members))
+        message = _leak_in_words(worst, recordings, [str(labels[k]) for k in worst.apart])
+        if len(names) > 1:
+            message += f"; so {verb(len(names) - 1, 'does', 'do')} {first_names(names[1:])}"
         share, chance, p, _ = worst.naming
         yield data.finding("warning", code, message, attributes=names, share=share, chance=chance, p=p)
 
@@ -71,11 +73,10 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
 class _Leak(NamedTuple):
     attribute: Attribute
     naming: Naming
-    lift: float  # share of the way from chance to certainty
     apart: list[int]  # labels that are given away; none: all are, more or less
 
     def weight(self) -> tuple[bool, float]:
-        return bool(self.apart), float(self.naming.agreement.max()) if self.apart else self.lift
+        return bool(self.apart), float(self.naming.agreement.max()) if self.apart else self.naming.lift
 
 
 def _leaks(
@@ -85,8 +86,7 @@ def _leaks(
     alpha = false_alarm_rate / max(len(attributes) * len(sizes), 1)
     named = naming([attribute.neighbours for attribute in attributes], labels)
     for attribute, each in zip(attributes, named, strict=True):
-        lift = (each.share - each.chance) / max(1 - each.chance, 1e-12)
-        strong = lift >= STRONG and each.p <= max(false_alarm_rate, LEAST_P)
+        strong = each.lift >= STRONG and each.p <= max(false_alarm_rate, LEAST_P)
         apart: list[int] = []
         if not attribute.neighbours.reverse:
             # neighbours are often mutual, so hits come in pairs: half of them are counted as independent
@@ -96,10 +96,10 @@ def _leaks(
         if strong and len(apart) >= len(sizes) / 2:  # all labels leak, not these
             apart = []
         if strong or apart:
-            yield _Leak(attribute, each, lift, apart)
+            yield _Leak(attribute, each, apart)
 
 
-def _words(leak: _Leak, recordings: Sequence[Recording], apart: Sequence[str]) -> str:
+def _leak_in_words(leak: _Leak, recordings: Sequence[Recording], apart: Sequence[str]) -> str:
     attribute, neighbours = leak.attribute, leak.attribute.neighbours
     name, code = attribute.name, attribute.code
     if apart:
@@ -201,14 +201,17 @@ def by_place(points: FloatArray) -> Neighbours:
 class Naming(NamedTuple):
     """What an attribute says about the labels."""
 
-    share: (
-        float  # how often the nearest other recording has the same label; in reverse, a label the same value
-    )
+    share: float  # of the nearest other recordings have the same label; in reverse, a label the same value
     chance: float  # what that is for shuffled labels
     p: float  # how often the best of all attributes does as well with shuffled labels
     agreement: (
         FloatArray  # per label: harmonic mean of its recordings', and their nearest's, share of its own
     )
+
+    @property
+    def lift(self) -> float:
+        """Share of the way from chance to certainty."""
+        return (self.share - self.chance) / max(1 - self.chance, 1e-12)
 
 
 def naming(neighbours: Sequence[Neighbours], labels: NDArray[np.intp]) -> list[Naming]:
@@ -302,19 +305,18 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
     """
     recordings = [data.recordings[i] for i in places]
     paces = [data.paces[i] for i in places]
-    starts = [np.nan if r.start_time is None else r.start_time for r in recordings]
+    starts = [_or_nan(r.start_time) for r in recordings]
     triggers = [np.nan if (t := r.trigger_index) is None else r.times()[t] for r in recordings]
     repairs = [0 if r.flags is None else int(np.bitwise_or.reduce(r.flags) & _REPAIRS) for r in recordings]
     hours = [None if np.isnan(start) else start // 3600 % 24 for start in starts]
     endings = [PurePosixPath(r.name).suffix.lower() for r in recordings]
-    kinds: list[tuple[str, str, Sequence[Any], str | None]] = [
+    # code of the finding, name, values, and the unit of numbers; None: values that are equal or not
+    known: list[tuple[str, str, Sequence[Any], str | None]] = [
         ("leak-session", "the session", [r.session for r in recordings], None),
         ("leak-format", "the file's ending", endings, None),
         ("leak-resolution", "the resolution", [data.resolutions[i] for i in places], None),
         ("leak-hour", "the hour of the day (UTC)", hours, None),
         ("leak-flags", "what was repaired (flags)", repairs, None),
-    ]
-    numbers: list[tuple[str, str, Sequence[Any], str | None]] = [
         ("leak-clock", "the clock", starts, "s"),
         ("leak-length", "the duration", [r.duration_s for r in recordings], "s"),
         ("leak-length", "the number of samples", [r.n_samples for r in recordings], "samples"),
@@ -324,13 +326,13 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
     ]
     for key, entries in _scalar_meta(recordings).items():
         if all(v is None or is_number(v) for v in entries):
-            known = [np.nan if v is None else float(v) for v in entries]
-            numbers.append(("leak-meta", f"meta {key!r}", known, ""))
+            known.append(("leak-meta", f"meta {key!r}", [_or_nan(v) for v in entries], ""))
         else:
-            kinds.append(("leak-meta", f"meta {key!r}", entries, None))
+            known.append(("leak-meta", f"meta {key!r}", entries, None))
+    known.sort(key=lambda row: row[3] is not None)  # of leaks as strong the plainer ones come first
     most = min(MOST_KINDS, len(recordings) // 2)
     found = []
-    for code, name, values, unit in [*kinds, *numbers]:
+    for code, name, values, unit in known:
         column = None if unit is None else np.array(values, dtype=np.float64)
         named = values if column is None else np.nan_to_num(column, nan=np.inf).tolist()
         n_values = len(set(named))
@@ -347,6 +349,10 @@ def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
             if len(np.unique(column)) > 1:
                 found.append(Attribute("leak-rest", f"the rest level of {axis}", by_number(column), column))
     return found
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else float(value)
 
 
 def _scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
@@ -374,3 +380,182 @@ def _flat(meta: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
             yield from _flat(value, f"{prefix}{key}.")
         elif isinstance(value, (str, int, float)):
             yield prefix + key, value
+
+
+# Recordings that hold the samples of another one: all of them, or most, shifted, cropped, tared or rounded.
+
+
+def check_duplicates(data: Measured) -> Iterator[Finding]:
+    """Find equal recordings by a hash of their bytes, then shared stretches among the rest."""
+    recordings = data.recordings
+    equal = places_of(
+        hashlib.blake2b(r.wrench.tobytes() + repr(r.wrench.shape).encode()).digest() for r in recordings
+    ).values()
+    pairs: list[list[Any]] = [[first, i] for first, *others in equal for i in others]
+    pairs.sort(key=lambda pair: pair[1])
+    if pairs:
+        message = f"{subject(len(pairs), 'holds', 'hold')} exactly the samples of another one"
+        yield _copies(data, "duplicates", message, pairs)
+    distinct = [first for first, *_ in equal]
+    overlaps = find_overlaps([recordings[i] for i in distinct])
+    if overlaps:
+        most = max(overlaps, key=lambda o: o.share)
+        message = (
+            f"{counted(len(overlaps), 'pair')} of recordings {verb(len(overlaps), 'shares', 'share')} samples: "
+            f"{_overlap_in_words(most, *(recordings[distinct[i]].name for i in most[:2]))}"
+        )
+        pairs = [[distinct[o.first], distinct[o.second], o.shift, round(o.share, 4)] for o in overlaps]
+        yield _copies(data, "near-duplicates", message, pairs)
+
+
+def _copies(data: Measured, code: str, message: str, pairs: Sequence[Sequence[Any]]) -> Finding:
+    if any(data.recordings[i].label != data.recordings[j].label for i, j, *_ in pairs):
+        message += ", some under a different label"
+    return data.finding("error", code, message, sorted({i for pair in pairs for i in pair[:2]}), pairs=pairs)
+
+
+class Overlap(NamedTuple):
+    """Rows that two recordings share."""
+
+    first: int
+    second: int
+    shift: int  # row t of the second is row t + shift of the first
+    share: float  # rows that agree, of all rows of the shorter recording
+    exact: bool  # to the bit
+
+
+def _overlap_in_words(overlap: Overlap, one: str, other: str) -> str:
+    if overlap.shift < 0:
+        one, other = other, one
+    how = "" if overlap.exact else " up to rounding or an offset"
+    later = f", {counted(abs(overlap.shift), 'sample')} later" if overlap.shift else ""
+    return f"{100 * overlap.share:.0f} % of the shorter of {one!r} and {other!r} are the same{how}{later}"
+
+
+# Pairs are reported when at least this part of the shorter recording's rows is in the other one.
+LEAST_SHARE = 0.1
+_MOST_BITS = 60  # of a pattern
+_SPARE_BITS = 14  # besides those that number all pairs of blocks: noise agrees once in 2**14 data sets
+_LEADING_AXES = 3  # patterns are made of the forces: files round torques to a few steps of their noise
+_MOST_KEYS = 200_000  # of more patterns some are kept, by their value: copies keep the same ones
+_MIXED = (0.05, 0.95)  # share of rising steps in a pattern that says something
+_INDEPENDENT = 0.65  # signs of steps this far apart agree by chance in half of the cases
+_MIX = np.uint64(0x9E3779B97F4A7C15)  # 2^64 over the golden ratio: spreads the bits of a key
+_CLOSE = 1e-3  # difference of mean and spread, of what they vary by over the set, at which to look closer
+_MATCH = 0.1  # rows are the same while they differ by less than this part of the usual step
+_HALF = 0.51  # ... or by half a quantisation step
+
+
+def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:
+    """Find pairs of recordings of the same axes that share at least a tenth of their rows.
+
+    Each block of some 20 rows becomes a pattern: at which steps which forces rise. It survives shifting, cropping,
+    taring and fine rounding, and sorting all patterns brings copies together. Copies too coarsely rounded for that have
+    the same length and nearly the same means and spreads. Candidates are compared row by row. Time grows with the
+    number of samples, not of pairs; of copies of copies every one is found, though not every pair.
+    """
+    best: dict[tuple[int, int], Overlap] = {}
+    for group in places_of(r.axes for r in recordings).values():
+        wrenches = [recordings[i].wrench for i in group]
+        for a, b, shift in sorted(_by_pattern(wrenches) | _by_moments(wrenches)):
+            share, exact = _shared(wrenches[a], wrenches[b], shift)
+            pair = (group[a], group[b])
+            if share >= LEAST_SHARE and (pair not in best or share > best[pair].share):
+                best[pair] = Overlap(*pair, shift, share, exact)
+    return list(best.values())
+
+
+def _by_pattern(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
+    """Return pairs that agree in several patterns at one shift: first, second, shift."""
+    n_axes = wrenches[0].shape[1]
+    shortest = min(map(len, wrenches))
+    n_rows = sum(map(len, wrenches))
+    n_bits = min(_MOST_BITS, math.ceil(2 * math.log2(n_rows)) + _SPARE_BITS)
+    n_used = min(n_axes, _LEADING_AXES)
+    if shortest <= 2 * n_bits // n_used:
+        n_used = min(n_axes, n_bits)
+    n_steps = n_bits // n_used
+    rising = [np.diff(np.asfortranarray(wrench[:, :n_used]), axis=0) > 0 for wrench in wrenches]
+    stride = _stride(rising, max(1, shortest // (2 * n_steps)))
+    one_in = np.uint64(max(1, n_rows // _MOST_KEYS))
+    patterns = [_patterns(signs, n_steps, stride, one_in) for signs in rising]
+    key, place = (np.concatenate(parts) for parts in zip(*patterns, strict=True))
+    owner = np.repeat(np.arange(len(wrenches)), [len(keys) for keys, _ in patterns])
+    order = np.lexsort((owner, key))
+    key, owner, place = key[order], owner[order], place[order]
+    same = np.flatnonzero((key[1:] == key[:-1]) & (owner[1:] != owner[:-1]))
+    links = np.column_stack([owner[same], owner[same + 1], place[same] - place[same + 1]])
+    kinds, counts = np.unique(links, axis=0, return_counts=True)
+    return {(int(a), int(b), int(shift)) for a, b, shift in kinds[counts > 1]}
+
+
+def _stride(rising: Sequence[NDArray[np.bool_]], most: int) -> int:
+    """Return how far apart steps are taken: smooth signals rise for many samples, which says nothing new."""
+    sample = rising[:: max(1, len(rising) // 50)]
+    stride = 1
+    while stride < most:
+        agree = [float(np.mean(s[stride:] == s[:-stride])) for s in sample if len(s) > stride]
+        if not agree or np.median(agree) < _INDEPENDENT:
+            break
+        stride += 1 + stride // 4
+    return min(stride, most)
+
+
+def _patterns(
+    rising: NDArray[np.bool_], n_steps: int, stride: int, one_in: np.uint64
+) -> tuple[NDArray[np.uint64], NDArray[np.intp]]:
+    """Return patterns that say something, and the row at which each begins."""
+    n_used = rising.shape[1]
+    length = max(len(rising) - (n_steps - 1) * stride, 0)
+    codes = np.zeros(len(rising), np.uint64)
+    for column in range(n_used):
+        codes |= rising[:, column].astype(np.uint64) << np.uint64(column)
+    ups = rising.sum(axis=1, dtype=np.uint8)
+    key = np.zeros(length, np.uint64)
+    risen = np.zeros(length, np.uint8)
+    for j in range(n_steps):
+        part = slice(j * stride, j * stride + length)
+        key = (key << np.uint64(n_used)) | codes[part]
+        risen += ups[part]
+    share = risen / (n_steps * n_used)
+    kept = (share > _MIXED[0]) & (share < _MIXED[1]) & ((key * _MIX >> np.uint64(32)) % one_in == 0)
+    at = np.flatnonzero(kept)
+    return key[at], at
+
+
+def _by_moments(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
+    """Return pairs of one length with nearly the same mean and spread of the forces: first, second, 0."""
+    pairs: set[tuple[int, int, int]] = set()
+    for group in places_of(map(len, wrenches)).values():
+        leading = [np.asfortranarray(wrenches[i][:, :_LEADING_AXES]) for i in group]
+        spreads = np.array([samples.std(axis=0) for samples in leading])
+        means = np.array([samples.mean(axis=0) for samples in leading])
+        scale = np.median(spreads, axis=0)
+        scale[scale == 0] = 1.0
+        tree = cKDTree(np.hstack([means / scale, spreads / scale]))
+        close = tree.query_pairs(_CLOSE * np.sqrt(2 * means.shape[1]))
+        pairs |= {(group[a], group[b], 0) for a, b in close}
+    return pairs
+
+
+def _shared(one: FloatArray, other: FloatArray, shift: int) -> tuple[float, bool]:
+    """Return the share of rows that agree up to an offset, and whether they do to the bit."""
+    left, right = one[max(shift, 0) :], other[max(-shift, 0) :]
+    n_rows = min(len(left), len(right))
+    if n_rows < 2:
+        return 0.0, False
+    left, right = left[:n_rows], right[:n_rows]
+    tolerance = np.maximum(_tolerance(left), _tolerance(right))
+    if np.isinf(tolerance).all():
+        return 0.0, False
+    difference = left - right
+    same = (np.abs(difference - np.median(difference, axis=0)) <= tolerance).all(axis=1)
+    share = float(np.count_nonzero(same)) / min(len(one), len(other))
+    return share, bool((difference[same] == 0).all())
+
+
+def _tolerance(samples: FloatArray) -> FloatArray:
+    steps = np.abs(np.diff(samples, axis=0))
+    smallest = np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
+    # an axis that never changes, or was rounded until it did not, says nothing: its tolerance is infinite
+    return np.asarray(np.maximum(_MATCH * np.median(steps, axis=0), _HALF * smallest))

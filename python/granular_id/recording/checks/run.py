@@ -6,10 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 from granular_id._checks import argument_error, finite_number
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id.recording.checks import duplicates, leaks, signal, stated
-from granular_id.recording.checks.measured import Measured
+from granular_id.recording.checks import leaks, signal, stated
+from granular_id.recording.checks.measured import Measured, SensorRange, resolve_range
 from granular_id.recording.checks.report import CheckReport, Finding
-from granular_id.recording.checks.sensor_ranges import SensorRange, resolve_range
 from granular_id.recording.recording import Recording
 
 # In the order of their findings in a report.
@@ -17,7 +16,7 @@ CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
     "labels": stated.check_labels,
     "axes": stated.check_axes,
     "readings": signal.check_absurd,
-    "copies": duplicates.check_duplicates,
+    "copies": leaks.check_duplicates,
     "sessions": stated.check_sessions,
     "leaks": leaks.check_leaks,
     "rates": stated.check_rates,
