@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from granular_id._text import fixed
 FloatArray = NDArray[np.float64]
 
 ArgumentError = TypeVar("ArgumentError", bound=Exception)
+Item = TypeVar("Item")
 
 # Beyond this no force-torque sensor samples, and a mistyped rate would only fill the memory.
 _MAX_RATE_HZ = 50_000.0
@@ -124,6 +125,12 @@ def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
     return table[name]
 
 
+def checked_choice(argument: str, value: object, *choices: str) -> None:
+    """Refuse a setting that is none of a few choices."""
+    if value not in choices:
+        raise argument_error(ValueError, argument, f"={value!r}; wanted {' or '.join(map(repr, choices))}")
+
+
 def checked_flag(argument: str, value: object) -> bool:
     """Return True or False as a bool; 1 and "yes" are neither."""
     if not isinstance(value, (bool, np.bool_)):
@@ -151,6 +158,20 @@ def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool 
         problem = "begins or ends with a space: it would not equal its own name"
         raise argument_error(ValueError, name, f"{text[:40]!r} {problem}")
     return text
+
+
+def items_of(argument: str, value: object, kind: type[Item]) -> tuple[Item, ...]:
+    """Return the items of a sequence, all of one class; a text is no sequence."""
+    if not isinstance(value, Iterable) or isinstance(value, str):
+        raise argument_error(
+            TypeError, argument, f"must be a sequence of {kind.__name__}, got {type(value).__name__}"
+        )
+    items = tuple(value)
+    for i, item in enumerate(items):
+        if not isinstance(item, kind):
+            problem = f"[{i}] is a {type(item).__name__}; wanted {kind.__name__}"
+            raise argument_error(TypeError, argument, problem)
+    return items
 
 
 # Arrays, as float64.

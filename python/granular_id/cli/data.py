@@ -92,8 +92,10 @@ def head(
     `granular-id data head recordings --name rice/rice_07.csv -n 20`
     """
     at_least("-n", n, 1)
+    from granular_id.recording import first_samples
+
     data = reading.load()
-    show("\n".join(_lines(_chosen(data, name), n)))
+    show("\n" + first_samples(_chosen(data, name), n))
 
 
 def _chosen(data: Dataset, name: str | None) -> Recording:
@@ -106,26 +108,6 @@ def _chosen(data: Dataset, name: str | None) -> Recording:
         near = get_close_matches(name, data.names, 3, 0.4) or data.names[:3]
         raise ValueError(f"--name: no recording is called {name!r}; there are {', '.join(near)} ...")
     return found[0]
-
-
-def _lines(recording: Recording, n: int) -> list[str]:
-    from textwrap import shorten
-
-    from granular_id._checks import thaw
-    from granular_id.recording import text_table, unit_of
-
-    known = ("label", "session", "start_time", "trigger_index")
-    facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
-    facts += [f"meta.{key}: {shorten(str(thaw(value)), 100)}" for key, value in recording.meta.items()]
-    header = ["time s", *(f"{axis} {unit_of(axis, recording.meta)}" for axis in recording.axes)]
-    rows = []
-    for i in range(min(n, recording.n_samples)):
-        cells = [f"{recording.times()[i]:.6g}", *(f"{value:.6g}" for value in recording.wrench[i])]
-        row = dict(zip(header, cells, strict=True))
-        if recording.flags is not None:
-            row["flags"] = str(recording.flags[i])
-        rows.append(row)
-    return ["", repr(recording), *facts, "", *text_table(rows)]
 
 
 @command

@@ -18,14 +18,12 @@ from granular_id.cli.options import at_least, names_in, option, positive
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
-    from granular_id.recording import Dataset, StepReport
+    from granular_id.recording import Dataset
 
 PANEL = "Recordings"
 
 MAX_GAP_S = 0.25
 """Default of ``--max-gap-s``."""
-
-_MOST_LINES = 10
 
 
 class Difference(str, Enum):
@@ -218,7 +216,9 @@ class Steps(StepOptions):
         if not quiet:
             counts = Counter(r.label for r in data if r.label not in remaining.labels)
             out = ", ".join(f"{label or 'no label'} ({counted(n)})" for label, n in counts.items())
-            show(f"--exclude left out {out}; {_size(remaining)} remain")
+            show(
+                f"--exclude left out {out}; {counted(len(remaining))}, {counted(len(kept), 'material')} remain"
+            )
         return remaining
 
     def _refuse_missing_onsets(self, data: Dataset) -> None:
@@ -321,81 +321,26 @@ def _onsets_in(texts: Sequence[str]) -> dict[str, float | None]:
     return onsets
 
 
-# What was read, done and left out, in words.
-
-
 def say_loaded(data: Dataset, *, quiet: bool) -> None:
     """Say what was read: numbers, length, rate, and what deserves mention; when quiet, only what was skipped."""
+    from granular_id.recording import headline, noticed_lines, skipped_lines
+
     report = data.history[-1]
-    lines = _skipped(report)
+    lines = skipped_lines(report)
     if not quiet:
-        lines = [_size_and_length(data), *lines, *_repaired(report), *_remarks(report)]
+        lines = [headline(data), *lines, *noticed_lines(report)]
     if lines:
         show("\n".join(lines))
 
 
 def say_step(data: Dataset, *, quiet: bool) -> Dataset:
     """Say what the last step of a data set did, or when quiet only what it left out; return the data set."""
+    from granular_id.recording import skipped_lines
+
     step = data.history[-1]
     # of single recordings only those left out; the JSON file has all
     brief = replace(step, rows=[row for row in step.rows if "skipped" in row])
-    text = "\n".join(_skipped(step)) if quiet else str(brief)
+    text = "\n".join(skipped_lines(step)) if quiet else str(brief)
     if text:
         show(text)
     return data
-
-
-def _skipped(report: StepReport) -> list[str]:
-    reading = report.step == "load"
-    rows = [row for row in report.rows if "skipped" in row]
-    if not rows:
-        return []
-    lines = [f"{counted(len(rows), 'file' if reading else 'recording')} skipped:"]
-    # The problem of a file names it, with its folder.
-    lines += [f"  {'' if reading else row['name'] + ': '}{row['skipped']}" for row in rows[:_MOST_LINES]]
-    if len(rows) > _MOST_LINES:
-        lines.append(f"  ... and {len(rows) - _MOST_LINES} more")
-    return lines
-
-
-def _repaired(report: StepReport) -> list[str]:
-    names = [row["name"] for row in report.rows if row.get("moved") or row.get("merged")]
-    if not names:
-        return []
-    moved, merged = (report.totals.get(name, 0) for name in ("moved_samples", "merged_samples"))
-    did = [f"{counted(moved, 'sample')} moved"] * bool(moved) + [f"{merged} merged"] * bool(merged)
-    return [f"time repaired in {_named(names, ' (' + ', '.join(did) + ')')}"]
-
-
-def _remarks(report: StepReport) -> list[str]:
-    remarks: dict[str, list[str]] = {}
-    for row in report.rows:
-        if row.get("remark"):
-            remarks.setdefault(row["remark"], []).append(row["name"])
-    lines = [f"{remark}, in {_named(names)}" for remark, names in remarks.items()]
-    return [*lines, *(f"note: {note}" for note in report.notes)]
-
-
-def _named(names: Sequence[str], remark: str = "") -> str:
-    shown = ", ".join(names[:_MOST_LINES]) + (" ..." if len(names) > _MOST_LINES else "")
-    return f"{counted(len(names))}{remark}: {shown}"
-
-
-def _size(data: Dataset) -> str:
-    return f"{counted(len(data))}, {counted(len(data.labels), 'material')}"
-
-
-def _size_and_length(data: Dataset) -> str:
-    lengths = [recording.n_samples for recording in data]
-    rates = [recording.rate_hz for recording in data if recording.rate_hz is not None]
-    said = f"{_size(data)}, {_span(lengths)} {verb(max(lengths), 'sample', 'samples')}"
-    if not rates:
-        return f"{said}, irregular in time"
-    irregular = len(data) - len(rates)
-    remark = f", {irregular} of them irregular in time" if irregular else ""
-    return f"{said} at {_span(rates)} Hz{remark}"
-
-
-def _span(values: Sequence[float]) -> str:
-    low, high = min(values), max(values)
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

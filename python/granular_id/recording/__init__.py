@@ -6,7 +6,13 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
-from granular_id.recording.dataset import Dataset, Summary, describe_data as describe_data
+from granular_id.recording.dataset import (
+    Dataset,
+    Summary,
+    describe_data as describe_data,
+    first_samples as first_samples,
+    headline as headline,
+)
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
@@ -24,7 +30,12 @@ from granular_id.recording.recording import (
     shared_base as shared_base,
     unit_of as unit_of,
 )
-from granular_id.recording.report import StepReport, text_table as text_table
+from granular_id.recording.report import (
+    StepReport,
+    noticed_lines as noticed_lines,
+    skipped_lines as skipped_lines,
+    text_table as text_table,
+)
 from granular_id.recording.resampling import (
     STATED_TOLERANCE as STATED_TOLERANCE,
     RepairedTime as RepairedTime,

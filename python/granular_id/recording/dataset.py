@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeVar, overload
+from textwrap import shorten
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import FloatArray
+from granular_id._checks import FloatArray, items_of, thaw
 from granular_id._progress import ProgressCallback
-from granular_id._text import counted
+from granular_id._text import counted, verb
 from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
-from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate, places_of, stack
-from granular_id.recording.report import StepReport, subject, text_table, text_totals
+from granular_id.recording.recording import (
+    Recording,
+    SampleFlag,
+    common_axes,
+    common_rate,
+    places_of,
+    stack,
+    unit_of,
+)
+from granular_id.recording.report import StepReport, span, subject, text_table, text_totals
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings, step_s
 from granular_id.recording.steps import align_recordings, select_recordings
-
-_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,8 @@ def _row(label: str | None, group: Sequence[Recording]) -> dict[str, Any]:
         "label": label,
         "recordings": len(group),
         "sessions": _sessions(group),
-        "samples": _span(min(lengths), max(lengths)),
-        "seconds": _span(round(min(seconds), 3), round(max(seconds), 3)),
+        "samples": span(min(lengths), max(lengths)),
+        "seconds": span(round(min(seconds), 3), round(max(seconds), 3)),
         "rate_hz": ", ".join(uniform + mean),
         "largest_gap_s": round(max((step_s(r, np.max) for r in irregular), default=0.0), 6),
         "flagged_samples": sum(int((r.flags > 0).sum()) for r in group if r.flags is not None),
@@ -93,10 +100,6 @@ def _row(label: str | None, group: Sequence[Recording]) -> dict[str, Any]:
 def _sessions(group: Sequence[Recording]) -> int | None:
     known = {r.session for r in group} - {None}
     return len(known) or None
-
-
-def _span(low: float, high: float) -> str:
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,8 +136,8 @@ class Dataset:
     __hash__ = None  # type: ignore[assignment]  # equality looks at the samples: hashing them would be a trap
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "recordings", _items("recordings", self.recordings, Recording))
-        object.__setattr__(self, "history", _items("history", self.history, StepReport))
+        object.__setattr__(self, "recordings", items_of("recordings", self.recordings, Recording))
+        object.__setattr__(self, "history", items_of("history", self.history, StepReport))
         if not self.recordings:
             raise ValueError("recordings is empty; a Dataset holds at least one recording")
 
@@ -217,7 +220,7 @@ class Dataset:
     @classmethod
     def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
         """Put data sets one after the other, keeping all their histories."""
-        parts = _items("datasets", datasets, Dataset)
+        parts = items_of("datasets", datasets, Dataset)
         report = StepReport("concatenate", totals={"recordings": [len(d) for d in parts]})
         history = [step for d in parts for step in d.history]
         return cls([r for d in parts for r in d.recordings], (*history, report))
@@ -460,17 +463,6 @@ class Dataset:
         return (Dataset, (self.recordings, self.history))  # without the cached X, which would be sent twice
 
 
-def _items(name: str, value: object, kind: type[_Item]) -> tuple[_Item, ...]:
-    """Return the items of an argument, all of one class."""
-    if not isinstance(value, Iterable):
-        raise TypeError(f"{name} must be a sequence of {kind.__name__}, got {type(value).__name__}")
-    items = tuple(value)
-    wrong = next((i for i, item in enumerate(items) if not isinstance(item, kind)), None)
-    if wrong is not None:
-        raise TypeError(f"{name}[{wrong}] is a {type(items[wrong]).__name__}; wanted {kind.__name__}")
-    return items
-
-
 def describe_data(data: Dataset) -> dict[str, Any]:
     """Return size, rate and summary of a data set with the history of the steps that made it."""
     n_recordings, n_samples, n_axes = data.X.shape
@@ -482,3 +474,31 @@ def describe_data(data: Dataset) -> dict[str, Any]:
         "summary": data.summary().to_dict(),
         "history": [step.to_dict() for step in data.history],
     }
+
+
+def headline(data: Dataset) -> str:
+    """Say in one line how many recordings there are, of how many materials, how long and at which rate."""
+    lengths = [recording.n_samples for recording in data]
+    rates = [recording.rate_hz for recording in data if recording.rate_hz is not None]
+    size = (
+        f"{counted(len(data))}, {counted(len(data.labels), 'material')}, {span(min(lengths), max(lengths))} "
+        f"{verb(max(lengths), 'sample', 'samples')}"
+    )
+    if not rates:
+        return f"{size}, irregular in time"
+    irregular = len(data) - len(rates)
+    remark = f", {irregular} of them irregular in time" if irregular else ""
+    return f"{size} at {span(min(rates), max(rates))} Hz{remark}"
+
+
+def first_samples(recording: Recording, n: int) -> str:
+    """Print what is known of a recording, and its first samples as a table."""
+    known = ("label", "session", "start_time", "trigger_index")
+    facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
+    facts += [f"meta.{key}: {shorten(str(thaw(value)), 100)}" for key, value in recording.meta.items()]
+    header = ["time s", *(f"{axis} {unit_of(axis, recording.meta)}" for axis in recording.axes)]
+    samples = np.column_stack([recording.times(), recording.wrench])[:n]
+    rows = [dict(zip(header, map("{:.6g}".format, sample), strict=True)) for sample in samples]
+    if recording.flags is not None:
+        rows = [{**row, "flags": str(flags)} for row, flags in zip(rows, recording.flags, strict=False)]
+    return "\n".join([repr(recording), *facts, "", *text_table(rows)])

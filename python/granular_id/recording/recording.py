@@ -328,12 +328,6 @@ def places_of(values: Iterable[_Value]) -> dict[_Value, list[int]]:
     return places
 
 
-def checked_choice(name: str, value: object, *choices: str) -> None:
-    """Refuse a setting that is none of the choices."""
-    if value not in choices:
-        raise argument_error(ValueError, name, f"={value!r}; wanted {' or '.join(map(repr, choices))}")
-
-
 def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Return the axes that all recordings share, or raise ValueError naming the method that helps."""
     first = recordings[0]

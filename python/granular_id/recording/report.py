@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from granular_id._checks import checked_text, freeze, thaw
+from granular_id._checks import argument_error, checked_text, freeze, items_of, thaw
 from granular_id._files import JSON, refuse_other_kind, whole_file
 from granular_id._text import counted, in_columns, verb
 
@@ -75,18 +75,12 @@ class StepReport(Report):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "step", checked_text(self.step, "step"))
-        kinds = {"parameters": Mapping, "totals": Mapping, "rows": Sequence, "notes": Sequence}
-        for name, kind in kinds.items():
-            value = getattr(self, name)
-            if not isinstance(value, kind) or isinstance(value, str):
-                wanted = kind.__name__.lower()
-                raise TypeError(f"{name} of a step must be a {wanted}, got {type(value).__name__}")
+        for name in ("parameters", "totals"):
+            if not isinstance(value := getattr(self, name), Mapping):
+                raise argument_error(TypeError, name, f"must be a mapping, got {type(value).__name__}")
             object.__setattr__(self, name, freeze(value, name))
-        for name, item_kind in (("rows", Mapping), ("notes", str)):
-            items = getattr(self, name)
-            wrong = next((i for i, item in enumerate(items) if not isinstance(item, item_kind)), None)
-            if wrong is not None:
-                raise TypeError(f"{name}[{wrong}] of a step must be a {item_kind.__name__.lower()}")
+        for name, kind in (("rows", Mapping), ("notes", str)):
+            object.__setattr__(self, name, freeze(items_of(name, getattr(self, name), kind), name))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # read-only mappings cannot be pickled: rebuild from plain ones
@@ -114,9 +108,56 @@ class StepReport(Report):
         lines += [f"  {line}" for line in text_totals(self.totals)]
         lines += [f"  note: {note}" for note in self.notes]
         lines += [f"  {line}" for line in text_table(self.rows[:_PRINTED_ROWS])]
-        if len(self.rows) > _PRINTED_ROWS:
-            lines.append(f"  ... and {len(self.rows) - _PRINTED_ROWS} more recordings")
-        return "\n".join(lines)
+        return "\n".join([*lines, *_rest(len(self.rows), " recordings")])
+
+
+# What a step did, in words.
+
+
+def skipped_lines(step: StepReport) -> list[str]:
+    """Name what a step left out, and why."""
+    reading = step.step == "load"
+    rows = [row for row in step.rows if "skipped" in row]
+    if not rows:
+        return []
+    # the problem of a file names it, with its folder
+    lines = [f"  {'' if reading else row['name'] + ': '}{row['skipped']}" for row in rows[:_PRINTED_ROWS]]
+    return [f"{counted(len(rows), 'file' if reading else 'recording')} skipped:", *lines, *_rest(len(rows))]
+
+
+def noticed_lines(step: StepReport) -> list[str]:
+    """Say where reading repaired time, what it remarked on single recordings, and its notes."""
+    remarks: dict[str, list[str]] = {}
+    repaired = [row["name"] for row in step.rows if row.get("moved") or row.get("merged")]
+    lines = []
+    if repaired:
+        moved, merged = (step.totals.get(name, 0) for name in ("moved_samples", "merged_samples"))
+        did = [f"{counted(moved, 'sample')} moved"] * bool(moved) + [f"{merged} merged"] * bool(merged)
+        lines = [
+            f"time repaired in {counted(len(repaired))} ({', '.join(did)}): {first_names(repaired, _PRINTED_ROWS)}"
+        ]
+    for row in step.rows:
+        if row.get("remark"):
+            remarks.setdefault(row["remark"], []).append(row["name"])
+    lines += [
+        f"{remark}, in {counted(len(names))}: {first_names(names, _PRINTED_ROWS)}"
+        for remark, names in remarks.items()
+    ]
+    return [*lines, *(f"note: {note}" for note in step.notes)]
+
+
+def _rest(n_rows: int, what: str = "") -> list[str]:
+    return [f"  ... and {n_rows - _PRINTED_ROWS} more{what}"] if n_rows > _PRINTED_ROWS else []
+
+
+def first_names(names: Sequence[str], most: int = 3) -> str:
+    """Return the first few names in one text."""
+    return ", ".join(names[:most]) + (", ..." if len(names) > most else "")
+
+
+def span(low: float, high: float) -> str:
+    """Return the least and the largest of some numbers in one text."""
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
 def subject(n_recordings: int, singular: str = "has", plural: str = "have") -> str:

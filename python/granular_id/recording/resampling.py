@@ -10,9 +10,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, argument_error, finite_number
+from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
 from granular_id._text import counted, fixed
-from granular_id.recording.recording import Recording, SampleFlag, checked_choice
+from granular_id.recording.recording import Recording, SampleFlag
 from granular_id.recording.report import StepReport
 
 # Time stamps: whether they form a uniform grid, and what to do where they do not.

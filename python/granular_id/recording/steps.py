@@ -9,10 +9,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import argument_error, checked_index, finite_number
+from granular_id._checks import argument_error, checked_choice, checked_index, finite_number
 from granular_id._text import counted, fixed
-from granular_id.recording.recording import Recording, checked_choice, common_axes, common_rate
-from granular_id.recording.report import StepReport, subject
+from granular_id.recording.recording import Recording, common_axes, common_rate
+from granular_id.recording.report import StepReport, first_names, subject
 
 
 def select_recordings(
@@ -70,9 +70,8 @@ def _texts(value: object, name: str) -> list[str]:
     return texts
 
 
-def _some(values: Collection[str | None], most: int = 20) -> str:
-    shown = sorted(map(repr, values))
-    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+def _some(values: Collection[str | None]) -> str:
+    return first_names(sorted(map(repr, values)), 20)
 
 
 def _with_axes(recording: Recording, axes: Sequence[str]) -> Recording:
@@ -187,7 +186,7 @@ def _starts(
             raise argument_error(ValueError, "trigger", problem)
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
-            names = ", ".join(map(repr, without[:3])) + (", ..." if len(without) > 3 else "")
+            names = first_names([*map(repr, without)])
             raise ValueError(
                 f"{subject(len(without))} no trigger_index: {names}; call .find_onsets(), state it with "
                 ".find_onsets(overrule={name: seconds}), or pass on_missing='skip' to leave such recordings out"

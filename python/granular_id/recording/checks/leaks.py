@@ -18,10 +18,10 @@ from scipy.spatial import cKDTree
 from granular_id._checks import FloatArray
 from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured
-from granular_id.recording.checks.report import Finding, first_names
+from granular_id.recording.checks.report import Finding
 from granular_id.recording.checks.stated import is_number
 from granular_id.recording.recording import Recording, SampleFlag, places_of
-from granular_id.recording.report import subject
+from granular_id.recording.report import first_names, subject
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer

@@ -11,7 +11,7 @@ from typing import Any, Literal, overload
 from granular_id._checks import freeze, thaw
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
-from granular_id.recording.report import Report
+from granular_id.recording.report import Report, first_names
 
 Severity = Literal["error", "warning", "info"]
 
@@ -20,7 +20,6 @@ SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")  # from worst to
 State = Literal["ok", "warning", "error"]
 
 WIDTH = 100  # columns of the printed table
-_PRINTED_NAMES = 3
 
 
 @dataclass(frozen=True)
@@ -70,11 +69,6 @@ class Finding:
     def __str__(self) -> str:
         names = first_names(self.recordings)
         return f"{self.severity}: {self.message}" + (f" [{names}]" if names else "")
-
-
-def first_names(names: Sequence[str]) -> str:
-    """Return the first few names in one text."""
-    return ", ".join(names[:_PRINTED_NAMES]) + (", ..." if len(names) > _PRINTED_NAMES else "")
 
 
 @dataclass(frozen=True)
