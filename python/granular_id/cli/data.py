@@ -140,12 +140,7 @@ def check(
     data = reading.load()
     report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
     show("\n" + report.text(width=min(Console().width, 100)))
-    if json is not None:
-        from granular_id._files import whole_file
-
-        with whole_file(json) as draft:  # JSON also where the name has no ending
-            draft.write_text(report.to_json() + "\n", encoding="utf-8")
-        say_written([json])
+    write_files((json, lambda path: write_json(path, report.to_dict())))
     if report.worst == "error" or (strict and report.worst == "warning"):
         raise typer.Exit(FOUND_ERRORS)
 

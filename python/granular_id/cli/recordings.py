@@ -328,7 +328,7 @@ def say_loaded(data: Dataset, *, quiet: bool) -> None:
     report = data.history[-1]
     lines = skipped_lines(report)
     if not quiet:
-        lines = [headline(data), *lines, *noticed_lines(report)]
+        lines = [headline(data.recordings), *lines, *noticed_lines(report)]
     if lines:
         show("\n".join(lines))
 

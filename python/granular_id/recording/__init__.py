@@ -6,13 +6,7 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
-from granular_id.recording.dataset import (
-    Dataset,
-    Summary,
-    describe_data as describe_data,
-    first_samples as first_samples,
-    headline as headline,
-)
+from granular_id.recording.dataset import Dataset, describe_data as describe_data
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
@@ -58,6 +52,7 @@ from granular_id.recording.setup import (
     unit_differences as unit_differences,
     values_in as values_in,
 )
+from granular_id.recording.summary import Summary, first_samples as first_samples, headline as headline
 
 __all__ = [
     "AXES",

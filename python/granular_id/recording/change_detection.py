@@ -34,21 +34,13 @@ class Detection:
 
 
 def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
-    """Find the first sample at which any axis changes by more than noise, in recordings of shape (n, T, C).
-
-    Two windows before a sample and two from it on must all agree that it changed, so a glitch shorter than a window
-    cannot pass. Their gap never exceeds the difference of the two windows that meet there, whose distribution at
-    rest is known (MOSUM), so its threshold holds. One count is taken off: two readings of one level may differ by
-    that. A change of one axis only must stand out by this axis' own noise, lest one with slower noise than the others
-    ring every alarm.
-
-    Samples are near zero, T >= rest + SPAN window; `rate` is the probability of a false alarm in a recording.
-    """
+    """Find where each recording, of shape (n, T, C), near zero, T >= rest + SPAN window, changes by more than noise."""
     _, n_samples, n_axes = samples.shape
     n_tests = n_samples - rest - SPAN * window + 1
     noise = rest_noise(samples, rest, window)
     per_axis = rate / n_axes
     critical = critical_factors(noise.dof, n_tests, per_axis)[:, np.newaxis] * np.sqrt(noise.shift_variance)
+    # A change of one axis only must stand out by its own noise, lest one with slower noise ring every alarm.
     alone = critical_factors(np.array([noise.own_dof]), n_tests, per_axis) * np.sqrt(noise.own_variance)
     critical[noise.shift_variance == 0] = np.inf
     if n_axes == 1:
@@ -61,6 +53,8 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     low, high = (bound(means[:, apart:], means[:, :-apart]) for bound in (np.minimum, np.maximum))
     first = rest - SPAN * window  # where the stretch before the first tested sample begins
     before, after = slice(first, first + n_tests), slice(rest, rest + n_tests)
+    # Two windows before and two after must agree: no glitch passes. Their gap never exceeds the difference of the
+    # two that meet, whose distribution at rest is known (MOSUM); two readings of one level may differ by one count.
     gap = np.maximum(low[:, after] - high[:, before], low[:, before] - high[:, after])
     gap -= noise.count[:, np.newaxis]
     np.maximum(gap, 0.0, out=gap)
@@ -104,9 +98,8 @@ _AFTER = 3
 def change_times(samples: FloatArray, found: Detection, rest: int, window: int) -> dict[int, int]:
     """Estimate the sample at which each change began, by the place of the recording.
 
-    Axes are added up as by the matched filter for their common change. The `rest` samples before this sum left its
-    level, and one and a half windows after, are fitted by a jump, a straight and a quadratic rise at sample k: the
-    best by least squares is the maximum likelihood estimate for white noise (Hinkley).
+    The axes, added up as by a matched filter, are fitted by a jump, a straight and a quadratic rise: the best by least
+    squares is the maximum likelihood estimate for white noise (Hinkley).
     """
     passed = np.flatnonzero(found.first >= 0)
     first, moving = found.first[passed], samples[passed]
@@ -130,11 +123,7 @@ def change_times(samples: FloatArray, found: Detection, rest: int, window: int) 
 
 
 def _leaves(course: FloatArray, first: int, rest: int, window: int) -> int:
-    """Return the last sample before `first` at which the windows of the course were at their former level.
-
-    A slow rise may be well under way before it is certain. The former level is that of some rests ago, not
-    that of the first samples: drift since then is no motion.
-    """
+    """Return the last sample before `first` at which the course was at its level of some rests ago, drift and all."""
     begin = max(0, int(first) - (_LOOK_BACK + 1) * rest)
     means = windows_of(course[np.newaxis, begin:first, np.newaxis], window)[0, :, 0]
     calm = windows_of(course[np.newaxis, :rest, np.newaxis], window)[0, :, 0]
@@ -184,22 +173,17 @@ class RestNoise:
 
 
 def windows_of(samples: FloatArray, window: int) -> FloatArray:
-    """Return the means of all windows of this many samples: (n, T, C) gives (n, T - window + 1, C).
-
-    `samples` should be near zero: the means come from running sums.
-    """
+    """Return the means of all windows, (n, T - window + 1, C), by running sums: `samples` should be near zero."""
     sums = np.cumsum(samples, axis=1)
     sums[:, window:] -= sums[:, :-window].copy()
     return sums[:, window - 1 :] / window
 
 
 def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
-    """Measure the noise of the first `rest` samples of recordings of shape (n, T, C).
+    """Measure how much neighbouring windows differ in the first `rest` samples of recordings, shape (n, T, C).
 
-    What counts is how much the means of neighbouring windows differ at rest, so this is what is measured: noise may
-    have any colour. One axis offers about three such differences, too few; but axes come from one sensor. How much
-    larger they are than those of single samples is therefore pooled over the axes, and only the size is each axis'
-    own. Axes that move together count once (participation ratio of their correlations).
+    One axis offers about three such differences, too few: how much larger they are than those of single samples is
+    pooled over the axes of a sensor. Axes that move together count once (participation ratio of their correlations).
     """
     at_rest = samples[:, :rest]
     level = at_rest.mean(axis=1)
@@ -224,16 +208,12 @@ def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
 
 
 def _one_count(step: FloatArray, rest: int) -> FloatArray:
-    """Find the resolution of each axis: the smallest change between neighbouring samples.
-
-    For an axis that stands still at rest the usual change is taken instead: interpolation may have divided one
-    count into small steps, and nothing else would keep such an axis from answering to a single count.
-    """
+    """Find the resolution of each axis: the smallest change, or of one that stands still at rest the usual one."""
     changed = np.where(step > 0, step, np.inf)
     count: FloatArray = changed.min(axis=1)
     count[np.isinf(count)] = 0.0
     still = (step[:, : rest - 1] == 0).all(axis=1) & (count > 0)
-    for i, axis in np.argwhere(still):
+    for i, axis in np.argwhere(still):  # interpolation may have divided one count into small steps
         one = step[i, :, axis]
         count[i, axis] = np.median(one[one > 0])
     return count

@@ -203,12 +203,14 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     window = max(1, rest // WINDOWS_IN_REST)
     _, n_samples, n_axes = block.shape
     needed = rest + SPAN * window
+    none: dict[str, Any] = dict.fromkeys(("index", "time_s", "detected_index", "detected_s"))
+    none |= {"axes": (), "threshold": 1.0, "rest_samples": rest, "window_samples": window}
     if n_samples < needed:
-        why = (
+        none["why"] = (
             f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {SPAN * window} to compare)"
         )
-        nothing, never = np.zeros(n_samples), np.full(n_axes, np.inf)
-        return [_onset(nothing, w.mean(axis=0), w.std(axis=0), never, rest, window, why=why) for w in block]
+        none |= {"statistic": np.zeros(n_samples), "strength": 0.0, "critical": np.full(n_axes, np.inf)}
+        return [Onset(**none, rest_level=w.mean(axis=0), rest_sd=w.std(axis=0)) for w in block]
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
     exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
     scale = np.ldexp(1.0, exponent)
@@ -224,7 +226,10 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     for i in range(len(block)):
         statistic, first = found.joint[i].copy(), int(found.first[i])
         if first < 0:
-            known: dict[str, Any] = {"why": _why_not(found, i, scale[i], rest / rate_hz, axes)}
+            known = {
+                "why": _why_not(found, i, scale[i], rest / rate_hz, axes),
+                "strength": float(statistic.max()),
+            }
         else:
             seen = first + SPAN * window - 1
             own = found.statistic[i, first : seen + 1].max(axis=0)
@@ -236,30 +241,9 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
                 "axes": tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
                 "strength": float(statistic[first : first + rest].max()),
             }
-        onsets.append(_onset(statistic, level[i], sd[i], critical[i], rest, window, **known))
+        known |= {"statistic": statistic, "rest_level": level[i], "rest_sd": sd[i], "critical": critical[i]}
+        onsets.append(Onset(**{**none, **known}))
     return onsets
-
-
-def _onset(
-    statistic: FloatArray,
-    level: FloatArray,
-    sd: FloatArray,
-    critical: FloatArray,
-    rest: int,
-    window: int,
-    **known: Any,
-) -> Onset:
-    none = dict.fromkeys(("index", "time_s", "detected_index", "detected_s"))
-    return Onset(
-        **{**none, "axes": (), "strength": float(statistic.max()), **known},
-        statistic=statistic,
-        threshold=1.0,
-        rest_level=level,
-        rest_sd=sd,
-        critical=critical,
-        rest_samples=rest,
-        window_samples=window,
-    )
 
 
 def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: tuple[str, ...]) -> str:

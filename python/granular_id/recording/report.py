@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._checks import argument_error, checked_text, freeze, items_of, thaw
-from granular_id._files import JSON, refuse_other_kind, whole_file
+from granular_id._files import JSON, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, in_columns, verb
 
 _PRINTED_ROWS = 10
@@ -33,9 +33,11 @@ class Report:
         A `path` that ends like another kind of file is a ValueError.
         """
         refuse_other_kind(path, JSON)
-        text = self.to_json() if Path(path).suffix.lower() == ".json" else str(self)
+        if Path(path).suffix.lower() == ".json":
+            write_json(path, self.to_dict())
+            return
         with whole_file(path) as draft:
-            draft.write_text(text + "\n", encoding="utf-8")
+            draft.write_text(f"{self}\n", encoding="utf-8")
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,7 @@ STATED_TOLERANCE = 0.5
 
 
 def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
-    """Find the rate of evenly spaced stamps, Hz: the shortest decimal number that fits them all.
-
-    Stamps may be off by `resolution_s`, as large absolute ones in float64 are by rounding. None for a single stamp and
-    for stamps further than 1 % of a step from an even grid.
-    """
+    """Find the rate of evenly spaced stamps, each off by `resolution_s` at most: the shortest number that fits all."""
     if len(time_s) < 2:
         return None
     mean = (len(time_s) - 1) / float(time_s[-1])
@@ -67,11 +63,7 @@ class RepairedTime(NamedTuple):
 
 
 def repair_time(stamps: FloatArray, values: FloatArray) -> RepairedTime:
-    """Sort samples by their stamps and average those that share one.
-
-    Averaging is the only choice that does not prefer one of two measurements of the same instant; repeated messages
-    (equal values) come out unchanged.
-    """
+    """Sort samples by their stamps and average those that share one: no other choice prefers neither of two."""
     late = stamps < np.maximum.accumulate(stamps)
     order = np.argsort(stamps, kind="stable")
     late, stamps, values = late[order], stamps[order], values[order]

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from granular_id._checks import thaw
+from granular_id._checks import argument_error, thaw
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import KNOWN_UNITS, unit_of
@@ -195,7 +195,7 @@ def refuse_or_list(
     accepted = (accept,) if isinstance(accept, str) else tuple(accept)
     other = next((name for name in accepted if name not in ACCEPTABLE), None)
     if other is not None:
-        raise ValueError(f"accept must be of {', '.join(ACCEPTABLE)}, got {other!r}")
+        raise argument_error(ValueError, "accept", f"must be of {', '.join(ACCEPTABLE)}, got {other!r}")
     found = list(found)
     for difference in found:
         if difference.consequence == "refuse" and difference.name not in accepted:

@@ -299,10 +299,7 @@ class Attribute(NamedTuple):
 
 
 def _attributes(data: Measured, places: Sequence[int]) -> list[Attribute]:
-    """Collect what varies between recordings, apart from their samples and labels.
-
-    Attributes of few values come twice: as what may name the label, and as what the label may name.
-    """
+    """Collect what varies between recordings; of few values, also as what the label may name."""
     recordings = [data.recordings[i] for i in places]
     paces = [data.paces[i] for i in places]
     starts = [_or_nan(r.start_time) for r in recordings]
@@ -356,10 +353,7 @@ def _or_nan(value: float | None) -> float:
 
 
 def _scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
-    """Return the entries of ``meta`` that are a text, number or bool, nested keys joined by dots.
-
-    Left out are those that describe the material, or in which every recording repeats its name or mentions its label.
-    """
+    """Return the plain entries of ``meta`` but those that describe the material, or repeat name or label everywhere."""
     flat = [dict(_flat(r.meta)) for r in recordings]
     keys = dict.fromkeys(key for entries in flat for key in entries)
     columns = {key: [entries.get(key) for entries in flat] for key in keys}

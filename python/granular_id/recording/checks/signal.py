@@ -38,25 +38,19 @@ def check_absurd(data: Measured) -> Iterator[Finding]:
 
 def check_units(data: Measured) -> Iterator[Finding]:
     """Find recordings whose largest readings, of each axis, are too large to be in newton and newton metre."""
-    large: list[int] = []
-    worst = (0.0, "", "")
+    beyond: dict[int, tuple[float, str, str]] = {}
     for i, r in enumerate(data.recordings):
-        units = [unit_of(axis, r.meta) for axis in r.axes]
-        beyond = [
-            (float(peak), axis, unit)
-            for peak, axis, unit in zip(data.peaks[i], r.axes, units, strict=True)
-            if peak > PLAUSIBLE.get(unit, np.inf)
-        ]
-        if beyond:
-            large.append(i)
-            worst = max(worst, *beyond)
-    if large:
-        peak, axis, unit = worst
+        for peak, axis in zip(data.peaks[i].tolist(), r.axes, strict=True):
+            unit = unit_of(axis, r.meta)
+            if peak > PLAUSIBLE.get(unit, np.inf):
+                beyond[i] = max(beyond.get(i, (0.0, "", "")), (peak, axis, unit))
+    if beyond:
+        peak, axis, unit = max(beyond.values())
         message = (
-            f"{counted(len(large))} with readings up to {peak:.3g} {unit} ({axis}), above {PLAUSIBLE[unit]:g}: are "
+            f"{counted(len(beyond))} with readings up to {peak:.3g} {unit} ({axis}), above {PLAUSIBLE[unit]:g}: are "
             f"they in m{unit.replace(' ', '')}, N mm or counts?"
         )
-        yield data.finding("warning", "units", message, large)
+        yield data.finding("warning", "units", message, beyond)
 
 
 # Samples at the end of the sensor's range, whether the range is known or shows in the samples.
@@ -96,10 +90,7 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
 
 
 def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
-    """Return how many samples lie at the edge, 0 where chance explains them.
-
-    Unclipped readings thin out there; clipped ones are far more than at the values next to it (Poisson).
-    """
+    """Return how many samples lie at the edge, 0 where chance explains them: readings thin out there (Poisson)."""
     at_edge = samples == edge
     inside = np.flatnonzero(~at_edge)
     if len(samples) < SHORTEST or not len(inside):
@@ -231,10 +222,7 @@ def _longest_run(held: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _surprising(run: int, repeated: float, n_samples: int, alpha: float) -> bool:
-    """Whether so many repetitions in a row come by chance less often than `alpha`, were they independent.
-
-    The share of samples that equal the one before is high for coarse converters, and for repeated data.
-    """
+    """Whether so many repetitions in a row come by chance less often than `alpha`, were they independent."""
     elsewhere = max(repeated - run / (n_samples - 1), 1 / n_samples)
     by_chance = 1 + math.log(alpha / n_samples) / math.log(elsewhere)
     return elsewhere <= COARSE and run + 1 >= max(SHORTEST_STUCK, by_chance)

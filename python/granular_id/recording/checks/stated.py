@@ -34,8 +34,7 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     """Find recordings without a label, sets with nothing to tell apart, and labels of unequal size."""
     without = [i for i, r in enumerate(data.recordings) if r.label is None]
     if without:
-        message = f"{subject(len(without))} no label"
-        yield data.finding("error", "no-label", message, without)
+        yield data.finding("error", "no-label", f"{subject(len(without))} no label", without)
     if len(data.labels) == 1:
         only = next(iter(data.labels))
         yield data.finding("error", "one-label", f"all recordings are {only!r}: nothing to tell apart")
