@@ -252,6 +252,13 @@ def freeze(value: object, name: str) -> Any:
     raise argument_error(TypeError, name, f"is a {type(value).__name__}; wanted {wanted}")
 
 
+def frozen_mapping(argument: str, value: object) -> Any:
+    """Return a mapping that nobody can change."""
+    if not isinstance(value, Mapping):
+        raise argument_error(TypeError, argument, f"must be a mapping, got {type(value).__name__}")
+    return freeze(value, argument)
+
+
 def _is_plain(item: object) -> bool:
     kind = type(item)
     return kind in _PLAIN or (kind is float and math.isfinite(item))  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from granular_id._checks import (
     checked_text,
     finite_number,
     freeze,
+    frozen_mapping,
     locked,
     thaw,
 )
@@ -143,9 +144,7 @@ class Recording:
             if not 0 <= index < n_samples:
                 raise ValueError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
             checked["trigger_index"] = index
-        if not isinstance(self.meta, Mapping):
-            raise TypeError(f"meta must be a mapping, got {type(self.meta).__name__}")
-        checked["meta"] = freeze(self.meta, "meta")
+        checked["meta"] = frozen_mapping("meta", self.meta)
         if self.flags is not None:
             checked["flags"] = _checked_flags(self.flags, n_samples)
         for name, value in checked.items():

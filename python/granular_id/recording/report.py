@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from granular_id._checks import argument_error, checked_text, freeze, items_of, thaw
+from granular_id._checks import checked_text, freeze, frozen_mapping, items_of, thaw
 from granular_id._files import JSON, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, in_columns, verb
 
@@ -78,9 +78,7 @@ class StepReport(Report):
     def __post_init__(self) -> None:
         object.__setattr__(self, "step", checked_text(self.step, "step"))
         for name in ("parameters", "totals"):
-            if not isinstance(value := getattr(self, name), Mapping):
-                raise argument_error(TypeError, name, f"must be a mapping, got {type(value).__name__}")
-            object.__setattr__(self, name, freeze(value, name))
+            object.__setattr__(self, name, frozen_mapping(name, getattr(self, name)))
         for name, kind in (("rows", Mapping), ("notes", str)):
             object.__setattr__(self, name, freeze(items_of(name, getattr(self, name), kind), name))
 

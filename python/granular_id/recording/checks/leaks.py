@@ -204,9 +204,7 @@ class Naming(NamedTuple):
     share: float  # of the nearest other recordings have the same label; in reverse, a label the same value
     chance: float  # what that is for shuffled labels
     p: float  # how often the best of all attributes does as well with shuffled labels
-    agreement: (
-        FloatArray  # per label: harmonic mean of its recordings', and their nearest's, share of its own
-    )
+    agreement: FloatArray  # per label: harmonic mean of what its recordings, and their nearest, share with it
 
     @property
     def lift(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,27 +66,50 @@ _NEIGHBOURS = 10
 
 def check_clipping(data: Measured) -> Iterator[Finding]:
     """Find samples at the sensor's range; without one, axes whose readings pile up at their own extreme."""
-    if data.ranges is not None:
-        yield from _beyond_range(data, data.ranges)
-        return
     alpha = data.false_alarm_rate / (2 * sum(len(r.axes) for r in data.recordings))
-    clipped: dict[int, set[int]] = {}
+    clipped: dict[int, list[int]] = {}
     samples = 0
-    for i, r in enumerate(data.recordings):
-        wrench = by_axis(r)
-        for edge in (wrench.max(axis=0), wrench.min(axis=0)):
-            for column in np.flatnonzero(np.count_nonzero(wrench == edge, axis=0) >= FEWEST):
-                number = _piled_up(wrench[:, column], edge[column], alpha)
-                if number:
-                    clipped.setdefault(i, set()).add(int(column))
-                    samples += number
+    far: list[int] = []
+    for i, (r, peak) in enumerate(zip(data.recordings, data.peaks, strict=True)):
+        if data.ranges is None:
+            columns, number = _piled_up_axes(by_axis(r), alpha)
+        else:
+            limit = np.array([data.ranges.get(axis, np.inf) for axis in r.axes])
+            if (peak > FAR_BEYOND * limit).any():
+                far.append(i)
+                continue
+            columns = np.flatnonzero(peak >= NEAR_RANGE * limit).tolist()
+            number = int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum()) if columns else 0
+        if columns:
+            clipped[i] = columns
+            samples += number
+    if far:
+        message = f"{counted(len(far))} with readings above twice the range: are they in N and N m?"
+        yield data.finding("error", "beyond-range", message, far)
     if clipped:
         axes = data.axes_among(clipped)
-        message = (
-            f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
-            f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
-        )
+        if data.ranges is None:
+            message = (
+                f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
+                f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
+            )
+        else:
+            message = (
+                f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on {', '.join(axes)}, "
+                f"in {counted(samples, 'sample')}: the true load was higher"
+            )
         yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
+
+
+def _piled_up_axes(wrench: FloatArray, alpha: float) -> tuple[list[int], int]:
+    """Return the columns with more readings at an extreme than chance explains, and how many these are."""
+    piled = {
+        (int(column), float(edge[column])): number
+        for edge in (wrench.max(axis=0), wrench.min(axis=0))
+        for column in np.flatnonzero(np.count_nonzero(wrench == edge, axis=0) >= FEWEST)
+        if (number := _piled_up(wrench[:, column], edge[column], alpha))
+    }
+    return sorted({column for column, _ in piled}), sum(piled.values())
 
 
 def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
@@ -104,30 +127,6 @@ def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
     nearest = counts[np.argsort(np.abs(values - edge), kind="stable")[:_NEIGHBOURS]]
     expected = float(nearest.max())
     return number if number >= PILED_UP * expected and pdtrc(number - 1, expected) <= alpha else 0
-
-
-def _beyond_range(data: Measured, ranges: Mapping[str, float]) -> Iterator[Finding]:
-    clipped: dict[int, NDArray[np.intp]] = {}
-    samples = 0
-    far: list[int] = []
-    for i, (r, peak) in enumerate(zip(data.recordings, data.peaks, strict=True)):
-        limit = np.array([ranges.get(axis, np.inf) for axis in r.axes])
-        reached = peak >= NEAR_RANGE * limit
-        if (peak > FAR_BEYOND * limit).any():
-            far.append(i)
-        elif reached.any():
-            clipped[i] = np.flatnonzero(reached)
-            samples += int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum())
-    if far:
-        message = f"{counted(len(far))} with readings above twice the range: are they in N and N m?"
-        yield data.finding("error", "beyond-range", message, far)
-    if clipped:
-        axes = data.axes_among(clipped)
-        message = (
-            f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on {', '.join(axes)}, "
-            f"in {counted(samples, 'sample')}: the true load was higher"
-        )
-        yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
 
 
 # Axes that do not move, for a whole recording or for a long stretch of it.
