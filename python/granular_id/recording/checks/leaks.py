@@ -17,9 +17,8 @@ from scipy.spatial import cKDTree
 
 from granular_id._checks import FloatArray
 from granular_id._text import counted, verb
-from granular_id.recording.checks.measured import Measured
+from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.checks.stated import is_number
 from granular_id.recording.recording import Recording, SampleFlag, places_of
 from granular_id.recording.report import first_names, subject
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -89,6 +90,13 @@ def unit_columns(axes: Sequence[str]) -> list[list[int]]:
     torques = [i for i, axis in enumerate(axes) if unit_of(axis) == "N m"]
     forces = [i for i in range(len(axes)) if i not in torques]
     return [columns for columns in (forces, torques) if columns]
+
+
+def is_number(value: object) -> TypeGuard[int | float]:
+    """Whether an entry of ``meta`` is a number that a float can hold."""
+    return (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    )
 
 
 # How the samples follow each other.

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from typing import TypeGuard
 
 import numpy as np
 
 from granular_id._text import counted
-from granular_id.recording.checks.measured import Measured
+from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import SampleFlag, places_of
 from granular_id.recording.report import subject
@@ -75,13 +73,6 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
             "classifier learns may be the session, and no evaluation can tell"
         )
         yield data.finding("warning", "session-is-label", message, labels=data.labels_of_one_session)
-
-
-def is_number(value: object) -> TypeGuard[int | float]:
-    """Whether an entry of ``meta`` is a number that a float can hold."""
-    return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-    )
 
 
 def check_rates(data: Measured) -> Iterator[Finding]:
