@@ -20,7 +20,7 @@ from granular_id._text import counted, verb
 from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, SampleFlag, places_of
-from granular_id.recording.report import first_names, subject
+from granular_id.recording.report import first_names, span, subject
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
@@ -122,10 +122,7 @@ def _leak_in_words(leak: _Leak, recordings: Sequence[Recording], apart: Sequence
 
 def _span(values: FloatArray) -> str:
     known = values[~np.isnan(values)]
-    if not len(known):
-        return "none"
-    low, high = f"{known.min():.3g}", f"{known.max():.3g}"
-    return low if low == high else f"{low} to {high}"
+    return span(known.min(), known.max(), 3) if len(known) else "none"
 
 
 def _stretches(recordings: Sequence[Recording]) -> str:
