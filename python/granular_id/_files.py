@@ -6,8 +6,9 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -124,9 +125,15 @@ def write_json(path: str | os.PathLike[str], content: object) -> None:
 
 
 def json_value(value: Any) -> Any:
-    """Return a list for an array, and None for NaN, which JSON does not know."""
+    """Return what JSON knows: an object for a dataclass, a list for an array or tuple, None for NaN."""
+    if is_dataclass(value):
+        return {field.name: json_value(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: json_value(part) for name, part in value.items()}
     if isinstance(value, np.ndarray):
-        return [json_value(item) for item in value.tolist()]
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [json_value(part) for part in value]
     return None if isinstance(value, float) and math.isnan(value) else value
 
 

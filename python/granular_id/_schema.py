@@ -12,6 +12,7 @@ A form is written in plain Python values, and looks like what it admits::
         "interval": [float, float],  # a list of two
         "steps": [{"step": str}, ...],  # a list of any length
         "parameters": {},  # any object
+        "rows": list,  # any list
     }
 """
 
@@ -19,12 +20,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+T = TypeVar("T")
 
 EACH = "*"
 """In a form: every value of an object, whatever its name."""
 
-_WORDS = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false"}
+_WORDS = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false", list: "a list"}
 
 
 def check_form(document: Any, form: Any, *, what: str = "the document", closed: bool = False) -> None:
@@ -99,3 +105,47 @@ def _has_type(value: Any, form: type) -> bool:
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return is_number and abs(value) <= sys.float_info.max  # false for NaN; huge integers are no floats
     return isinstance(value, form) and (form is bool or not isinstance(value, bool))
+
+
+def from_json(kind: type[T], value: Any, *, what: str = "the document") -> T:
+    """Make a dataclass of the JSON that `granular_id._files.json_value` made of one; see `check_form` for the errors.
+
+    Its fields may be texts, numbers, arrays, other dataclasses, tuples and mappings of these, or None.
+    """
+    check_form(value, form_of(kind), what=what)
+    return cast("T", _made(kind, value))
+
+
+def form_of(kind: Any) -> Any:
+    """Return the form of the JSON that holds a value of this type; a field with a default may be missing."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if is_dataclass(kind):
+        hints = get_type_hints(kind)
+        optional = {
+            one.name for one in fields(kind) if (one.default, one.default_factory) != (MISSING, MISSING)
+        }
+        return {f"{name}?" if name in optional else name: form_of(hint) for name, hint in hints.items()}
+    if type(None) in parts:
+        return (form_of(parts[0]), None)
+    if origin is tuple:
+        return [form_of(parts[0]), ...]
+    if origin is Mapping:
+        return {} if parts[1] is Any else {EACH: form_of(parts[1])}
+    return list if origin is np.ndarray else kind
+
+
+def _made(kind: Any, value: Any) -> Any:
+    origin, parts = get_origin(kind), get_args(kind)
+    if value is None:
+        return None
+    if is_dataclass(kind):
+        hints, make = get_type_hints(kind), cast("Any", kind)
+        return make(**{name: _made(hint, value[name]) for name, hint in hints.items() if name in value})
+    if type(None) in parts:
+        return _made(parts[0], value)
+    if origin is tuple:
+        return tuple(_made(parts[0], part) for part in value)
+    if origin is np.ndarray:
+        (dtype,) = get_args(parts[1])
+        return np.array(value).astype(dtype, casting="same_kind")
+    return value

@@ -2,10 +2,16 @@
 
 import json
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from granular_id._schema import EACH, check_form
+from granular_id._files import json_value
+from granular_id._schema import EACH, check_form, from_json
 
 FORM = {
     "format": "rule 1",
@@ -66,3 +72,49 @@ def test_the_document_itself_has_a_name():
         check_form({}, FORM, what="the rule")
     with pytest.raises(ValueError, match=r"^the rule must not hold 'more'$"):
         check_form(GOOD, FORM, what="the rule", closed=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    codes: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Whole:
+    parts: tuple[Part, ...]
+    other: Part | None
+    shares: Mapping[str, float]
+    settings: Mapping[str, Any]
+    note: str = "none"
+
+
+def test_a_dataclass_is_read_back_as_it_was():
+    part = Part(("a", "b"), np.array([[0.1, 2.0]]), np.array([3, 4]))
+    whole = Whole((part, part), None, {"rice": 0.5}, {"cutoff_hz": 23.0}, "some")
+    saved = json.loads(json.dumps(json_value(whole)))
+    again = from_json(Whole, saved)
+    assert json_value(again) == json_value(whole) == saved
+    assert again.parts[1].names == part.names
+    assert [array.dtype for array in (again.parts[0].values, again.parts[0].codes)] == [np.float64, np.intp]
+    del saved["note"]
+    assert from_json(Whole, saved).note == "none"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"parts": [{"names": [], "values": []}]}, r"parts\[0\] must hold 'codes'"),
+        ({"parts": [{"names": [1], "values": [], "codes": []}]}, r"parts\[0\].names\[0\] must be text"),
+        ({"parts": [{"names": [], "values": 1, "codes": []}]}, r"parts\[0\].values must be a list"),
+        ({"parts": [{"names": [], "values": [], "codes": [0.5]}]}, "Cannot cast"),
+        ({"other": 1}, "other must be an object"),
+        ({"shares": {"rice": "much"}}, "shares.rice must be a finite number"),
+    ],
+)
+def test_a_dataclass_is_not_made_of_another_form(change, message):
+    good = {"parts": [], "other": None, "shares": {}, "settings": {}}
+    from_json(Whole, good)
+    with pytest.raises((TypeError, ValueError), match=message):
+        from_json(Whole, {**good, **change})

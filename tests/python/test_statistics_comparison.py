@@ -59,8 +59,8 @@ def test_partitions_of_different_size_count_by_their_mean():
 
 
 def test_table_marks_mann_whitney_and_explains_each_column():
-    text = str(compare(NAMES, some_accuracies(), 550, 132, protocol="paper"))
-    assert "on the same 20 partitions, paper protocol" in text
+    text = str(compare(NAMES, some_accuracies(), 550, 132, drawn="random partitions"))
+    assert "on the same 20 partitions (random partitions)" in text
     assert "U test†" in text
     assert "† Mann-Whitney, as the paper reports it, but far too small" in text
     assert "Nadeau & Bengio 2003" in text

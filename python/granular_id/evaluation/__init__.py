@@ -6,19 +6,14 @@ from granular_id.evaluation.candidates import (
 )
 from granular_id.evaluation.checkpoint import RUN as RUN
 from granular_id.evaluation.controls import Control
+from granular_id.evaluation.gap import gap_of as gap_of
 from granular_id.evaluation.outcome import Prediction, SpaceSummary
-from granular_id.evaluation.report_data import (
-    HighPass as HighPass,
-    Portrait as Portrait,
-    WeightBlock as WeightBlock,
-    window_starts as window_starts,
-)
+from granular_id.evaluation.report_data import HighPass as HighPass, ReportData as ReportData
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import evaluate
 from granular_id.evaluation.selection import Selection, select
 from granular_id.evaluation.tables import (
     PAPER_NOTE as PAPER_NOTE,
-    SMALL_GAP as SMALL_GAP,
     accuracy_table as accuracy_table,
     choice_tables as choice_tables,
     comparison_tables as comparison_tables,
@@ -28,8 +23,11 @@ from granular_id.evaluation.tables import (
     recall_table as recall_table,
     seconds_table as seconds_table,
     shows_paper as shows_paper,
-    unequal_sizes as unequal_sizes,
 )
+from granular_id.evaluation.weights import WeightBlock as WeightBlock, window_starts as window_starts
 from granular_id.spaces import in_paper_order as in_paper_order
+
+Portrait = ReportData
+"""Under this name figures take it."""
 
 __all__ = ["Control", "EvaluationResult", "Prediction", "Selection", "SpaceSummary", "evaluate", "select"]

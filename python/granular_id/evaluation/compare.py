@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -68,7 +68,7 @@ class Pair:
 
     def to_dict(self) -> dict[str, str | float | None]:
         """Return everything in types that JSON knows; NaN becomes None."""
-        return {key: json_value(value) for key, value in asdict(self).items()}
+        return {name: json_value(value) for name, value in vars(self).items()}
 
     def reversed(self) -> Pair:
         """Return the same comparison, of the second with the first."""
@@ -106,6 +106,8 @@ class Comparison:
         Where the partitions come from.
     why_not : str
         What cannot be said, and why; empty when all can.
+    drawn : str
+        How the partitions were drawn, in words.
     """
 
     names: tuple[str, ...]
@@ -118,6 +120,7 @@ class Comparison:
     rope: float
     protocol: str | None
     why_not: str
+    drawn: str = ""
 
     @property
     def testable(self) -> bool:
@@ -176,8 +179,8 @@ class Comparison:
             notes = tuple(note.format(tests=tests, rope=100 * self.rope) for note in _NOTES)
         if self.why_not:
             notes += (self.why_not,)
-        where = f", {self.protocol} protocol" if self.protocol else ""
-        title = f"Differences in accuracy on the same {counted(self.n_partitions, 'partition')}{where}"
+        drawn = f" ({self.drawn})" if self.drawn else ""
+        title = f"Differences in accuracy on the same {counted(self.n_partitions, 'partition')}{drawn}"
         return Table(title, header, tuple(rows), notes)
 
     def __str__(self) -> str:
@@ -193,8 +196,8 @@ class Comparison:
             "rope": self.rope,
             "why_not": self.why_not,
             "means": dict(self.means),
-            "intervals": {name: [*map(json_value, ends)] for name, ends in self.intervals.items()},
-            "pairs": [pair.to_dict() for pair in self.pairs],
+            "intervals": json_value(self.intervals),
+            "pairs": json_value(self.pairs),
         }
 
 
@@ -205,6 +208,7 @@ def compare(
     n_test: float | Sequence[float],
     *,
     protocol: str | None = None,
+    drawn: str = "",
 ) -> Comparison:
     """Compare at least two methods, each with every other.
 
@@ -233,6 +237,7 @@ def compare(
         rope=ROPE,
         protocol=protocol,
         why_not=_why_not(n_partitions, pairs),
+        drawn=drawn,
     )
 
 

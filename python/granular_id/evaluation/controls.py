@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
+from granular_id._files import json_value
+from granular_id._schema import from_json
 from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.features import GramBank
@@ -63,14 +65,12 @@ class Control:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers and text."""
-        return asdict(self)
+        return {name: json_value(value) for name, value in vars(self).items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Control:
         """Make one from what `to_dict` gave."""
-        accuracies = {str(name): float(share) for name, share in values["accuracies"].items()}
-        name, what, verdict = (str(values[key]) for key in ("name", "what", "verdict"))
-        return cls(name, what, accuracies, float(values["chance"]), verdict)
+        return from_json(cls, values, what="a control")
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from granular_id._checks import argument_error, named
 from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
-from granular_id.evaluation.report_data import Portrait
-from granular_id.partitions import Partition, are_blocks
+from granular_id.evaluation.report_data import ReportData
+from granular_id.partitions import Partition, are_blocks, protocol_name
 from granular_id.spaces import Chosen
 from granular_id.statistics import confusion_counts, macro_f1, mean_interval, recall_per_class, sample_sd
 
@@ -81,7 +81,7 @@ class Outcome:
     synthetic: bool = False
     command: str = ""
     controls: tuple[Control, ...] = ()
-    portrait: Portrait | None = None
+    portrait: ReportData | None = None
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
 
@@ -110,6 +110,10 @@ class Outcome:
     def chance(self) -> float:
         """Accuracy of guessing when every class is equally frequent: 1 / K."""
         return 1 / len(self.labels)
+
+    def protocol_name(self, protocol: str) -> str:
+        """Name a protocol that ran in words, such as ``"held-out sessions"``."""
+        return protocol_name(protocol, self.partitions[protocol])
 
     def space(self, name: str) -> SpaceSummary:
         """Return one space by name, or raise a ValueError that lists the names."""
@@ -177,7 +181,8 @@ class Outcome:
         names = [space.name for space in self.spaces]
         partitions, _ = self._runs(names[0], protocol)
         accuracies = {name: self.accuracies(name, protocol) for name in names}
-        return compare(names, accuracies, *_sizes(partitions), protocol=partitions[0].protocol)
+        run = partitions[0].protocol
+        return compare(names, accuracies, *_sizes(partitions), protocol=run, drawn=self.protocol_name(run))
 
     def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
         """Confusion matrix summed over the partitions of a protocol.

@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -16,22 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import TABLES, json_value, refuse_other_kind, whole_file, write_json
-from granular_id._schema import check_form
+from granular_id._schema import EACH, check_form, from_json
 from granular_id._text import counted, percent
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
-from granular_id.evaluation.report_data import Portrait
+from granular_id.evaluation.report_data import ReportData
 from granular_id.evaluation.tables import plain_text
 from granular_id.partitions import PROTOCOLS, Partition
 from granular_id.spaces import Chosen
 
 FORMAT = "granular_id.evaluation/2"
-_READ_BY_REPORTS = {
-    "settings": ("seed",),
-    "versions": ("granular_id",),
-    "data": ("n_recordings", "n_samples", "n_axes", "rate_hz", "summary", "history"),
-}
 CSV_COLUMNS = (*(field.name for field in fields(Prediction)), "correct")
 
 
@@ -68,7 +63,7 @@ class EvaluationResult(Outcome):
         What to type to repeat it.
     controls : tuple of Control
         What could have been answered without the method; empty when they were not asked for.
-    portrait : Portrait or None
+    portrait : ReportData or None
         How the recordings look, for a report.
     chosen : mapping of (str, str) to tuple of Chosen
         (protocol, space) to what the classifier of the space chose in each partition, of spaces that choose.
@@ -101,15 +96,10 @@ class EvaluationResult(Outcome):
             "chance": self.chance,
             "wall_s": json_value(self.wall_s),
             "spaces": [_space(self, space) for space in self.spaces],
-            "controls": [control.to_dict() for control in self.controls],
+            "controls": json_value(self.controls),
             "partitions": {
                 protocol: [
-                    {
-                        "index": partition.index,
-                        "description": partition.description,
-                        "train": partition.train.tolist(),
-                        "test": partition.test.tolist(),
-                    }
+                    {name: json_value(part) for name, part in vars(partition).items() if name != "protocol"}
                     for partition in partitions
                 ]
                 for protocol, partitions in self.partitions.items()
@@ -118,7 +108,7 @@ class EvaluationResult(Outcome):
                 {"name": name, "session": session, "label": self.labels[code]}
                 for name, session, code in zip(self.names, self.sessions, self.truth.tolist(), strict=True)
             ],
-            "portrait": None if self.portrait is None else self.portrait.to_dict(),
+            "portrait": json_value(self.portrait),
         }
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
@@ -151,9 +141,7 @@ class EvaluationResult(Outcome):
             )
         try:
             return cls(**_fields(saved))
-        except KeyError as error:
-            raise ValueError(f"{path} lacks the field {error.args[0]!r}") from None
-        except (TypeError, ValueError, AttributeError, IndexError) as error:
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{path} does not hold a whole evaluation: {error}") from None
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
@@ -201,18 +189,54 @@ def _figures(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
         "accuracy_sd": json_value(result.sd_accuracy(space, protocol)),
         "accuracies": result.accuracies(space, protocol).tolist(),
         "macro_f1": result.macro_f1(space, protocol),
-        "recall": [*map(json_value, result.recall(space, protocol).tolist())],
+        "recall": json_value(result.recall(space, protocol)),
         "confusion": result.confusion(space, protocol).tolist(),
-        "predicted": [codes.tolist() for codes in result.predicted[protocol, space]],
+        "predicted": json_value(result.predicted[protocol, space]),
         **({"chosen": chosen} if chosen else {}),
     }
 
 
+def _form(protocols: Iterable[str]) -> dict[str, Any]:
+    """Return the form of a file, as far as it is read: other programs may read the other entries."""
+    return {
+        "synthetic": bool,
+        "command": str,
+        "notes": [str, ...],
+        "versions": {"granular_id": str},
+        "settings": {"seed": int},
+        "data": {
+            **{"n_recordings": int, "n_samples": int, "n_axes": int, "rate_hz": float},
+            "summary": {"rows": [{}, ...]},
+            "history": [{}, ...],
+        },
+        "labels": [str, ...],
+        "wall_s": (float, None),
+        "spaces": [
+            {
+                "name": str,
+                "accuracy_in_the_paper_on_its_own_data": (float, None),
+                "fitted_on_training_rows": bool,
+                "n_features": int,
+                "settings": {},
+                "seconds": dict.fromkeys(STAGES, float),
+                "protocols": {name: {"predicted": [list, ...], "chosen?": [{}, ...]} for name in protocols},
+            },
+            ...,
+        ],
+        "controls": [{}, ...],
+        "partitions": {EACH: [{"index": int, "description": str, "train": list, "test": list}, ...]},
+        "recordings": [{"name": str, "session": str, "label": str}, ...],
+        "portrait": ({}, None),
+    }
+
+
 def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `EvaluationResult`; a KeyError names what is missing."""
-    check_form(saved, {"labels?": [str, ...], "notes?": [str, ...], "synthetic?": bool, "command?": str})
-    labels = tuple(saved["labels"])
-    recordings = saved["recordings"]
+    """Return the arguments of `EvaluationResult`."""
+    check_form(saved, {"partitions": {}})
+    if unknown := set(saved["partitions"]) - set(PROTOCOLS):
+        raise ValueError(f"there is no protocol {min(unknown)!r}")
+    check_form(saved, _form(saved["partitions"]))
+    labels, recordings = tuple(saved["labels"]), saved["recordings"]
     partitions = {
         protocol: tuple(_partition(protocol, index, one, len(recordings)) for index, one in enumerate(drawn))
         for protocol, drawn in saved["partitions"].items()
@@ -231,40 +255,37 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
                 chosen[key] = tuple(map(Chosen.from_dict, figures["chosen"]))
                 if len(chosen[key]) != len(drawn):
                     raise ValueError(f"choices of {space['name']!r}, {protocol}, do not fit the partitions")
-    for part, names in _READ_BY_REPORTS.items():
-        if missing := [name for name in names if name not in saved[part]]:
-            raise KeyError(missing[0])
+    for one in recordings:
+        if one["label"] not in labels:
+            raise ValueError(f"label {one['label']!r} of a recording is not among the labels")
     return {
-        "spaces": tuple(map(_summary, saved["spaces"])),
+        "spaces": tuple(
+            SpaceSummary(
+                name=space["name"],
+                paper_accuracy=space["accuracy_in_the_paper_on_its_own_data"],
+                learns=space["fitted_on_training_rows"],
+                n_features=space["n_features"],
+                seconds={stage: space["seconds"][stage] for stage in STAGES},
+                settings=space["settings"],
+            )
+            for space in saved["spaces"]
+        ),
         "partitions": partitions,
         "predicted": predicted,
         "labels": labels,
-        "truth": np.array([_number_of(one["label"], labels) for one in recordings], dtype=np.intp),
+        "truth": np.array([labels.index(one["label"]) for one in recordings], dtype=np.intp),
         "names": tuple(one["name"] for one in recordings),
         "sessions": tuple(one["session"] for one in recordings),
         **{name: saved[name] for name in ("settings", "data", "versions", "synthetic", "command")},
         "notes": tuple(saved["notes"]),
         "controls": tuple(map(Control.from_dict, saved["controls"])),
-        "portrait": None if saved["portrait"] is None else Portrait.from_dict(saved["portrait"]),
+        "portrait": saved["portrait"] and from_json(ReportData, saved["portrait"], what="portrait"),
         "chosen": chosen,
         "wall_s": math.nan if saved["wall_s"] is None else saved["wall_s"],
     }
 
 
-def _summary(saved: Mapping[str, Any]) -> SpaceSummary:
-    return SpaceSummary(
-        name=saved["name"],
-        paper_accuracy=saved["accuracy_in_the_paper_on_its_own_data"],
-        learns=saved["fitted_on_training_rows"],
-        n_features=saved["n_features"],
-        seconds={stage: saved["seconds"][stage] for stage in STAGES},
-        settings=saved["settings"],
-    )
-
-
 def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int) -> Partition:
-    if protocol not in PROTOCOLS:
-        raise ValueError(f"there is no protocol {protocol!r}")
     place = f"{protocol} partition {index}"
     if saved["index"] != index:
         raise ValueError(f"{place} has index {saved['index']!r}")
@@ -284,9 +305,3 @@ def _codes(place: str, values: Any, below: int) -> NDArray[np.intp]:
     ):
         raise ValueError(f"{place}: wanted whole numbers from 0 to {below - 1}")
     return codes.astype(np.intp)
-
-
-def _number_of(label: Any, labels: tuple[str, ...]) -> int:
-    if label not in labels:
-        raise ValueError(f"label {label!r} of a recording is not among the labels")
-    return labels.index(label)

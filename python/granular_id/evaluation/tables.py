@@ -10,18 +10,14 @@ import numpy as np
 
 from granular_id._text import Table, percent, whole_percent
 from granular_id.evaluation.features import STAGES
+from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.outcome import Outcome
-from granular_id.partitions import are_blocks, protocol_name
+from granular_id.partitions import are_blocks
 from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
 from granular_id.synthetic import PAPER_MATERIALS
 
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
-SMALL_GAP = 0.01
-"""A gap below one point is called none."""
-
-_GAPS_IN_WORDS = 3
-_MOST_PARTITIONS = 40
 
 
 def plain_text(result: Outcome) -> str:
@@ -97,55 +93,6 @@ def _accuracies(result: Outcome, space: str, protocol: str) -> list[str]:
     return [mean, f"{result.macro_f1(space, protocol):.3f}"] if protocol == result.protocols[0] else [mean]
 
 
-def gap_lines(result: Outcome) -> tuple[str, ...]:
-    """Say how far the strictest protocol falls below random draws, and what else differs.
-
-    One line a space; of more than three spaces only the best of either protocol, the table has them all.
-    """
-    random, strictest = result.random, result.strictest
-    if random is None or strictest is None:
-        return ()
-    names = [space.name for space in result.spaces]
-    if len(names) > _GAPS_IN_WORDS:
-        names = list(dict.fromkeys((result.best_space(random), result.best_space(strictest))))
-    sizes = unequal_sizes(result)
-    return (*(_gap_line(result, name, random, strictest) for name in names), *(f"({line})" for line in sizes))
-
-
-def unequal_sizes(result: Outcome) -> tuple[str, ...]:
-    """Say so where the two protocols of a gap train on different numbers of recordings; else nothing."""
-    protocols = [protocol for protocol in (result.random, result.strictest) if protocol is not None]
-    sizes = [_train_per_class(result, protocol) for protocol in protocols]
-    if len(set(sizes)) < 2:
-        return ()
-    random, strictest = (_name(result, protocol) for protocol in protocols)
-    more = f"{random} train on {sizes[0]} recordings of each class, {strictest} on {sizes[1]}"
-    return (f"{more}: part of a gap may be that",)
-
-
-def _gap_line(result: Outcome, space: str, random: str, strictest: str) -> str:
-    start = f"{space}: {percent(result.mean_accuracy(space, random))} random, "
-    if strictest == "chronological":
-        forward, backward = result.accuracies(space, strictest).tolist()
-        start += f"{percent(forward)} first half to second half, {percent(backward)} the reverse: "
-        what = "training and test from different halves"
-    else:
-        name = _name(result, strictest)
-        start += f"{percent(result.mean_accuracy(space, strictest))} on {name}: "
-        what = f"{name.removeprefix('held-out ')} held out"
-    gap = result.gap(space) or 0.0
-    if gap >= SMALL_GAP:
-        return f"{start}{100 * gap:.1f} points less with {what}"
-    return f"{start}less than a point is lost"
-
-
-def _train_per_class(result: Outcome, protocol: str) -> str:
-    n_labels = len(result.labels)
-    sizes = [np.bincount(result.truth[p.train], minlength=n_labels) for p in result.partitions[protocol]]
-    low, high = int(np.min(sizes)), int(np.max(sizes))
-    return str(low) if low == high else f"{low} to {high}"
-
-
 def controls_table(result: Outcome, space: str | None = None) -> Table:
     """Accuracy of each control under each protocol below that of the method; verdicts in the notes.
 
@@ -159,9 +106,9 @@ def controls_table(result: Outcome, space: str | None = None) -> Table:
     )
     return Table(
         f"Controls beside the method, {method} (chance {percent(result.chance)}){_mark(result)}",
-        ("control", *(_name(result, protocol) for protocol in result.protocols)),
+        ("control", *(result.protocol_name(protocol) for protocol in result.protocols)),
         (first, *rows),
-        tuple(f"{control.name}: {control.what}. {control.verdict}" for control in result.controls),
+        tuple(f"{control.name}: {control.what}; {control.verdict}" for control in result.controls),
     )
 
 
@@ -201,7 +148,9 @@ def confusion_table(result: Outcome, space: str, protocol: str) -> Table:
         (f"{number:>{len(numbers[-1])}} {label}", *(whole_percent(share) if share else "" for share in row))
         for number, label, row in zip(numbers, result.labels, shares.tolist(), strict=True)
     )
-    title = f"Confusion of {space}, {protocol} protocol, in percent of the true class{_mark(result)}"
+    title = (
+        f"Confusion of {space}, {result.protocol_name(protocol)}, in percent of the true class{_mark(result)}"
+    )
     return Table(title, ("true \\ named", *numbers), tuple(rows))
 
 
@@ -213,7 +162,7 @@ def recall_table(result: Outcome, space: str) -> Table:
         (result.labels[k], *(percent(float(recall[k])) for recall in recalls.values()))
         for k in order.tolist()
     )
-    names = (_name(result, protocol) for protocol in result.protocols)
+    names = (result.protocol_name(protocol) for protocol in result.protocols)
     return Table(f"Recall of {space}{_mark(result)}", ("class", *names), tuple(rows))
 
 
@@ -233,14 +182,14 @@ def mistakes_table(result: Outcome, space: str, protocol: str, limit: int = 10) 
         for k, m in zip(*np.unravel_index(order, wrong.shape), strict=True)
         if wrong[k, m]
     )
-    title = f"Most frequent mistakes of {space}, {protocol} protocol{_mark(result)}"
+    title = f"Most frequent mistakes of {space}, {result.protocol_name(protocol)}{_mark(result)}"
     notes = () if rows else ("none: every tested recording was named rightly",)
     return Table(title, ("true", "named", "recordings", "of the class"), rows, notes)
 
 
 def choice_tables(result: Outcome) -> tuple[Table, ...]:
-    """Two tables of each space that chooses a model: its choices over all partitions, then in each of them."""
-    found: list[Table] = []
+    """How often each candidate model was taken, for each space that chooses one."""
+    found = []
     for space in result.spaces:
         chosen = {
             protocol: result.chosen[protocol, space.name]
@@ -248,7 +197,7 @@ def choice_tables(result: Outcome) -> tuple[Table, ...]:
             if (protocol, space.name) in result.chosen
         }
         if chosen:
-            found += [_choices(result, space.name, chosen), _choice_by_partition(result, space.name, chosen)]
+            found.append(_choices(result, space.name, chosen))
     return tuple(found)
 
 
@@ -261,7 +210,7 @@ def _choices(result: Outcome, space: str, chosen: Mapping[str, Sequence[Chosen]]
         held_out = [one.accuracies[k] for one in every if one.accuracies]
         counts = (f"{times[k]} of {total}" for times, total in taken)
         rows.append((f"{k + 1} {name}", *counts, percent(float(np.mean(held_out)) if held_out else None)))
-    names = [_name(result, protocol) for protocol in chosen]
+    names = [result.protocol_name(protocol) for protocol in chosen]
     notes = [
         f"{name}: chosen on {note}"
         for name, each in zip(names, chosen.values(), strict=True)
@@ -272,35 +221,6 @@ def _choices(result: Outcome, space: str, chosen: Mapping[str, Sequence[Chosen]]
         notes.append(f"seed of random folds: {seed}; the model is the mean of the candidates that were taken")
     title = f"What {space} chose: candidate models taken, of the partitions that trained{_mark(result)}"
     return Table(title, ("candidate", *names, "held-out accuracy"), tuple(rows), tuple(notes))
-
-
-def _choice_by_partition(result: Outcome, space: str, chosen: Mapping[str, Sequence[Chosen]]) -> Table:
-    """Candidates by number, their accuracy on the folds that chose, and what the partition measured."""
-    rows = [
-        (
-            f"{_name(result, protocol)}, {partition.description}",
-            " ".join(str(k + 1) for k in one.chosen),
-            percent(one.together),
-            percent(float(tested)),
-        )
-        for protocol, each in chosen.items()
-        for partition, one, tested in zip(
-            result.partitions[protocol], each, result.accuracies(space, protocol), strict=True
-        )
-    ]
-    notes = [
-        "held out: the candidates together, on the recordings of the training that chose them, so too good; "
-        "tested: on the recordings of the partition"
-    ]
-    if len(rows) > _MOST_PARTITIONS:
-        notes.append(f"and {len(rows) - _MOST_PARTITIONS} more partitions: the JSON file has all")
-    title = f"What {space} chose in each partition{_mark(result)}"
-    header = ("partition", "candidates", "held out", "tested")
-    return Table(title, header, tuple(rows[:_MOST_PARTITIONS]), tuple(notes))
-
-
-def _name(result: Outcome, protocol: str) -> str:
-    return protocol_name(protocol, result.partitions[protocol])
 
 
 def _mark(result: Outcome) -> str:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from granular_id._files import made_folder
 from granular_id._text import percent
 from granular_id.evaluation import shows_paper
-from granular_id.partitions import PROTOCOLS, protocol_name
+from granular_id.partitions import PROTOCOLS
 from granular_id.plotting import (
     FAINT,
     INK,
@@ -44,7 +44,8 @@ from granular_id.recording import AXIS_COLOURS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import EvaluationResult, Portrait
+    from granular_id.evaluation import EvaluationResult, ReportData
+
 FIGURES = (
     *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
     *("mean_forces", "residual", "hfmh", "weights"),
@@ -118,8 +119,8 @@ def _plots(result: EvaluationResult, space: str) -> dict[str, Callable[..., Figu
         "gap": partial(plot_gap, result, space),
         "recall": partial(plot_recall, result, space),
     }
-    for protocol, partitions in result.partitions.items():
-        title = f"{space}, {protocol_name(protocol, partitions)}{mark}"
+    for protocol in result.protocols:
+        title = f"{space}, {result.protocol_name(protocol)}{mark}"
         counts = result.confusion(space, protocol)
         plots[f"confusion_{protocol}"] = partial(plot_confusion, counts, result.labels, title=title)
     if result.portrait is not None:
@@ -201,17 +202,17 @@ def pictures(result: EvaluationResult, space: str) -> list[Picture]:
 
 def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
     accuracies = "; ".join(
-        f"{protocol_name(protocol, partitions)} {percent(result.mean_accuracy(space, protocol))}"
-        for protocol, partitions in result.partitions.items()
+        f"{result.protocol_name(protocol)} {percent(result.mean_accuracy(space, protocol))}"
+        for protocol in result.protocols
     )
     yield Picture("gap", "", plot_gap(result, space), f"Accuracy of {space}: {accuracies}", 0.62)
     figure = plot_accuracy(result, paper=shows_paper(result))
     alt = f"Mean accuracy of {len(result.spaces)} feature spaces with 95 % intervals; numbers in the table"
     yield Picture("accuracy", "", figure, alt, 0.75)
-    for protocol, partitions in result.partitions.items():
+    for protocol in result.protocols:
         if protocol not in {result.random, result.strictest, result.protocols[0]}:
             continue
-        name = protocol_name(protocol, partitions)
+        name = result.protocol_name(protocol)
         shares = as_percent(result.confusion(space, protocol).astype(float))
         side = 1.3 + 0.34 * len(result.labels)
         figure = new_figure(side + 0.5, side)
@@ -222,7 +223,7 @@ def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
     yield Picture("recall", "", plot_recall(result, space), alt, 0.75)
 
 
-def _of_forces(portrait: Portrait) -> Iterator[Picture]:
+def _of_forces(portrait: ReportData) -> Iterator[Picture]:
     columns = {axis: portrait.axes.index(axis) for axis in ("fx", "fz")}
     curves = curves_in(portrait, columns)
     low = min(float((own.mean[axis] - own.sd[axis]).min()) for own in curves for axis in columns)
@@ -243,7 +244,7 @@ def _of_forces(portrait: Portrait) -> Iterator[Picture]:
         yield Picture("forces", "", figure, alt, 0.5)
 
 
-def _of_high_pass(portrait: Portrait) -> Iterator[Picture]:
+def _of_high_pass(portrait: ReportData) -> Iterator[Picture]:
     if portrait.high_pass is None:
         return
     for group, draw, what in (
@@ -257,7 +258,7 @@ def _of_high_pass(portrait: Portrait) -> Iterator[Picture]:
             yield Picture(group, axis.capitalize(), figure, alt, 0.75)
 
 
-def _of_weights(portrait: Portrait) -> Iterator[Picture]:
+def _of_weights(portrait: ReportData) -> Iterator[Picture]:
     for block in blocks_with_weight(portrait):
         figure = new_figure(4.4, 0.5 + 0.52 * len(block.axes))
         draw_weights(figure.subplots(len(block.axes), 1, squeeze=False)[:, 0], block)

@@ -90,14 +90,12 @@ def test_what_was_chosen_is_shown_for_each_partition_and_over_all(data):
     of_each = result.chosen["session", "best"]
     assert len(of_each) == len(result.partitions["session"])
     assert all(one.note == "2 folds of whole sessions" for one in of_each)
-    over_all, each = choice_tables(result)
+    (over_all,) = choice_tables(result)
     assert over_all.header[1:] == ("random partitions", "held-out sessions", "held-out accuracy")
     for k, row in enumerate(over_all.rows):
         assert row[0] == f"{k + 1} {of_each[0].machines[k]}"
         assert row[2] == f"{sum(k in one.chosen for one in of_each)} of 3"
-    assert [row[1] for row in each.rows[2:]] == [" ".join(str(k + 1) for k in one.chosen) for one in of_each]
     assert over_all.title in result.table()
-    assert each.title in result.table()
     assert (result.portrait.looked_with != "") == (result.portrait.looked_at == "best")
 
 
@@ -120,7 +118,7 @@ def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_pa
     result.report(tmp_path / "report.html")
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert f"Weights of one linear model of best ({seen.looked_with})" in page
-    assert "What best chose in each partition" in page
+    assert "What best chose:" in page
 
 
 class Nearest(KNeighborsClassifier):
@@ -206,7 +204,7 @@ def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes):
     output = ended_well("evaluate", tmp_path / "set.npz", *words, "--report", tmp_path / "r.html")
     assert f"these have {' '.join(axes)}" in " ".join(output.split())
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "What best chose in each partition" in page
+    assert "What best chose:" in page
     assert "Feature importance" not in page
 
 

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from evaluation_cases import make_data
+from granular_id._files import json_value
+from granular_id.evaluation.gap import gap_of
 from granular_id.plotting import INK, new_figure
 from granular_id.report import figures, report
-from granular_id.report.page import gap_of, html, split_notes
+from granular_id.report.page import html, split_notes
 from granular_id.report.pictures import inline_svg
 from granular_id.synthetic import synthesize
 from report_cases import HOSTILE, page_of, result_of, small_result
@@ -277,7 +279,7 @@ def test_a_result_read_back_gives_the_same_page(result, no_pictures, tmp_path):
     result.to_json(tmp_path / "result.json")
     again = type(result).from_json(tmp_path / "result.json")
     assert html(again) == html(result)
-    assert again.portrait.to_dict() == result.portrait.to_dict()
+    assert json_value(again.portrait) == json_value(result.portrait)
 
 
 def test_the_choice_among_spaces_is_owned_up_to(result):

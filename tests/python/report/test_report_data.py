@@ -11,7 +11,10 @@ from sklearn.decomposition import PCA
 
 from evaluation_cases import LABELS, make_data
 from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
-from granular_id.evaluation.report_data import POINTS, Portrait, downsampled, portrait, rounded, weight_blocks
+from granular_id._files import json_value
+from granular_id._schema import from_json
+from granular_id.evaluation.report_data import ReportData, portrait
+from granular_id.evaluation.weights import POINTS, downsampled, rounded, weight_blocks
 
 SAMPLES = 450
 
@@ -60,7 +63,7 @@ def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
 def test_a_rate_too_low_for_the_filter_leaves_it_out():
     slow = portrait(_slow(), {"raw": RawSignal()})
     assert slow.high_pass is None
-    assert Portrait.from_dict(json.loads(json.dumps(slow.to_dict()))).high_pass is None
+    assert from_json(ReportData, json.loads(json.dumps(json_value(slow)))).high_pass is None
 
 
 def _slow():
@@ -108,9 +111,9 @@ def test_the_first_space_with_a_link_to_the_recording_is_looked_at(data):
 
 
 def test_json_and_back_keeps_every_number(seen):
-    text = json.dumps(seen.to_dict(), allow_nan=False)
-    again = Portrait.from_dict(json.loads(text))
-    assert again.to_dict() == seen.to_dict()
+    text = json.dumps(json_value(seen), allow_nan=False)
+    again = from_json(ReportData, json.loads(text))
+    assert json_value(again) == json_value(seen)
     assert again.weights[0].influence.dtype == np.float64
     assert len(text) < 1_000_000
 

@@ -6,11 +6,11 @@ import pytest
 
 from evaluation_cases import changed, make_data
 from granular_id._text import percent
+from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.tables import (
     accuracy_table,
     comparison_tables,
     controls_table,
-    gap_lines,
     plain_text,
     recall_table,
 )
@@ -52,13 +52,16 @@ def test_every_protocol_has_its_columns(every):
 def test_gaps_are_held_against_the_strictest(every):
     lines = gap_lines(every)
     for space in ("raw", "hfmh"):
-        line = next(line for line in lines if line.startswith(f"{space}:"))
-        assert f"{100 * every.mean_accuracy(space, 'session'):.1f} % on held-out sessions" in line
+        line = next(line for line in lines if line.startswith(f"{space} names"))
+        assert (
+            f"{100 * every.mean_accuracy(space, 'session'):.1f} % when they come from different sessions"
+            in line
+        )
 
 
 def test_of_many_spaces_only_the_best_are_put_into_words():
     result = small_result(spaces=("raw", "hfmh", "raw+hfmh", "raw-histogram"), controls=False)
-    said = {line.split(":")[0] for line in gap_lines(result) if not line.startswith("(")}
+    said = {line.split(" names")[0] for line in gap_lines(result) if not line.startswith("(")}
     assert said == {result.best_space("paper"), result.best_space("chronological")}
 
 
@@ -68,7 +71,7 @@ def test_blocks_in_time_are_not_called_sessions():
     data = changed(make_data(), session=lambda r: f"{r.label} day")
     result = small_result(data, ["raw"], ["paper", "session"], n_folds=3, controls=False)
     assert "3 blocks" in accuracy_table(result).header
-    assert "on blocks in time order" in gap_lines(result)[0]
+    assert "different stretches of time" in gap_lines(result)[0]
     assert recall_table(result, "raw").header == ("class", "random partitions", "blocks in time order")
 
 
@@ -97,8 +100,8 @@ def test_a_control_that_was_left_out_has_no_figures():
 
 def test_comparisons_are_those_of_random_draws_and_of_the_strictest(every):
     random, strict = comparison_tables(every, "hfmh")
-    assert "paper protocol" in random.title
-    assert "session protocol" in strict.title
+    assert "random partitions" in random.title
+    assert "held-out sessions" in strict.title
     assert [row[:2] for row in random.rows] == [("hfmh", "raw")]
     assert comparison_tables(small_result(spaces=["raw"], protocol=["paper"], controls=False)) == ()
 

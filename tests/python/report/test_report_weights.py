@@ -7,8 +7,11 @@ import pytest
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
+from granular_id._files import json_value
+from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.report_data import Portrait, is_traceable, portrait, weight_blocks
+from granular_id.evaluation.report_data import ReportData, portrait
+from granular_id.evaluation.weights import is_traceable, weight_blocks
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
 from granular_id.spaces.multiband import band_columns
@@ -78,8 +81,8 @@ def test_scaled_columns_keep_their_place(data):
 
 def test_the_portrait_holds_it_and_survives_json(seen):
     assert seen.looked_at == "multiband"
-    again = Portrait.from_dict(json.loads(json.dumps(seen.to_dict(), allow_nan=False)))
-    assert again.to_dict() == seen.to_dict()
+    again = from_json(ReportData, json.loads(json.dumps(json_value(seen), allow_nan=False)))
+    assert json_value(again) == json_value(seen)
 
 
 def test_it_is_drawn(seen, tmp_path):
