@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,11 @@ from sklearn.pipeline import Pipeline
 
 from granular_id._checks import argument_error
 from granular_id._estimators import convergence_warnings, named_errors, real_steps, seeded_clone
-from granular_id._parallel import in_threads, single_threaded_blas
+from granular_id._parallel import single_threaded_blas
 from granular_id._progress import Ticker
-from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import plan_spaces
 from granular_id.evaluation.features import GramBank, SpaceFeatures
+from granular_id.evaluation.scoring import CostGrid, Task, answers_of, spread
 from granular_id.partitions import Partition
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 
@@ -173,65 +172,33 @@ def score_all(
     Returns the accuracies (n_partitions, n_candidates, n_costs), the length of each candidate's feature vectors, and
     the convergence warnings.
     """
-
-    def score(job: tuple[Partition, tuple[Candidate, SpaceFeatures]]) -> tuple[Floats, int]:
-        partition, (candidate, features) = job
-        with named_errors(candidate.space):
-            scored = _score(candidate, features, costs, partition, y)
-        ticker.tick(f"{candidate.name}: {partition.description}")
-        return scored
-
-    # Threads share the scalar products; more than one for the algebra of each would only take turns with the others.
-    with single_threaded_blas(), convergence_warnings("candidates") as not_converged:
-        prepared = [(candidate, _features(candidate, bank)) for candidate in candidates]
-        scored = in_threads(score, product(partitions, prepared), n_jobs)
-    accuracies = np.array([shares for shares, _ in scored])
-    n_features = [length for _, length in scored[: len(candidates)]]
-    return accuracies.reshape(len(partitions), len(candidates), len(costs)), n_features, not_converged
+    labels, truth = np.unique(y, return_inverse=True)
+    accuracies = np.empty((len(partitions), len(candidates), len(costs)))
+    n_features: list[int] = []
+    not_converged: list[str] = []
+    for k, candidate in enumerate(candidates):
+        answers, lines = answers_of(
+            Task(FeatureSpace(candidate.space, candidate.transformer, None), CostGrid(costs), bank),
+            partitions={"folds": partitions},
+            labels=labels,
+            truth=truth,
+            seed=0,  # sets nothing: candidates have theirs
+            n_jobs=n_jobs,
+            ticker=ticker,
+            checkpoint=None,
+        )
+        for j, (partition, answer) in enumerate(zip(partitions, answers["folds"], strict=True)):
+            accuracies[j, k] = np.mean(answer.predicted == truth[partition.test, np.newaxis], axis=0)
+        n_features.append(answers["folds"][0].n_features)
+        not_converged += lines
+    return accuracies, n_features, list(dict.fromkeys(not_converged))
 
 
 def spread_of(candidate: Candidate, bank: GramBank, y: NDArray[np.str_]) -> float:
     """Mean squared distance of all recordings from their mean, in the features of a candidate fitted on them."""
     rows = np.arange(len(y))
     # What does not converge here has been told of the folds.
-    with single_threaded_blas(), convergence_warnings(candidate.name):
-        gram, _, _ = _features(candidate, bank).products(Partition("all", 0, "all", rows, rows[:1]), y, {})
-    return _spread(candidate, gram)
-
-
-def _features(candidate: Candidate, bank: GramBank) -> SpaceFeatures:
-    with named_errors(candidate.space):  # the seed sets nothing: candidates have theirs
-        return SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
-
-
-def _score(
-    candidate: Candidate,
-    features: SpaceFeatures,
-    costs: Sequence[float],
-    partition: Partition,
-    y: NDArray[np.str_],
-) -> tuple[Floats, int]:
-    train_gram, cross_gram, n_features = features.products(partition, y[partition.train], {})
-    unit = 1.0 / _spread(candidate, train_gram)
-    accuracies = np.empty(len(costs))
-    hard = False
-    for k, cost in enumerate(costs):
-        if hard:  # no multiplier reached its bound: a larger one changes nothing
-            accuracies[k] = accuracies[k - 1]
-            continue
-        fitted = ECOCClassifier(C=cost * unit).fit_gram(train_gram, y[partition.train])
-        accuracies[k] = np.mean(fitted.predict_gram(cross_gram) == y[partition.test])
-        hard = fitted.alpha_at_bound_ == 0
-    return accuracies, n_features
-
-
-def _spread(candidate: Candidate, gram: Floats) -> float:
-    # The diagonal about zero bounds what rounding can leave of rows that are equal.
-    squares = float(np.trace(gram)) / len(gram)
-    spread = squares - float(gram.mean())
-    if not spread > 1e-12 * squares:
-        raise ValueError(
-            f"feature space {candidate.space!r}: all recordings have the same features, so nothing can be told "
-            "apart; leave it out of spaces"
-        )
-    return spread
+    with single_threaded_blas(), convergence_warnings(candidate.name), named_errors(candidate.space):
+        features = SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
+        gram, _, _ = features.products(Partition("all", 0, "all", rows, rows[:1]), y, {})
+        return spread(gram)

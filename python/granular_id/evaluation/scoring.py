@@ -22,6 +22,7 @@ from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
 from granular_id.splits import Groups
 
 Codes = NDArray[np.intp]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,44 @@ class Task:
     def by_gram(self) -> bool:
         """Whether the classifier takes scalar products in place of features."""
         return bool(getattr(self.classifier, "supports_gram", False))
+
+
+class CostGrid(BaseEstimator):  # type: ignore[misc]
+    """`ECOCClassifier` at each of several relative costs, ascending; predictions are (n, n_costs).
+
+    A relative cost is C times the mean squared distance of the training rows from their mean.
+    """
+
+    supports_gram = True
+
+    def __init__(self, relative_costs: Sequence[float]) -> None:
+        self.relative_costs = relative_costs
+
+    def fit_gram(self, gram: Floats, y: NDArray[Any]) -> CostGrid:
+        """Train once for each cost."""
+        unit = 1.0 / spread(gram)
+        self.fitted_: list[ECOCClassifier] = []
+        for cost in self.relative_costs:
+            # Where no multiplier reached its bound a larger one changes nothing.
+            hard = self.fitted_ and self.fitted_[-1].alpha_at_bound_ == 0
+            self.fitted_.append(self.fitted_[-1] if hard else ECOCClassifier(C=cost * unit).fit_gram(gram, y))
+        return self
+
+    def predict_gram(self, cross: Floats) -> NDArray[Any]:
+        """Name the rows once for each cost."""
+        return np.stack([fitted.predict_gram(cross) for fitted in self.fitted_], axis=1)
+
+
+def spread(gram: Floats) -> float:
+    """Mean squared distance of rows from their mean, by their scalar products; a ValueError where it is zero."""
+    # The diagonal about zero bounds what rounding can leave of rows that are equal.
+    squares = float(np.trace(gram)) / len(gram)
+    found = squares - float(gram.mean())
+    if not found > 1e-12 * squares:
+        raise ValueError(
+            "all recordings have the same features, so nothing can be told apart; leave it out of spaces"
+        )
+    return found
 
 
 def answers_of(
@@ -103,7 +142,7 @@ def _answer(
 ) -> Answer:
     """Train on one part of a partition and name the recordings of the other."""
     # Our own classifier names classes in its messages; of others not all take text.
-    takes_text = isinstance(task.classifier, ECOCClassifier)
+    takes_text = isinstance(task.classifier, ECOCClassifier | CostGrid)
     targets = labels[truth[partition.train]] if takes_text else truth[partition.train]
     if task.shuffled:
         words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))

@@ -280,16 +280,16 @@ def test_default_candidates_leave_out_rotations_and_what_takes_long():
 def test_progress_counts_every_candidate_on_every_fold(data):
     seen = []
     select(data, spaces=["raw", "hfmh"], **{**SMALL, "progress": lambda *step: seen.append(step)})
-    assert [done for done, _, _ in seen] == list(range(1, 3 * (1 + 2) * 2 + 1))
-    assert {total for _, total, _ in seen} == {18}
-    assert seen[0][2].startswith("raw: 2 sessions: day 0, ...")
+    assert [done for done, _, _ in seen] == list(range(1, (3 * (1 + 2) + 1) * 2 + 1))
+    assert {total for _, total, _ in seen} == {20}
+    assert seen[1][2].startswith("raw: session, 2 sessions: day 0, ...")
 
 
 def test_solvers_that_stop_early_are_a_note_and_errors_name_their_space(data):
     early = make_pipeline(RawSignal(), PrincipalComponents(4), RICA(2, max_iter=2))
     selection = select(data, spaces={"early": early}, n_jobs=2, **SMALL)
     (note,) = [note for note in selection.notes if "RICA" in note]
-    assert note.startswith("candidates: ")
+    assert note.startswith("early: ")
     tare = make_pipeline(Tare(tare_s=10.0), RawSignal())
     with pytest.raises(ValueError, match=r"^feature space 'late': tare_s"):
         select(data, spaces={"late": tare}, **SMALL)
