@@ -89,6 +89,14 @@ def check_symmetric(gram: FloatArray) -> None:
         raise ValueError("gram must be symmetric: element (i, j) is the scalar product of rows i and j")
 
 
+def spread(gram: FloatArray) -> float:
+    """Mean squared distance of rows from their mean, by their scalar products (n, n); 0 where all are equal."""
+    # The diagonal about zero bounds what rounding can leave of rows that are equal.
+    squares = float(np.trace(gram)) / len(gram)
+    found = squares - float(gram.mean())
+    return found if found > 1e-12 * squares else 0.0
+
+
 def _rows(argument: str, values: npt.ArrayLike) -> FloatArray:
     rows = float_array(argument, values)
     if rows.ndim != 2 or 0 in rows.shape:

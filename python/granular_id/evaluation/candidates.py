@@ -17,7 +17,7 @@ from granular_id._parallel import single_threaded_blas
 from granular_id._progress import Ticker
 from granular_id.evaluation.arguments import plan_spaces
 from granular_id.evaluation.features import GramBank, SpaceFeatures
-from granular_id.evaluation.scoring import CostGrid, Task, answers_of, spread
+from granular_id.evaluation.scoring import CostGrid, Task, answers_of, nonzero_spread
 from granular_id.partitions import Partition
 from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
 
@@ -201,4 +201,4 @@ def spread_of(candidate: Candidate, bank: GramBank, y: NDArray[np.str_]) -> floa
     with single_threaded_blas(), convergence_warnings(candidate.name), named_errors(candidate.space):
         features = SpaceFeatures(candidate.space, candidate.transformer, bank, seed=0, by_gram=True)
         gram, _, _ = features.products(Partition("all", 0, "all", rows, rows[:1]), y, {})
-        return spread(gram)
+        return nonzero_spread(gram)

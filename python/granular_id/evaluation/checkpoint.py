@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import made_folder, whole_file
+from granular_id._files import json_value, made_folder, whole_file
 from granular_id.evaluation.features import STAGES
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset
@@ -111,12 +111,7 @@ class Checkpoint:
 
     def save(self, task: str, partition: Partition, answer: Answer) -> None:
         """Keep what a partition said; the file is whole or absent."""
-        saved = {
-            **self._owner(task, partition),
-            **vars(answer),
-            "predicted": answer.predicted.tolist(),
-            "chosen": None if answer.chosen is None else answer.chosen.to_dict(),
-        }
+        saved = {**self._owner(task, partition), **json_value(answer)}
         with whole_file(self._path(task, partition)) as draft:
             draft.write_text(json.dumps(saved), encoding="utf-8")
 

@@ -8,8 +8,8 @@ give chance, else the evaluation itself leaks.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from granular_id._files import json_value
 from granular_id._schema import from_json
 from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.checkpoint import Answer
 from granular_id.evaluation.features import GramBank
 from granular_id.evaluation.scoring import Task
 from granular_id.partitions import Partition, protocol_name
@@ -154,6 +155,25 @@ def _clock(data: Dataset) -> PlannedControl:
     bank = GramBank((times - times.mean())[:, np.newaxis])
     task = _task("clock", FunctionTransformer(), KNeighborsClassifier(1), bank)
     return PlannedControl("clock", what, task, "can be answered above chance without touching the material")
+
+
+def run_control(
+    planned: PlannedControl,
+    ask: Callable[[Task], tuple[Mapping[str, Sequence[Answer]], list[str]]],
+    partitions: Mapping[str, Sequence[Partition]],
+    truth: Codes,
+) -> Control:
+    """Answer a control for every partition, and say what that shows."""
+    predicted: dict[str, list[Codes]] = {}
+    if planned.task is not None:
+        try:
+            answers, _ = ask(planned.task)
+        except ValueError as error:
+            # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
+            planned = replace(planned, task=None, why_not=str(error))
+        else:
+            predicted = {protocol: [one.predicted for one in given] for protocol, given in answers.items()}
+    return judge(planned, predicted, partitions, truth)
 
 
 def judge(

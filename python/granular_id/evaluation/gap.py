@@ -122,7 +122,10 @@ def _unequal_sizes(result: Outcome) -> tuple[str, ...]:
     """Say so where the two protocols of a gap train on different numbers of recordings; else nothing."""
     sizes = {}
     for protocol in filter(None, (result.random, result.strictest)):
-        counts = [np.bincount(result.truth[p.train]) for p in result.partitions[protocol]]
+        counts = [
+            np.bincount(result.truth[p.train], minlength=len(result.labels))
+            for p in result.partitions[protocol]
+        ]
         low, high = int(np.min(counts)), int(np.max(counts))
         sizes[result.protocol_name(protocol)] = str(low) if low == high else f"{low} to {high}"
     if len(set(sizes.values())) < 2:

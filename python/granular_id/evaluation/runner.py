@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from granular_id._checks import checked_flag
@@ -19,8 +18,8 @@ from granular_id._estimators import describe_estimator, versions
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_arguments, plan_seed, plan_spaces
-from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
-from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
+from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
+from granular_id.evaluation.controls import plan_controls, run_control
 from granular_id.evaluation.features import STAGES, GramBank
 from granular_id.evaluation.outcome import SpaceSummary
 from granular_id.evaluation.report_data import not_drawn, portrait_of_result
@@ -30,8 +29,6 @@ from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import groups_of, plan_partitions, plan_protocols
-
-Codes = NDArray[np.intp]
 
 
 def evaluate(
@@ -185,7 +182,7 @@ def evaluate(
             checkpoint=kept,
         )
         runs = [ask(Task(space, space.classifier or model, bank, groups)) for space in planned]
-        verdicts = tuple(_judged(check, ask, partitions, truth) for check in checks)
+        verdicts = tuple(run_control(check, ask, partitions, truth) for check in checks)
     summaries, predicted, chosen, has_weights = [], {}, {}, {}
     for space, (answers, _) in zip(planned, runs, strict=True):
         for name, given in answers.items():
@@ -235,24 +232,6 @@ def evaluate(
     accuracies = {space.name: result.mean_accuracy(space.name) for space in planned}
     portrait = portrait_of_result(data, planned, accuracies, model, seed, has_weights)
     return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
-
-
-def _judged(
-    check: PlannedControl,
-    ask: Callable[[Task], tuple[dict[str, list[Answer]], list[str]]],
-    partitions: Mapping[str, Sequence[Partition]],
-    truth: Codes,
-) -> Control:
-    predicted: dict[str, list[Codes]] = {}
-    if check.task is not None:
-        try:
-            answers, _ = ask(check.task)
-        except ValueError as error:
-            # A classifier may suit the spaces and not a few samples of rest: no reason to lose what was measured.
-            check = replace(check, task=None, why_not=str(error))
-        else:
-            predicted = {protocol: [one.predicted for one in given] for protocol, given in answers.items()}
-    return judge(check, predicted, partitions, truth)
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:

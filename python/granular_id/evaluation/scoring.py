@@ -17,6 +17,7 @@ from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Answer, Checkpoint
 from granular_id.evaluation.features import STAGES, GramBank, SpaceFeatures, seeded, timed
+from granular_id.gram import spread
 from granular_id.partitions import Partition
 from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
 from granular_id.splits import Groups
@@ -64,7 +65,7 @@ class CostGrid(BaseEstimator):  # type: ignore[misc]
 
     def fit_gram(self, gram: Floats, y: NDArray[Any]) -> CostGrid:
         """Train once for each cost."""
-        unit = 1.0 / spread(gram)
+        unit = 1.0 / nonzero_spread(gram)
         self.fitted_: list[ECOCClassifier] = []
         for cost in self.relative_costs:
             # Where no multiplier reached its bound a larger one changes nothing.
@@ -77,12 +78,10 @@ class CostGrid(BaseEstimator):  # type: ignore[misc]
         return np.stack([fitted.predict_gram(cross) for fitted in self.fitted_], axis=1)
 
 
-def spread(gram: Floats) -> float:
-    """Mean squared distance of rows from their mean, by their scalar products; a ValueError where it is zero."""
-    # The diagonal about zero bounds what rounding can leave of rows that are equal.
-    squares = float(np.trace(gram)) / len(gram)
-    found = squares - float(gram.mean())
-    if not found > 1e-12 * squares:
+def nonzero_spread(gram: Floats) -> float:
+    """Return the `spread` of rows, which are the recordings in a feature space; a ValueError where it is zero."""
+    found = spread(gram)
+    if not found:
         raise ValueError(
             "all recordings have the same features, so nothing can be told apart; leave it out of spaces"
         )

@@ -38,26 +38,23 @@ def accuracy_table(result: Outcome) -> Table:
     The paper's accuracies stand beside them where the labels are the paper's eleven materials.
     """
     papers = shows_paper(result)
-    with_gap = result.random is not None and result.strictest is not None
-    header = ["space", "paper*"] if papers else ["space"]
+    columns = [("space", [space.name for space in result.spaces])]
+    if papers:
+        columns.append(("paper*", [percent(space.paper_accuracy, 2) for space in result.spaces]))
     for protocol in result.protocols:
-        header += _columns(result, protocol)
-    rows = []
-    for space in result.spaces:
-        row = [space.name, percent(space.paper_accuracy, 2)] if papers else [space.name]
-        for protocol in result.protocols:
-            row += _accuracies(result, space.name, protocol)
-        if with_gap:
-            row.append(f"{round(100 * (result.gap(space.name) or 0.0), 1) + 0.0:.1f}")  # never -0.0
-        rows.append(tuple(row))
+        columns += _columns(result, protocol)
+    if result.random is not None and result.strictest is not None:
+        gaps = (100 * (result.gap(space.name) or 0.0) for space in result.spaces)
+        columns.append(("gap", [f"{round(gap, 1) + 0.0:.1f}" for gap in gaps]))  # never -0.0
+    header, cells = zip(*columns, strict=True)
     kind = (
         "SYNTHETIC recordings: says nothing about real materials" if result.synthetic else "these recordings"
     )
     counts = f"{len(result.names)} recordings, {len(result.labels)} classes, chance {percent(result.chance)}"
     return Table(
         f"Accuracy on {kind} ({counts})",
-        (*header, "gap") if with_gap else tuple(header),
-        tuple(rows),
+        header,
+        tuple(zip(*cells, strict=True)),
         (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(labelled_check_note, result.notes)),
     )
 
@@ -68,29 +65,29 @@ def shows_paper(result: Outcome) -> bool:
     return same and any(space.paper_accuracy is not None for space in result.spaces)
 
 
-def _columns(result: Outcome, protocol: str) -> list[str]:
-    """Column names of one protocol: the two halves by name, of others a mean, of the first also macro-F1."""
-    partitions = result.partitions[protocol]
+def _columns(result: Outcome, protocol: str) -> list[tuple[str, list[str]]]:
+    """Headers and cells of one protocol: the two halves by name, of others the mean, of the first also macro-F1."""
+    partitions, names = result.partitions[protocol], [space.name for space in result.spaces]
     if protocol == "chronological":
-        return [partition.description for partition in partitions]
+        halves = zip(*(result.accuracies(name, protocol).tolist() for name in names), strict=True)
+        return [
+            (partition.description, [*map(percent, half)])
+            for partition, half in zip(partitions, halves, strict=True)
+        ]
     kinds = {
         "paper": "random",
         "kfold": "folds",
         "session": "blocks" if are_blocks(partitions) else "session folds",
     }
-    mean = f"{len(partitions)} {kinds[protocol]}"
-    return [mean, "macro-F1"] if protocol == result.protocols[0] else [mean]
-
-
-def _accuracies(result: Outcome, space: str, protocol: str) -> list[str]:
-    """Cells below `_columns`."""
-    values = result.accuracies(space, protocol)
-    if protocol == "chronological":
-        return [percent(value) for value in values.tolist()]
-    sd = result.sd_accuracy(space, protocol)
-    spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
-    mean = f"{100 * values.mean():.2f}{spread} %"
-    return [mean, f"{result.macro_f1(space, protocol):.3f}"] if protocol == result.protocols[0] else [mean]
+    cells = []
+    for name in names:
+        sd = result.sd_accuracy(name, protocol)
+        spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
+        cells.append(f"{100 * result.mean_accuracy(name, protocol):.2f}{spread} %")
+    columns = [(f"{len(partitions)} {kinds[protocol]}", cells)]
+    if protocol == result.protocols[0]:
+        columns.append(("macro-F1", [f"{result.macro_f1(name, protocol):.3f}" for name in names]))
+    return columns
 
 
 def controls_table(result: Outcome, space: str | None = None) -> Table:
