@@ -17,21 +17,12 @@ Sessions = Sequence[str | None] | NDArray[Any]
 """Session of each recording; None or "" where it is not known."""
 
 PROTOCOLS = {
-    "paper": "random partitions, fixed counts per class",
-    "session": "whole sessions held out; blocks in time order where a class has one session only",
-    "chronological": "one half of each class in time order trains, the other is tested",
-    "kfold": "stratified random folds, each recording tested once",
-}
-
-_NAMES = {
-    "paper": "random partitions",
-    "session": "held-out sessions",
+    "paper": "random partitions",  # with fixed counts per class
+    "session": "held-out sessions",  # or blocks in time order, where a class has one session only
     "chronological": "halves in time order",
     "kfold": "random folds",
 }
-
-FORWARD = "1st->2nd half"
-BACKWARD = "2nd->1st half"
+"""Each protocol, and what it is called in words."""
 
 MAX_SESSION_FOLDS = 10
 """Up to this many sessions per class one is left out at a time; more are held out in groups."""
@@ -154,8 +145,8 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
         seconds.append(in_time[rows.size // 2 :])
     first, second = np.sort(np.concatenate(firsts)), np.sort(np.concatenate(seconds))
     return [
-        Partition("chronological", 0, FORWARD, first, second),
-        Partition("chronological", 1, BACKWARD, second, first),
+        Partition("chronological", 0, "1st->2nd half", first, second),
+        Partition("chronological", 1, "2nd->1st half", second, first),
     ]
 
 
@@ -305,4 +296,4 @@ def protocol_name(protocol: str, partitions: Sequence[Partition]) -> str:
     """Name a protocol in words; blocks in time that stand in for sessions are called blocks."""
     if protocol == "session" and are_blocks(partitions):
         return "blocks in time order"
-    return _NAMES.get(protocol, protocol)
+    return PROTOCOLS[protocol]

@@ -5,12 +5,11 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from numbers import Integral
 from typing import Any
 
 from sklearn.base import BaseEstimator
 
-from granular_id._checks import argument_error
+from granular_id._checks import argument_error, whole_number
 from granular_id._progress import ProgressCallback
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order
@@ -27,14 +26,9 @@ def check_arguments(data: Dataset, progress: bool | ProgressCallback) -> None:
 
 def plan_seed(random_state: int | None) -> int:
     """Return the seed: the given one, or for None a fresh one that the result will record."""
-    if random_state is None:
-        return secrets.randbits(32)
-    if isinstance(random_state, bool) or not isinstance(random_state, Integral):
-        got = f"{type(random_state).__name__} {random_state!r}"
-        raise argument_error(TypeError, "random_state", f"must be a whole number or None, got {got}")
-    if random_state < 0:
-        raise argument_error(ValueError, "random_state", f"must not be negative, got {random_state}")
-    return int(random_state)
+    return (
+        secrets.randbits(32) if random_state is None else whole_number("random_state", random_state, least=0)
+    )
 
 
 def plan_spaces(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from granular_id._checks import argument_error
+from granular_id._checks import argument_error, positive_number
 from granular_id._estimators import convergence_warnings, named_errors, real_steps, seeded_clone
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import Ticker
@@ -102,38 +102,35 @@ def refuse_own_classifiers(spaces: Sequence[FeatureSpace]) -> None:
 
 def checked_costs(relative_costs: Any) -> tuple[float, ...]:
     """Return the grid of relative costs in ascending order, or say what is wrong with it."""
-    try:
-        costs = np.asarray(relative_costs, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"relative_costs must be a sequence of numbers, got {relative_costs!r}") from None
-    if costs.ndim != 1 or costs.size == 0:
-        raise ValueError(f"relative_costs must be a sequence of at least one number, got {relative_costs!r}")
-    if not (np.isfinite(costs) & (costs > 0)).all():
-        raise ValueError(f"relative_costs must be positive and finite, got {relative_costs!r}")
-    if np.unique(costs).size < costs.size:
-        raise ValueError(f"relative_costs must hold each number once, got {relative_costs!r}")
-    return tuple(np.sort(costs).tolist())
+    costs = _each_once("relative_costs", relative_costs, "numbers")
+    return tuple(sorted(positive_number("relative_costs", cost) for cost in costs))
 
 
-def _checked_weightings(block_weights: Iterable[Any]) -> list[Any]:
-    wanted = "must be a sequence of choices, each None, 'unit' or one number per block"
-    if isinstance(block_weights, str) or not isinstance(block_weights, Iterable):
-        raise argument_error(
-            TypeError, "block_weights", f"{wanted}, got {block_weights!r}: put it into a list"
-        )
-    weightings: list[Any] = []
-    for choice in block_weights:
-        if choice is None or isinstance(choice, str):
-            weightings.append(choice)
-        elif isinstance(choice, Iterable):
-            weightings.append(tuple(choice))
-        else:
-            raise argument_error(TypeError, "block_weights", f"{wanted}, got {choice!r} among them")
-    if not weightings:
-        raise argument_error(ValueError, "block_weights", f"{wanted}, got none")
-    if len(set(weightings)) < len(weightings):
-        raise argument_error(ValueError, "block_weights", f"must hold each choice once, got {weightings!r}")
+def _checked_weightings(block_weights: Any) -> list[Any]:
+    wanted = "choices, each None, 'unit' or one number per block"
+    weightings = _each_once("block_weights", block_weights, wanted)
+    for choice in weightings:
+        if not (choice is None or isinstance(choice, str | tuple)):
+            raise argument_error(
+                TypeError, "block_weights", f"must be a sequence of {wanted}, got {choice!r} among them"
+            )
     return weightings
+
+
+def _each_once(argument: str, values: Any, what: str) -> list[Any]:
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise argument_error(
+            TypeError, argument, f"must be a sequence of {what}, got {values!r}: put it into a list"
+        )
+    found = [
+        tuple(value) if isinstance(value, Iterable) and not isinstance(value, str) else value
+        for value in values
+    ]
+    if not found:
+        raise argument_error(ValueError, argument, f"must be a sequence of {what}, got none")
+    if len(set(found)) < len(found):
+        raise argument_error(ValueError, argument, f"must hold each once, got {found!r}")
+    return found
 
 
 def _weights_key(transformer: Any) -> str | None:

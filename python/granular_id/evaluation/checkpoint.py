@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._files import json_value, made_folder, whole_file
-from granular_id.evaluation.features import STAGES
+from granular_id._schema import from_json
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 from granular_id.spaces import Chosen
@@ -34,12 +34,12 @@ class Answer:
 
     predicted: NDArray[np.intp]
     n_features: int
-    seconds: dict[str, float]
+    seconds: Mapping[str, float]
     """By stage, of this partition alone."""
-    shared_seconds: dict[str, float]
+    shared_seconds: Mapping[str, float]
     """By stage, of what all partitions share."""
-    chosen: Chosen | None = None
-    has_weights: bool = False
+    chosen: Chosen | None
+    has_weights: bool
     """Whether the classifier, trained on features, has weights in `coef_`: such can be drawn."""
 
 
@@ -142,21 +142,15 @@ class Checkpoint:
 
     def _answer(self, saved: Any, task: str, partition: Partition) -> Answer:
         owner = self._owner(task, partition)
-        predicted = np.array(saved["predicted"])
         if {key: saved[key] for key in owner} != owner:
             raise ValueError("another partition")
-        if predicted.dtype.kind != "i" or predicted.shape != partition.test.shape:
+        chosen = None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"])
+        answer = from_json(Answer, {**saved, "chosen": None})
+        if answer.predicted.shape != partition.test.shape:
             raise ValueError("not one class number for each tested recording")
-        if predicted.min() < 0 or predicted.max() >= self._n_classes:
+        if answer.predicted.min() < 0 or answer.predicted.max() >= self._n_classes:
             raise ValueError("a class number out of range")
-        return Answer(
-            predicted=predicted.astype(np.intp),
-            n_features=saved["n_features"],
-            seconds={stage: saved["seconds"][stage] for stage in STAGES},
-            shared_seconds={stage: saved["shared_seconds"][stage] for stage in STAGES},
-            chosen=None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"]),
-            has_weights=saved["has_weights"],
-        )
+        return replace(answer, chosen=chosen)
 
     def _check_owner(self, run: Path) -> None:
         try:

@@ -16,7 +16,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import describe_estimator, versions
-from granular_id._files import write_json
+from granular_id._files import json_value, write_json
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier
@@ -476,7 +476,7 @@ class Selection:
             "format": FORMAT,
             "synthetic": self.synthetic,
             "space": self.best.space,
-            "block_weights": _plain(self.best.block_weights),
+            "block_weights": json_value(self.best.block_weights),
             "C": self.C,
             "relative_cost": self.relative_costs[self.final.cost],
             "held_out": self.held_out,
@@ -500,7 +500,7 @@ class Selection:
                 {
                     "name": candidate.name,
                     "space": candidate.space,
-                    "block_weights": _plain(candidate.block_weights),
+                    "block_weights": json_value(candidate.block_weights),
                     "n_features": candidate.n_features,
                     "accuracies": candidate.accuracies.tolist(),
                 }
@@ -540,7 +540,3 @@ class Selection:
             f"Against the best other, {pair.second}: {words} ({probability(pair.better)} better, "
             f"{probability(pair.equivalent)} equal within {100 * ROPE:g} point, {probability(pair.worse)} worse)"
         )
-
-
-def _plain(block_weights: Any) -> Any:
-    return list(block_weights) if isinstance(block_weights, tuple) else block_weights

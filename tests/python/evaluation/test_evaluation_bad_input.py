@@ -50,8 +50,8 @@ def cut(data, **labels):
             ValueError,
             r"class 'oat' has 10 recordings, wanted 12 \(9 to train, 3 to test\)",
         ),
-        ({"random_state": -1}, ValueError, "random_state must not be negative"),
-        ({"random_state": "x"}, TypeError, "random_state must be a whole number or None, got str"),
+        ({"random_state": -1}, ValueError, "random_state must be at least 0"),
+        ({"random_state": "x"}, TypeError, "random_state must be a whole number, got 'x'"),
         ({"progress": "yes"}, TypeError, "progress must be True, False or callable, got str"),
     ],
 )
