@@ -177,7 +177,6 @@ def session_partitions(
     group where there are more. Every class keeps training rows in every fold. Needs no randomness: the largest
     sessions are placed first, each where its classes have fewest rows. `names` of recordings are for errors.
     """
-    max_folds = whole_number("max_folds", max_folds, least=2)
     rows = splittable_rows(y, "session")
     without = _without_session(sessions)
     if len(without) == len(sessions):

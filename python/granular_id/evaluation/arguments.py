@@ -10,18 +10,14 @@ from typing import Any
 from sklearn.base import BaseEstimator
 
 from granular_id._checks import argument_error, whole_number
-from granular_id._progress import ProgressCallback
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order
 
 
-def check_arguments(data: Dataset, progress: bool | ProgressCallback) -> None:
-    """Refuse what is no data set, and what cannot show progress, before any work."""
+def check_dataset(data: Dataset) -> None:
+    """Refuse what is no data set before any work."""
     if not isinstance(data, Dataset):
         raise argument_error(TypeError, "data", f"must be a granular_id.Dataset, got {type(data).__name__}")
-    if not (isinstance(progress, bool) or callable(progress)):
-        wanted = "must be True, False or callable"
-        raise argument_error(TypeError, "progress", f"{wanted}, got {type(progress).__name__}")
 
 
 def plan_seed(random_state: int | None) -> int:

@@ -17,7 +17,7 @@ from granular_id._checks import checked_flag
 from granular_id._estimators import describe_estimator, versions
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.arguments import check_arguments, plan_seed, plan_spaces
+from granular_id.evaluation.arguments import check_dataset, plan_seed, plan_spaces
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
 from granular_id.evaluation.controls import plan_controls, run_control
 from granular_id.evaluation.features import STAGES, GramBank
@@ -130,7 +130,7 @@ def evaluate(
     ['rest', 'means', 'clock', 'shuffled', 'permuted']
     """
     start = time.perf_counter()
-    check_arguments(data, progress)
+    check_dataset(data)
     controls = checked_flag("controls", controls)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them

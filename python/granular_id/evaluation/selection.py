@@ -20,7 +20,7 @@ from granular_id._files import json_value, write_json
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.arguments import check_arguments, plan_seed
+from granular_id.evaluation.arguments import check_dataset, plan_seed
 from granular_id.evaluation.candidates import (
     Candidate,
     checked_costs,
@@ -149,7 +149,7 @@ def select(
     ('raw', 1.0)
     >>> model = selection.model().fit(data.X, data.y)
     """
-    check_arguments(data, progress)
+    check_dataset(data)
     seed = plan_seed(random_state)
     costs = checked_costs(relative_costs)
     X, y = data.X, data.y

@@ -52,7 +52,7 @@ def cut(data, **labels):
         ),
         ({"random_state": -1}, ValueError, "random_state must be at least 0"),
         ({"random_state": "x"}, TypeError, "random_state must be a whole number, got 'x'"),
-        ({"progress": "yes"}, TypeError, "progress must be True, False or callable, got str"),
+        ({"progress": "yes"}, TypeError, "progress must be a bool or callable, got str"),
     ],
 )
 def test_bad_arguments(data, change, kind, message):

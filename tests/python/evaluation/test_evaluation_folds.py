@@ -157,7 +157,7 @@ def test_kfold_depends_on_the_seed_and_mixes_rows_within_classes():
             "n_folds must not exceed the 2 recordings of the largest class, 'a', got 3",
         ),
         (
-            lambda y: session_partitions([*y, "b"], list("stst"), max_folds=1),
+            lambda y: strict_partitions([*y, "b"], checked_groups(4, list("stst"), None), max_folds=1),
             "max_folds must be at least 2, got 1",
         ),
         (lambda y: session_partitions([*y, "b"], [None] * 4), "no recording says which session it is from"),

@@ -215,7 +215,7 @@ def flat_recordings():
             "must have fit and transform",
         ),
         ({"random_state": -1}, ValueError, "random_state must be at least 0"),
-        ({"progress": 1}, TypeError, "progress must be True, False or callable, got int"),
+        ({"progress": 1}, TypeError, "progress must be a bool or callable, got int"),
     ],
 )
 def test_bad_arguments_are_one_clear_error(change, error, message):
