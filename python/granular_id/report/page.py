@@ -6,11 +6,12 @@ import json
 import os
 from dataclasses import replace
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granular_id._files import PAGES, check_target, refuse_other_kind, whole_file
 from granular_id.evaluation import (
     PAPER_NOTE,
+    EvaluationResult,
     accuracy_table,
     choice_tables,
     comparison_tables,
@@ -24,9 +25,6 @@ from granular_id.evaluation import (
 from granular_id.plotting import AXIS_LINES
 from granular_id.recording import SEVERE_PREFIXES, StepReport, text_table
 from granular_id.report.pictures import inline_svg, pictures
-
-if TYPE_CHECKING:
-    from granular_id.evaluation import EvaluationResult
 
 
 def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular_id._files import made_folder
 from granular_id._text import percent
-from granular_id.evaluation import shows_paper
+from granular_id.evaluation import EvaluationResult, ReportData, shows_paper
 from granular_id.partitions import PROTOCOLS
 from granular_id.plotting import (
     FAINT,
@@ -43,8 +43,6 @@ from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from granular_id.evaluation import EvaluationResult, ReportData
 
 FIGURES = (
     *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
