@@ -22,8 +22,6 @@ from granular_id.confidence.open_set import OpenSetResult, leave_one_material_ou
 from granular_id.confidence.unknown import UnknownRule, available_kinds, unknown_rule
 from granular_id.recording import Dataset, describe_data
 
-FORMAT = "granular-id confidence 1"
-
 
 @dataclass(frozen=True)
 class Confidence:
@@ -76,7 +74,7 @@ class Confidence:
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
         return {
-            "format": FORMAT,
+            "format": "granular-id confidence 1",
             "name": self.name,
             "synthetic": self.synthetic,
             "reliability": self.reliability.to_dict(),
@@ -211,16 +209,7 @@ def assess(
 
 
 def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | None = None) -> int:
-    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take.
-
-    Examples
-    --------
-    >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence import count_trainings
-    >>> from granular_id.confidence.held_out import rows_of
-    >>> count_trainings(rows_of(*load_iris(return_X_y=True)), n_seeds=2)
-    122
-    """
+    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take."""
     rows = rows_of(data)
     rows.refuse_few(n_folds)
     once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))

@@ -7,7 +7,6 @@ Smith, "Increasing the reliability of reliability diagrams" (2007) for what a ca
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,10 +16,9 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from granular_id._checks import whole_number
-from granular_id._files import write_json
 from granular_id._text import Table, percent
 from granular_id.confidence.conformal import fit_temperature
-from granular_id.confidence.held_out import FloatArray, HeldOutScores, IntArray
+from granular_id.confidence.held_out import FloatArray, HeldOutScores, IntArray, StudyResult
 
 N_BINS = 15
 _MOST_BY_CHANCE = 0.2  # where calibrated models reach further, probabilities that are 20 points off go unseen
@@ -40,7 +38,7 @@ class Bin:
 
 
 @dataclass(frozen=True)
-class Reliability:
+class Reliability(StudyResult):
     """How far probabilities are from what happens.
 
     Attributes
@@ -108,11 +106,7 @@ class Reliability:
             notes.append(f"probabilities: {self.source}")
         if self.held_out:
             notes.append(f"held out: {self.held_out}")
-        mark = " (SYNTHETIC recordings)" if self.synthetic else ""
-        return Table(f"Probabilities of {self.n} rows{mark}", ("", ""), rows, tuple(notes))
-
-    def __str__(self) -> str:
-        return str(self.table())
+        return Table(f"Probabilities of {self.n} rows{self._mark}", ("", ""), rows, tuple(notes))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
@@ -122,10 +116,6 @@ class Reliability:
             "ece_if_calibrated": list(self.ece_if_calibrated),
             "bins": [vars(part).copy() for part in self.bins],
         }
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as one JSON file; whole or not at all."""
-        write_json(path, self.to_dict())
 
 
 def probabilities_of(scored: HeldOutScores) -> tuple[FloatArray, str]:

@@ -27,9 +27,8 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
-FORMAT = "granular-id conformal rule 1"
 _FORM = {
-    "format": FORMAT,
+    "format": "granular-id conformal rule 1",
     "classes": [str, ...],
     "kind": str,
     "levels": [float, ...],
@@ -205,18 +204,7 @@ class ConformalRule:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rule in types that JSON knows; an infinite threshold becomes None."""
-        return {
-            "format": FORMAT,
-            "classes": list(self.classes),
-            "kind": self.kind,
-            "levels": list(self.levels),
-            "thresholds": [
-                [None if limit == math.inf else limit for limit in row] for row in self.thresholds
-            ],
-            "n_calibration": list(self.n_calibration),
-            "temperature": self.temperature,
-            "held_out": self.held_out,
-        }
+        return rule_to_dict(self, _FORM)
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> ConformalRule:
@@ -227,19 +215,36 @@ class ConformalRule:
         TypeError, ValueError
             Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
         """
-        check_form(stored, _FORM, what="the conformal rule", closed=True)
-        return cls(
-            classes=tuple(stored["classes"]),
-            kind=stored["kind"],
-            levels=tuple(map(float, stored["levels"])),
-            thresholds=tuple(
-                tuple(math.inf if limit is None else float(limit) for limit in row)
-                for row in stored["thresholds"]
-            ),
-            n_calibration=tuple(stored["n_calibration"]),
-            temperature=float(stored["temperature"]),
-            held_out=stored["held_out"],
-        )
+        return cls(**rule_from_dict(stored, _FORM, "the conformal rule"))
+
+
+# What the rules of this package share.
+
+
+def rule_to_dict(rule: Any, form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries of a form in types that JSON knows: lists for tuples, None for what is infinite."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [plain(part) for part in value]
+        return None if value == math.inf else value
+
+    entries = {name: plain(getattr(rule, name)) for name in form if name != "format"}
+    return {"format": form["format"], **entries}
+
+
+def rule_from_dict(stored: Any, form: dict[str, Any], what: str) -> dict[str, Any]:
+    """Return the arguments of a rule that `rule_to_dict` wrote."""
+
+    def read(value: Any, form: Any) -> Any:
+        if isinstance(form, list):
+            return tuple(read(part, form[0]) for part in value)
+        if form in (float, (float, None)):
+            return math.inf if value is None else float(value)
+        return value
+
+    check_form(stored, form, what=what, closed=True)
+    return {name: read(stored[name], part) for name, part in form.items() if name != "format"}
 
 
 def check_classes(classes: tuple[str, ...]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,18 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import whole_number
-from granular_id._files import write_json
-from granular_id._parallel import in_threads
-from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._progress import ProgressCallback
 from granular_id._text import Table, percent
 from granular_id.confidence.conformal import LEVELS, ConformalRule, checked_levels, conformal_rule, rank_of
 from granular_id.confidence.held_out import (
     FloatArray,
     IntArray,
     Rows,
-    held_out_scores,
+    StudyResult,
+    cross_fit,
+    for_each,
     rows_of,
-    scores_of,
     without_fixed_steps,
 )
 from granular_id.partitions import RANDOM_TEST_SHARE, Partition, random_partition
@@ -48,7 +46,7 @@ class Covered:
 
 
 @dataclass(frozen=True)
-class CoverageResult:
+class CoverageResult(StudyResult):
     """Coverage against the level asked for.
 
     Attributes
@@ -97,11 +95,7 @@ class CoverageResult:
             "attainable: the least coverage of at least the level that so many calibration rows can give",
             f"sets by {self.kind}{', one threshold per class' if self.per_class else ''}, of {self.n_classes} classes",
         )
-        mark = " (SYNTHETIC recordings)" if self.synthetic else ""
-        return Table(f"Coverage of prediction sets{mark}", header, rows, notes)
-
-    def __str__(self) -> str:
-        return str(self.table())
+        return Table(f"Coverage of prediction sets{self._mark}", header, rows, notes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
@@ -112,10 +106,6 @@ class CoverageResult:
             "n_classes": self.n_classes,
             "rows": [{**vars(row), "coverage": list(row.coverage), "mean": row.mean} for row in self.rows],
         }
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as one JSON file; whole or not at all."""
-        write_json(path, self.to_dict())
 
 
 def coverage_study(
@@ -168,33 +158,28 @@ def coverage_study(
     rows.refuse_few(n_folds)
     wanted = checked_levels(levels)
     drawn = [random_partition(rows.codes, seed + k) for k in range(whole_number("n_seeds", n_seeds))]
-    kinds = [(f"random {100 * RANDOM_TEST_SHARE:.0f} %", True, drawn)]
+    parts = {(f"random {100 * RANDOM_TEST_SHARE:.0f} %", True): drawn}
     strictest, held_out = rows.partitions(n_folds, seed=seed)
     if strictest[0].protocol != "kfold":
-        kinds.append((held_out, False, strictest))
+        parts[held_out, False] = strictest
     model, rows = without_fixed_steps(model, rows)
+    tasks = [(*part, k, one) for part, partitions in parts.items() for k, one in enumerate(partitions)]
 
-    def covered(k: int, partition: Partition, strict: bool) -> list[tuple[float, float, float, float]]:
-        train, truth = rows.take(partition.train), rows.codes[partition.test]
-        if len(train.classes) < len(rows.classes):
-            raise ValueError(f"the training part of {partition.description!r} must hold every class")
-        folds, held_out = train.folds(n_folds, seed=seed + k, strict=strict)
-        crossed = held_out_scores(model, train, folds, held_out=held_out)
+    def covered(task: tuple[str, bool, int, Partition]) -> list[tuple[float, float, float, float]]:
+        _, random, k, partition = task
+        train, tested = rows.take(partition.train), rows.X[partition.test]
+        crossed, scores = cross_fit(model, train, tested, n_folds=n_folds, seed=seed + k, strict=not random)
         rule = conformal_rule(crossed, wanted, kind=kind, per_class=per_class)
-        values = scores_of(train.trained(model), rows.X[partition.test], train.classes).values
-        ticker.tick(partition.description)
-        return [_figures(rule, values, truth, level) for level in wanted]
+        return [_figures(rule, scores.values, rows.codes[partition.test], level) for level in wanted]
 
+    each = for_each(covered, tasks, lambda task: task[-1].description, n_jobs, progress)
     found = []
-    with showing(progress) as callback:
-        ticker = Ticker(sum(len(partitions) for _, _, partitions in kinds), callback)
-        for name, random, partitions in kinds:
-            tasks = [(k, partition, not random) for k, partition in enumerate(partitions)]
-            each = in_threads(lambda task: covered(*task), tasks, n_jobs)
-            for level, of_level in zip(wanted, zip(*each, strict=True), strict=True):
-                attainable, coverage, size, empty = zip(*of_level, strict=True)
-                means = (float(np.mean(figure)) for figure in (size, empty))
-                found.append(Covered(name, random, level, float(np.mean(attainable)), coverage, *means))
+    for name, random in parts:
+        own = [figures for task, figures in zip(tasks, each, strict=True) if task[0] == name]
+        for level, *of_level in zip(wanted, *own, strict=True):
+            attainable, coverage, size, empty = zip(*of_level, strict=True)
+            means = (float(np.mean(figure)) for figure in (size, empty))
+            found.append(Covered(name, random, level, float(np.mean(attainable)), coverage, *means))
     return CoverageResult(tuple(found), kind, per_class, len(rows.classes), rows.synthetic)
 
 

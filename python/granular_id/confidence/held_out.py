@@ -6,10 +6,11 @@ that was trained on the other folds instead.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,10 @@ from sklearn.pipeline import Pipeline
 
 from granular_id._checks import whole_number
 from granular_id._estimators import learns
+from granular_id._files import write_json
 from granular_id._parallel import in_threads
+from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._text import Table
 from granular_id.partitions import (
     Partition,
     block_partitions,
@@ -32,6 +36,9 @@ from granular_id.splits import Groups, checked_groups, groups_of, strict_partiti
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+
+Task = TypeVar("Task")
+Found = TypeVar("Found")
 
 N_FOLDS = 5
 """Sessions or blocks in time are held out in so many folds: larger blocks have fewer neighbours that train."""
@@ -289,6 +296,62 @@ def held_out_scores(
     if None not in sessions.tolist():
         groups = np.unique(sessions, return_inverse=True)[1].astype(np.intp)
     return HeldOutScores(rows.classes, rows.codes[tested], scores, tested, folds, groups, held_out)
+
+
+# What the studies of rules share: who is held out, what is scored, how it is reported.
+
+
+def cross_fit(
+    model: Any,
+    train: Rows,
+    X: npt.NDArray[Any],
+    *,
+    n_folds: int | None,
+    seed: int,
+    strict: bool = True,
+) -> tuple[HeldOutScores, Scores]:
+    """Score training rows by models of their folds, to set a rule on, and other rows by a model of all, to judge it."""
+    folds, held_out = train.folds(n_folds, seed=seed, strict=strict)
+    crossed = held_out_scores(model, train, folds, held_out=held_out)
+    return crossed, scores_of(train.trained(model), X, train.classes)
+
+
+def for_each(
+    work: Callable[[Task], Found],
+    tasks: Sequence[Task],
+    name_of: Callable[[Task], str],
+    n_jobs: int | None,
+    progress: bool | ProgressCallback,
+) -> list[Found]:
+    """Do every task in threads, and say which are done."""
+    with showing(progress) as callback:
+        ticker = Ticker(len(tasks), callback)
+
+        def told(task: Task) -> Found:
+            found = work(task)
+            ticker.tick(name_of(task))
+            return found
+
+        return in_threads(told, tasks, n_jobs)
+
+
+class StudyResult:
+    """Figures that can be printed and saved."""
+
+    synthetic: bool
+    table: Callable[[], Table]
+    to_dict: Callable[[], dict[str, Any]]
+
+    def __str__(self) -> str:
+        return str(self.table())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `to_dict` as one JSON file; whole or not at all."""
+        write_json(path, self.to_dict())
+
+    @property
+    def _mark(self) -> str:
+        return " (SYNTHETIC recordings)" if self.synthetic else ""
 
 
 def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Scores:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -11,17 +10,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import rankdata
 
-from granular_id._files import write_json
-from granular_id._parallel import in_threads
-from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._progress import ProgressCallback
 from granular_id._text import Table, percent
 from granular_id.confidence.held_out import (
     N_FOLDS,
     Rows,
     Scores,
-    held_out_scores,
+    StudyResult,
+    cross_fit,
+    for_each,
     rows_of,
-    scores_of,
     without_fixed_steps,
 )
 from granular_id.confidence.unknown import STRANGENESS, UnknownRule, available_kinds, unknown_rule
@@ -52,7 +50,7 @@ class OpenSetRow:
 
 
 @dataclass(frozen=True)
-class OpenSetResult:
+class OpenSetResult(StudyResult):
     """Refusal of each material by models that do not know it.
 
     Attributes
@@ -131,14 +129,6 @@ class OpenSetResult:
             "rows": [{**vars(row), "open_set": row.open_set} for row in self.rows],
         }
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as one JSON file; whole or not at all."""
-        write_json(path, self.to_dict())
-
-    @property
-    def _mark(self) -> str:
-        return " (SYNTHETIC recordings)" if self.synthetic else ""
-
 
 _FIGURES = ("auroc", "fpr95", "accepted", "named", "refused", "open_set")
 _HEADER = ("left out", "AUROC", "FPR at 95 %", "accepted", "named", "refused", "open set")
@@ -208,51 +198,54 @@ def leave_one_material_out(
     partitions, held_out = rows.partitions(n_folds, seed=seed)
     model, rows = without_fixed_steps(model, rows)
 
-    def judged(unknown: int, partition: Partition) -> dict[str, _Judged]:
+    def judged(task: tuple[int, Partition]) -> dict[str, _Judged]:
         """Judge each kind; none where the partition does not test the material, or nothing else."""
-        found: dict[str, _Judged] = {}
+        unknown, partition = task
         is_known = rows.codes[partition.test] != unknown
-        if is_known.any() and not is_known.all():
-            train = rows.take(partition.train[rows.codes[partition.train] != unknown])
-            crossed = held_out_scores(model, train, n_folds=n_folds, seed=seed)
-            scores = scores_of(train.trained(model), rows.X[partition.test], train.classes)
-            named = np.array(train.classes)[scores.values.argmax(axis=1)]
-            right = named == rows.labels[partition.test]
-            for kind in kinds or available_kinds(crossed):
-                rule = unknown_rule(crossed, share_known=share_known, kind=kind)
-                found[kind] = _judged(rule, scores, is_known, right)
-        ticker.tick(f"without {rows.classes[unknown]}: {partition.description}")
-        return found
+        if is_known.all() or not is_known.any():
+            return {}
+        train = rows.take(partition.train[rows.codes[partition.train] != unknown])
+        crossed, scores = cross_fit(model, train, rows.X[partition.test], n_folds=n_folds, seed=seed)
+        named = np.array(train.classes)[scores.values.argmax(axis=1)]
+        right = named == rows.labels[partition.test]
+        rules = {
+            kind: unknown_rule(crossed, share_known=share_known, kind=kind)
+            for kind in kinds or available_kinds(crossed)
+        }
+        return {kind: _judged(rule, scores, is_known, right) for kind, rule in rules.items()}
 
     tasks = [(unknown, partition) for unknown in range(len(rows.classes)) for partition in partitions]
-    with showing(progress) as callback:
-        ticker = Ticker(len(tasks), callback)
-        outcomes = in_threads(lambda task: judged(*task), tasks, n_jobs)
-    found = [one for one in outcomes if one]
+    outcomes = for_each(
+        judged,
+        tasks,
+        lambda task: f"without {rows.classes[task[0]]}: {task[1].description}",
+        n_jobs,
+        progress,
+    )
+    found = [(rows.classes[unknown], one) for (unknown, _), one in zip(tasks, outcomes, strict=True) if one]
     if not found:
         raise ValueError("no partition tests both the material that is left out and others")
-    table = []
-    for kind in found[0]:
-        for k, material in enumerate(rows.classes):
-            own = [
-                one[kind] for (unknown, _), one in zip(tasks, outcomes, strict=True) if one and unknown == k
-            ]
-            if own:
-                table.append(_row(material, kind, own))
-    first = next(iter(found[0]))
-    drawn = [np.concatenate([getattr(one[first], part) for one in found]) for part in ("known", "unknown")]
+    table = [
+        _row(material, kind, own)
+        for kind in found[0][1]
+        for material in rows.classes
+        if (own := [one[kind] for left_out, one in found if left_out == material])
+    ]
+    first = table[0].kind
+    of_first = [one[first] for _, one in found]
+    drawn = [np.concatenate([getattr(one, part) for one in of_first]) for part in ("known", "unknown")]
     known, unknown = (values[np.isfinite(values)] for values in drawn)
-    unlimited = sum(bool(np.isnan(one[first].known).any()) for one in found)
+    unlimited = sum(bool(np.isnan(one.known).any()) for one in of_first)
     return OpenSetResult(
         tuple(table), first, float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
     )
 
 
 class _Judged(NamedTuple):
-    """Figures of `OpenSetRow`, from its AUROC on, and strangeness, of one kind, left-out material and partition."""
+    """What one model says, by one kind, of tested known rows and of those of the material that it does not know."""
 
-    figures: tuple[float, ...]
-    known: FloatArray
+    shares: tuple[float, ...]  # figures of `OpenSetRow`, from its AUROC on
+    known: FloatArray  # strangeness: 0 is the median known row, 1 the limit; NaN without one
     unknown: FloatArray
 
 
@@ -262,28 +255,25 @@ def _judged(
     strange = rule.strangeness(scores.values, scores.binary)
     accepted = strange <= rule.threshold
     known, unknown = strange[is_known], strange[~is_known]
-    # Partitions differ in scale: the figure shows distances from the median known row, 1 at the limit.
-    middle = np.median(known)
-    scale = float(rule.threshold - middle)
-    if not (np.isfinite(scale) and scale > 0):
-        scale = float("nan")  # without a limit there is nothing to measure by, and nothing is drawn
-    figures = (
+    shares = (
         area_under_roc(known, unknown),
         false_positives(known, unknown),
         float(accepted[is_known].mean()),
         float((accepted & right)[is_known].mean()),
         float((~accepted)[~is_known].mean()),
-        len(known),
-        len(unknown),
     )
-    return _Judged(figures, (known - middle) / scale, (unknown - middle) / scale)
+    middle = np.median(known)
+    scale = float(rule.threshold - middle)  # partitions differ in it
+    if not (np.isfinite(scale) and scale > 0):
+        scale = float("nan")  # without a limit there is nothing to measure by, and nothing is drawn
+    return _Judged(shares, (known - middle) / scale, (unknown - middle) / scale)
 
 
 def _row(material: str, kind: str, judged: Sequence[_Judged]) -> OpenSetRow:
-    each = np.array([one.figures for one in judged])
-    return OpenSetRow(
-        material, kind, *each[:, :-2].mean(axis=0).tolist(), *each[:, -2:].sum(axis=0).astype(int).tolist()
-    )
+    shares = np.array([one.shares for one in judged]).mean(axis=0).tolist()
+    counts = [sum(len(getattr(one, part)) for one in judged) for part in ("known", "unknown")]
+    figures: list[Any] = [*shares, *counts]
+    return OpenSetRow(material, kind, *figures)
 
 
 def area_under_roc(known: FloatArray, unknown: FloatArray) -> float:

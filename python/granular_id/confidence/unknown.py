@@ -19,8 +19,13 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import argument_error, named
-from granular_id._schema import check_form
-from granular_id.confidence.conformal import check_classes, checked_scores, conformal_quantile
+from granular_id.confidence.conformal import (
+    check_classes,
+    checked_scores,
+    conformal_quantile,
+    rule_from_dict,
+    rule_to_dict,
+)
 
 # scikit-learn is loaded where it is used: whoever reads a stored rule does not wait for it.
 
@@ -28,13 +33,11 @@ if TYPE_CHECKING:
     from granular_id.confidence.held_out import HeldOutScores
 
 FloatArray = npt.NDArray[np.float64]
-
 IntArray = npt.NDArray[np.intp]
 
-FORMAT = "granular-id unknown rule 1"
 _MATRIX = [[float, ...], ...]
 _FORM = {
-    "format": FORMAT,
+    "format": "granular-id unknown rule 1",
     "classes": [str, ...],
     "kind": str,
     "threshold": (float, None),
@@ -207,16 +210,7 @@ class UnknownRule:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rule in types that JSON knows; an infinite threshold becomes None."""
-        return {
-            "format": FORMAT,
-            "classes": list(self.classes),
-            "kind": self.kind,
-            "threshold": None if self.threshold == math.inf else self.threshold,
-            "share_known": self.share_known,
-            "n_calibration": self.n_calibration,
-            "held_out": self.held_out,
-            **{name: [list(row) for row in getattr(self, name)] for name in ("means", "whitener", "coding")},
-        }
+        return rule_to_dict(self, _FORM)
 
     @classmethod
     def from_dict(cls, stored: Mapping[str, Any]) -> UnknownRule:
@@ -227,20 +221,7 @@ class UnknownRule:
         TypeError, ValueError
             Another format, a part that is missing, unknown or of another type, or a rule that cannot be.
         """
-        check_form(stored, _FORM, what="the unknown rule", closed=True)
-        matrices = {
-            name: tuple(tuple(map(float, row)) for row in stored[name])
-            for name in ("means", "whitener", "coding")
-        }
-        return cls(
-            classes=tuple(stored["classes"]),
-            kind=stored["kind"],
-            threshold=math.inf if stored["threshold"] is None else float(stored["threshold"]),
-            share_known=float(stored["share_known"]),
-            n_calibration=stored["n_calibration"],
-            held_out=stored["held_out"],
-            **matrices,
-        )
+        return cls(**rule_from_dict(stored, _FORM, "the unknown rule"))
 
 
 def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None = None) -> FloatArray:
