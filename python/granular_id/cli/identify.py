@@ -121,15 +121,15 @@ class Fitting(StepOptions):
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
         """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
-        from granular_id.identifier import fitted, refuse_others
+        from granular_id.identifier import check_recordings, cropped_to_model
 
         accepted = [one.value for one in self.accept or []]
         data = self.resampled(data, quiet=quiet)
-        differences = refuse_others(data, identifier.core, accepted)
+        differences = check_recordings(data, identifier.core, accepted)
         if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
-            differences = refuse_others(data, identifier.core, accepted)  # the trigger is another one
-        cropped = fitted(
+            differences = check_recordings(data, identifier.core, accepted)  # the trigger is another one
+        cropped = cropped_to_model(
             data,
             identifier.core,
             begin_at="trigger" if self.begin_at == "onset" else self.begin_at,

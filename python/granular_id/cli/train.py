@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json as json_format
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import typer
 
@@ -14,9 +14,6 @@ from granular_id.cli.method import ONE_VS_ONE, OneSpace
 from granular_id.cli.options import FORCE, at_least, between, command, option
 from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
-
-if TYPE_CHECKING:
-    from granular_id.identifier import Identifier
 
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 
@@ -112,7 +109,7 @@ def train(
     recipe = Recipe(**settings, random_state=seed)
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier, over_time, train as fit
+    from granular_id.identifier import Identifier, describe_performance, over_time, train as fit
 
     training = fit(
         data,
@@ -129,7 +126,7 @@ def train(
     if figure is not None and training.held is None:
         why = training.trained["why_no_estimate"]
         raise ValueError(f"--figure shows held-out recordings, and there are none: {why}")
-    _print_model(identifier, brief=True)
+    _print(describe_performance(identifier))
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     course = None
     if training.held is not None:
@@ -168,51 +165,13 @@ def info(
     """
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
-    from granular_id.identifier import Identifier
+    from granular_id.identifier import Identifier, describe_model, describe_performance, model_facts
 
     identifier = Identifier.load(file)
-    _print_model(identifier)
-    write_files((json, lambda path: write_json(path, _everything(identifier))))
+    _print([*describe_model(identifier), *describe_performance(identifier)])
+    write_files((json, lambda path: write_json(path, model_facts(identifier))))
 
 
-def _print_model(identifier: Identifier, *, brief: bool = False) -> None:
-    """Print what a model is and what may be expected of it; when brief, only the latter."""
-    from granular_id.identifier import description, promises
-
-    lines = promises(identifier) if brief else [*description(identifier), *promises(identifier)]
+def _print(lines: Sequence[str]) -> None:
     for line in lines:
         show(line, "bold yellow" if "SYNTHETIC" in line else "")
-
-
-def _plain(spec: Any) -> dict[str, object]:
-    """Say what is extracted, in types that JSON knows."""
-    said = dict(spec.__getnewargs_ex__()[1])
-    said = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in said.items()}
-    bands = getattr(spec, "bands", None)
-    return said if bands is None else said | {"bands": bands, "block_sizes": spec.block_sizes}
-
-
-def _everything(identifier: Identifier) -> dict[str, object]:
-    core = identifier.core
-    metadata = dict(core.metadata)
-    return {
-        **{
-            name: metadata[name]
-            for name in sorted(metadata)
-            if name not in ("axes", "units", "trained", "lead_s")
-        },
-        "classes": list(identifier.classes),
-        "space": identifier.space,
-        "spec": _plain(core.spec),
-        "n_samples": identifier.n_samples,
-        "rate_hz": identifier.rate_hz,
-        "lead_s": identifier.lead_s,
-        "axes": list(identifier.axes),
-        "units": json_format.loads(metadata["units"]),
-        "n_features": core.n_features,
-        "n_learners": core.n_learners,
-        "loss": core.loss,
-        "decoding": core.decoding,
-        "early": None if core.early is None else core.early.tolist(),
-        "trained": identifier.trained,
-    }

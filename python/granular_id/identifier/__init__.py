@@ -11,11 +11,15 @@ from granular_id.identifier.decision import Decision
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import (
     SPACES as SPACES,
-    comparison as comparison,
-    fitted as fitted,
-    refuse_others as refuse_others,
+    check_recordings as check_recordings,
+    cropped_to_model as cropped_to_model,
+    setup_comparison as setup_comparison,
 )
-from granular_id.identifier.model_card import description as description, promises as promises
+from granular_id.identifier.model_card import (
+    describe_model as describe_model,
+    describe_performance as describe_performance,
+    model_facts as model_facts,
+)
 from granular_id.identifier.rules import N_CHECKPOINTS as N_CHECKPOINTS
 from granular_id.identifier.streaming import StreamingIdentifier
 

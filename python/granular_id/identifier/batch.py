@@ -14,7 +14,7 @@ import numpy as np
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import fingerprint, marks_in, marks_of
+from granular_id.identifier.metadata import Metadata, fingerprint, marks_of
 from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch
 
@@ -158,13 +158,13 @@ class Batch:
 
 
 def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
-    """Name the material of every recording, cropped by `fitted`; `differences` are those of `refuse_others`."""
+    """Name the material of every recording of the model's length; `differences` are those of `check_recordings`."""
     scores = model.scores(data.X)
     losses = model.core.losses(scores)
     order = np.argsort(losses, axis=1, kind="stable")  # of equal losses the first label, as everywhere
     shares = None if model.core.sigmoid is None else probabilities(model.core, scores)
     verdicts = model.core.verdicts(scores)
-    marks = marks_in(model.trained)
+    marks = Metadata(model.core).marks
     seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
     each = []
     for i, recording in enumerate(data):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import warnings
 from collections.abc import Sequence
@@ -22,11 +21,10 @@ from granular_id.identifier.metadata import (
     BANDED,
     MAX_FILE_BYTES,
     Begin,
-    axes_of,
+    Metadata,
+    check_recordings,
     check_trained,
-    fitted,
-    lead_of,
-    refuse_others,
+    cropped_to_model,
 )
 from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording
@@ -286,7 +284,7 @@ class Identifier:
                 stacklevel=2,
             )
         try:
-            check_trained(json.loads(core.metadata["trained"]))
+            check_trained(Metadata(core).trained)
         except (TypeError, ValueError) as fault:
             raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None
         return cls(core)
@@ -341,7 +339,7 @@ class Identifier:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the C axes."""
-        return axes_of(self.core)
+        return Metadata(self.core).axes
 
     @property
     def rate_hz(self) -> float:
@@ -351,7 +349,7 @@ class Identifier:
     @property
     def lead_s(self) -> float | None:
         """Seconds of rest ahead of the trigger, where all recordings of the training had the same; else None."""
-        return lead_of(self.core)
+        return Metadata(self.core).lead_s
 
     @property
     def lacks_digest(self) -> bool:
@@ -361,8 +359,7 @@ class Identifier:
     @cached_property
     def trained(self) -> dict[str, Any]:
         """What it was trained on and how, and the estimates; empty where nothing is known."""
-        trained: dict[str, Any] = json.loads(self.core.metadata["trained"])
-        return trained
+        return Metadata(self.core).trained
 
     @property
     def synthetic(self) -> bool:
@@ -461,8 +458,8 @@ class Identifier:
         differences: tuple[str, ...] = ()
         if isinstance(recording, Recording):
             data = Dataset([recording])
-            differences = refuse_others(data, self.core, accept)
-            wrench = fitted(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
+            differences = check_recordings(data, self.core, accept)
+            wrench = cropped_to_model(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
         else:
             wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
             wanted = (self.n_samples, len(self.axes))

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -92,24 +93,47 @@ def check_trained(trained: Any) -> None:
         raise ValueError("choice.machines must hold at least one, got []")
 
 
-def axes_of(core: _core.Model) -> tuple[str, ...]:
-    """Return the names of the axes of a model."""
-    return tuple(json.loads(core.metadata["axes"]))
+class Metadata:
+    """What a model keeps beside its weights."""
 
+    def __init__(self, core: _core.Model) -> None:
+        self._texts = core.metadata
 
-def lead_of(core: _core.Model) -> float | None:
-    """Return the seconds of rest ahead of the trigger, where the recordings of the training agree on them."""
-    text = core.metadata["lead_s"]
-    return float(text) if text else None
+    @cached_property
+    def trained(self) -> dict[str, Any]:
+        """What it was trained on and how, and the estimates; empty where nothing is known."""
+        trained: dict[str, Any] = json.loads(self._texts["trained"])
+        return trained
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes."""
+        return tuple(json.loads(self._texts["axes"]))
 
-def begins_at_first(core: _core.Model) -> bool:
-    """Whether the recordings of the training were cropped to begin at their first sample, with no lead in common."""
-    if lead_of(core) is not None:
-        return False
-    history = json.loads(core.metadata["trained"]).get("history", [])
-    crops = [step["parameters"] for step in history if step["step"] == "align"]
-    return bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)
+    @property
+    def units(self) -> list[str]:
+        """Unit of each axis."""
+        units: list[str] = json.loads(self._texts["units"])
+        return units
+
+    @property
+    def lead_s(self) -> float | None:
+        """Seconds of rest ahead of the trigger, where the recordings of the training agree on them."""
+        text = self._texts["lead_s"]
+        return float(text) if text else None
+
+    @property
+    def begins_at_first(self) -> bool:
+        """Whether the recordings were cropped to begin at their first sample, with no lead in common."""
+        crops = [step["parameters"] for step in self.trained.get("history", []) if step["step"] == "align"]
+        at_first = bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)
+        return at_first and self.lead_s is None
+
+    @property
+    def marks(self) -> frozenset[str] | None:
+        """Marks of the recordings, see `marks_of`; None where it does not keep them."""
+        stored = self.trained.get(MARKS, "")
+        return frozenset(stored[k : k + _MARK_DIGITS] for k in range(0, len(stored), _MARK_DIGITS)) or None
 
 
 # Recordings that a model was trained on.
@@ -138,21 +162,15 @@ def stored_marks(data: Dataset) -> dict[str, str]:
     return {MARKS: "".join(sorted(marks_of(data)))} if len(data) <= _MOST_MARKS else {}
 
 
-def marks_in(trained: Mapping[str, Any]) -> frozenset[str] | None:
-    """Return the marks of the recordings that a model was trained on; None where it does not keep them."""
-    stored = trained.get(MARKS, "")
-    return frozenset(stored[k : k + _MARK_DIGITS] for k in range(0, len(stored), _MARK_DIGITS)) or None
-
-
 # Recordings as a model takes them: its axes, rate and set-up; its length, with its rest before the motion.
 
 
-def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
+def check_recordings(data: Dataset, core: _core.Model, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
     """Refuse recordings of other axes, another rate or another set-up than a model was trained on.
 
     What of the set-up is in `accept` may differ. Returns what else is not as in the training, by name, each once.
     """
-    axes, rate_hz = axes_of(core), core.rate_hz
+    axes, rate_hz = Metadata(core).axes, core.rate_hz
     for recording in data:
         if recording.axes != axes:
             help_ = f": call .select(axes={list(axes)})" if set(recording.axes) >= set(axes) else ""
@@ -166,7 +184,7 @@ def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] 
                 f"recording {recording.name!r} {came}, the model was trained at {rate_hz:g} Hz; nothing is resampled "
                 f"unasked: call .resample({rate_hz:g})"
             )
-    compared = comparison(core)
+    compared = setup_comparison(core)
     told: dict[str, None] = {}
     for recording, setup in zip(data, setups_in(data), strict=True):
         found = refuse_or_list(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
@@ -174,14 +192,15 @@ def refuse_others(data: Dataset, core: _core.Model, accept: str | Sequence[str] 
     return tuple(told)
 
 
-def comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[Difference]]:
+def setup_comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[Difference]]:
     """Return what compares a set-up, and units in metadata, with those that a model was trained with."""
-    trained = json.loads(core.metadata["trained"]).get("setup", {})
-    units = dict(zip(axes_of(core), json.loads(core.metadata["units"]), strict=True))
+    known = Metadata(core)
+    trained = known.trained.get("setup", {})
+    units = dict(zip(known.axes, known.units, strict=True))
     return lambda setup, meta: [*unit_differences(units, meta), *setup_differences(trained, setup)]
 
 
-def fitted(
+def cropped_to_model(
     data: Dataset,
     core: _core.Model,
     *,
@@ -196,7 +215,7 @@ def fitted(
     sample where that is how they were cropped. `on_short` is for recordings that are too short, or longer and without
     trigger.
     """
-    n, rate_hz = core.n_samples, core.rate_hz
+    n, rate_hz, known = core.n_samples, core.rate_hz, Metadata(core)
     lengths = [recording.n_samples for recording in data]
     if begin_at == "auto" and set(lengths) == {n}:
         return data
@@ -209,11 +228,11 @@ def fitted(
         )
     if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
         return data.align(n, on_short=on_short)
-    if begin_at == "auto" and lead_s is None and begins_at_first(core):
+    if begin_at == "auto" and lead_s is None and known.begins_at_first:
         *before, step = (cropped := data.align(n, on_short=on_short)).history
         as_trained = replace(step, notes=["begins at the first sample, as in the training"])
         return Dataset(cropped.recordings, [*before, as_trained])
-    lead = lead_of(core) if lead_s is None else lead_s
+    lead = known.lead_s if lead_s is None else lead_s
     if lead is None:
         longer = next((r for r in data if r.n_samples > n), data[0])
         raise ValueError(

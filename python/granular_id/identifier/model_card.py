@@ -6,19 +6,22 @@ from collections.abc import Mapping
 from textwrap import shorten
 from typing import Any
 
+import numpy as np
+
 from granular_id import _core
 from granular_id._text import counted, fixed, percent
 from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import begins_at_first
+from granular_id.identifier.metadata import Metadata
 from granular_id.identifier.rules import confidence_rules, outcome_text
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
 _MOST_NOTES = 8
+_PARSED = ("axes", "units", "trained", "lead_s")
 
 
-def description(model: Identifier) -> list[str]:
-    """Say what a model takes, knows and was trained on, one line each; without the estimates, see `promises`."""
+def describe_model(model: Identifier) -> list[str]:
+    """Say what a model takes, knows and was trained on, one line each; without the estimates."""
     core, spec, trained = model.core, model.spec, model.trained
     lines = []
     if model.synthetic:
@@ -57,7 +60,7 @@ def description(model: Identifier) -> list[str]:
     return lines
 
 
-def promises(model: Identifier) -> list[str]:
+def describe_performance(model: Identifier) -> list[str]:
     """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
     lines = [
@@ -78,11 +81,40 @@ def promises(model: Identifier) -> list[str]:
     return lines
 
 
+def model_facts(model: Identifier) -> dict[str, Any]:
+    """Return everything that a model file holds but the weights, in types that JSON knows."""
+    core, known = model.core, Metadata(model.core)
+    texts = {name: text for name, text in sorted(core.metadata.items()) if name not in _PARSED}
+    settings = core.spec.__getnewargs_ex__()[1]
+    spec = {
+        name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in settings.items()
+    }
+    if not isinstance(core.spec, FeatureSpec):
+        spec |= {"bands": core.spec.bands, "block_sizes": core.spec.block_sizes}
+    return {
+        **texts,
+        "classes": list(model.classes),
+        "space": model.space,
+        "spec": spec,
+        "n_samples": model.n_samples,
+        "rate_hz": model.rate_hz,
+        "lead_s": known.lead_s,
+        "axes": list(known.axes),
+        "units": known.units,
+        "n_features": core.n_features,
+        "n_learners": core.n_learners,
+        "loss": core.loss,
+        "decoding": core.decoding,
+        "early": None if core.early is None else core.early.tolist(),
+        "trained": known.trained,
+    }
+
+
 def _lead(model: Identifier) -> str:
     """Say how much rest the recordings of the training have ahead of their trigger."""
     if model.lead_s is not None:
         return f"{model.lead_s:g} s"
-    if begins_at_first(model.core):
+    if Metadata(model.core).begins_at_first:
         return "not known, recordings begin at their first sample"
     n_triggers, n_recordings = (
         model.trained.get("n_triggers"),

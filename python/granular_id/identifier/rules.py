@@ -8,7 +8,6 @@ for a share of those answered early, which is larger.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._text import fixed
 from granular_id.confidence import ConformalRule, UnknownRule
+from granular_id.identifier.metadata import Metadata
 
 if TYPE_CHECKING:
     from granular_id.partitions import Partition
@@ -228,7 +228,7 @@ class _Pairs:
 
 def confidence_rules(core: _core.Model) -> tuple[ConformalRule | None, UnknownRule | None]:
     """Read the rules of candidates and rejection that a model keeps."""
-    stored = json.loads(core.metadata["trained"]).get(KEY) or {}
+    stored = Metadata(core).trained.get(KEY) or {}
     conformal, unknown = stored.get("conformal"), stored.get("unknown")
     return (
         None if conformal is None else ConformalRule.from_dict(conformal),

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._columns import samples_of
 from granular_id.identifier.decision import Decision, decision_of
-from granular_id.identifier.metadata import axes_of
+from granular_id.identifier.metadata import Metadata
 
 if TYPE_CHECKING:
     from granular_id.identifier.identifier import Identifier
@@ -99,7 +99,7 @@ class StreamingIdentifier:
             Another shape; NaN, infinity or values too large to work with. No row was taken then.
         """
         if not isinstance(wrench, np.ndarray):  # rows come in all the time, and have no names as a rule
-            wrench, _ = samples_of(wrench, "wrench", axes_of(self.core.model))
+            wrench, _ = samples_of(wrench, "wrench", Metadata(self.core.model).axes)
         return self.core.push(wrench)
 
     def warn(self, what: str) -> None:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
 from granular_id import _core
-from granular_id._checks import argument_error, checked_index, finite_number
+from granular_id._checks import argument_error, finite_number, whole_number
 from granular_id._estimators import convergence_warnings, versions
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
@@ -82,8 +82,7 @@ def train(
         _check_share("coverage", coverage)
     if share_known is not None:
         _check_share("share_known", share_known)
-    if checked_index(n_folds, "n_folds") < 2:
-        raise argument_error(ValueError, "n_folds", f"must be at least 2, got {n_folds}")
+    whole_number("n_folds", n_folds, least=2)
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     X, y, rate_hz = data.X, data.y, data.rate_hz

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from granular_id._checks import argument_error
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
-from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, comparison
+from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.captured import meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
@@ -133,7 +133,7 @@ class LiveIdentifier:
         if starts_exactly(self._setup.robot):
             facts["robot"] = {"speed_m_s": speed_m_s}
         meta = meta_of(info, facts)
-        compared, now = comparison(model.core), RecordedSetup.of(meta)
+        compared, now = setup_comparison(model.core), RecordedSetup.of(meta)
         # Recordings that are played again may be of several set-ups.
         each = [now.completed(one) for one in getattr(stream.source, "setups", ())] or [now]
         found = dict.fromkeys(difference for one in each for difference in compared(one, meta))

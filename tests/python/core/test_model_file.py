@@ -17,7 +17,7 @@ import pytest
 
 from effort import cases
 from granular_id._core import MAX_MODEL_FILE_BYTES, FeatureSpec, Model, ModelFileError
-from granular_id.identifier import Identifier, description
+from granular_id.identifier import Identifier, describe_model
 from model_bad_files import BAD, COSTLY, GOOD, METADATA, TENSORS, without_raw
 from model_cases import (
     DTYPES,
@@ -277,12 +277,12 @@ def test_a_file_of_an_earlier_version_is_read_and_says_so(name, tmp_path):
         old = Identifier.load(file)
     assert caught[0].filename == __file__
     assert old.lacks_digest
-    assert "no digest" in " ".join(description(old))
+    assert "no digest" in " ".join(describe_model(old))
     old.save(tmp_path / "new.safetensors")
     new = Identifier.load(tmp_path / "new.safetensors")
     assert new.core == old.core
     assert not new.lacks_digest
-    assert "digest" not in " ".join(description(new))
+    assert "digest" not in " ".join(describe_model(new))
 
 
 @pytest.mark.thread_unsafe(reason="starts a process")

@@ -8,7 +8,13 @@ from hypothesis import given, strategies as st
 
 from evaluation_cases import LABELS, changed, make_data
 from granular_id import evaluate, synthesize
-from granular_id.identifier import Identifier, Recipe, accuracy_over_time, description, promises
+from granular_id.identifier import (
+    Identifier,
+    Recipe,
+    accuracy_over_time,
+    describe_model,
+    describe_performance,
+)
 from granular_id.identifier.rules import checkpoints, provisional_answers
 from granular_id.identifier.time_course import over_time
 from granular_id.identifier.training import train
@@ -104,7 +110,7 @@ def test_one_recording_of_a_class_gives_a_model_without_estimate(data):
     assert "class 'peas' has 1 recording" in training.trained["why_no_estimate"]
     model = Identifier(training.core)
     assert model.predict(few.X).tolist() == few.y.tolist()
-    assert any("not known: class 'peas' has 1 recording" in line for line in promises(model))
+    assert any("not known: class 'peas' has 1 recording" in line for line in describe_performance(model))
     with pytest.raises(ValueError, match="nothing can be held out: class 'peas' has 1 recording"):
         accuracy_over_time(few, "hfmh")
 
@@ -190,7 +196,7 @@ def test_without_a_rule_accuracy_over_time_says_why(training):
 
 def test_a_model_describes_itself_in_words(training):
     model = Identifier(training.core)
-    text = "\n".join((*description(model), *promises(model)))
+    text = "\n".join((*describe_model(model), *describe_performance(model)))
     for words in (
         "materials: 4: oat, peas, rice, sugar",
         "trained on: 32 recordings, 8 of each material, 8 sessions",
@@ -203,8 +209,8 @@ def test_a_model_describes_itself_in_words(training):
         assert words in text, text
     assert "SYNTHETIC" not in text
     simulated = Identifier.fit(synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3))
-    assert description(simulated)[0].startswith("SYNTHETIC: trained on simulated recordings")
-    assert "(SYNTHETIC recordings)" in promises(simulated)[0]
+    assert describe_model(simulated)[0].startswith("SYNTHETIC: trained on simulated recordings")
+    assert "(SYNTHETIC recordings)" in describe_performance(simulated)[0]
 
 
 def test_the_figure_shows_what_was_counted(training, tmp_path):

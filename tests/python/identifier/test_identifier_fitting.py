@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from granular_id._core import FeatureSpec, Model
-from granular_id.identifier import Identifier, fitted
+from granular_id.identifier import Identifier, cropped_to_model
 from granular_id.recording import Dataset, Recording
 
 N, RATE = 20, 100.0
@@ -31,8 +31,8 @@ def recording(n, trigger=None, **fields):
 
 def test_recordings_of_the_length_are_taken_as_they_are():
     data = Dataset([recording(N), recording(N, trigger=1)])
-    assert fitted(data, model()) is data
-    assert fitted(data, model(lead_s=None)) is data
+    assert cropped_to_model(data, model()) is data
+    assert cropped_to_model(data, model(lead_s=None)) is data
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.integers(5, 10)), min_size=1, max_size=4))
@@ -41,26 +41,26 @@ def test_longer_ones_begin_at_the_trigger_less_the_lead(sizes):
     short = [more < trigger - 5 for more, trigger in sizes if more]
     if any(short):
         with pytest.raises(ValueError, match="is too short"):
-            fitted(data, model())
+            cropped_to_model(data, model())
         return
-    for (more, trigger), before, after in zip(sizes, data, fitted(data, model()), strict=True):
+    for (more, trigger), before, after in zip(sizes, data, cropped_to_model(data, model()), strict=True):
         start = trigger - 5 if more else 0
         assert np.array_equal(after.wrench, before.wrench[start : start + N])
 
 
 def test_a_stated_beginning_comes_first():
     data = Dataset([recording(30, trigger=8), recording(N, trigger=8)])
-    first = fitted(data, model(), begin_at="first")
+    first = cropped_to_model(data, model(), begin_at="first")
     assert np.array_equal(first[0].wrench, data[0].wrench[:N])
-    (kept,) = fitted(data, model(), begin_at="trigger", lead_s=0.02, on_short="skip")
+    (kept,) = cropped_to_model(data, model(), begin_at="trigger", lead_s=0.02, on_short="skip")
     assert np.array_equal(kept.wrench, data[0].wrench[6:26])
     with pytest.raises(ValueError, match="'r20' is too short"):
-        fitted(data, model(), begin_at="trigger")
+        cropped_to_model(data, model(), begin_at="trigger")
 
 
 def test_longer_ones_begin_at_the_first_sample_where_the_training_did():
     data = Dataset([recording(30, trigger=8), recording(N)])
-    cropped = fitted(data, model(lead_s=None, crops=[None, None]))
+    cropped = cropped_to_model(data, model(lead_s=None, crops=[None, None]))
     assert [r.wrench.tolist() for r in cropped] == [r.wrench[:N].tolist() for r in data]
     assert cropped.history[-1].notes == ("begins at the first sample, as in the training",)
     assert cropped.history[-1].totals["dropped_samples"] == 10
@@ -68,10 +68,10 @@ def test_longer_ones_begin_at_the_first_sample_where_the_training_did():
         (model(crops=[None]), None),  # all had the same lead, whatever cropped them
         (model(lead_s=None, crops=[None]), 0.05),
     ):
-        assert np.array_equal(fitted(data, core, lead_s=lead_s)[0].wrench, data[0].wrench[3:23])
+        assert np.array_equal(cropped_to_model(data, core, lead_s=lead_s)[0].wrench, data[0].wrench[3:23])
     for crops in (["recorded", None], ["given"], []):
         with pytest.raises(ValueError, match="does not know how much rest"):
-            fitted(data, model(lead_s=None, crops=crops))
+            cropped_to_model(data, model(lead_s=None, crops=crops))
 
 
 @pytest.mark.parametrize(
@@ -93,13 +93,13 @@ def test_longer_ones_begin_at_the_first_sample_where_the_training_did():
 )
 def test_what_does_not_fit_is_refused(data, core, message):
     with pytest.raises(ValueError, match=message):
-        fitted(Dataset(data), core)
+        cropped_to_model(Dataset(data), core)
 
 
 def test_what_does_not_fit_can_be_left_out():
     data = Dataset([recording(N), recording(12), recording(30), recording(31, 9)])
-    assert fitted(data[:2], model(lead_s=None), on_short="skip").names == ("r20",)
-    kept = fitted(data, model(), on_short="skip")
+    assert cropped_to_model(data[:2], model(lead_s=None), on_short="skip").names == ("r20",)
+    kept = cropped_to_model(data, model(), on_short="skip")
     assert kept.names == ("r20", "r31")
     assert {row["name"]: row["skipped"] for row in kept.history[-1].rows if "skipped" in row}.keys() == {
         "r12",

@@ -14,7 +14,13 @@ from cli_cases import ended_well, refused, saved
 from evaluation_cases import LABELS, make_data
 from granular_id import ECOCClassifier, FeatureSpec
 from granular_id._core import MAX_MULTIBAND_VALUES
-from granular_id.identifier import Identifier, Recipe, StreamingIdentifier, description, promises
+from granular_id.identifier import (
+    Identifier,
+    Recipe,
+    StreamingIdentifier,
+    describe_model,
+    describe_performance,
+)
 from granular_id.identifier.training import MAX_FILE_BYTES, fit_pipeline, refuse_large
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
@@ -172,7 +178,7 @@ def test_what_was_chosen_is_known_and_said(best):
     assert choice["chosen"]
     assert len(choice["machines"]) == 8
     assert best.trained["settings"]["space"] == best.space == "best"
-    said = promises(best)
+    said = describe_performance(best)
     assert any(f"{len(choice['chosen'])} of 8 candidate models, on {choice['note']}" in line for line in said)
     elsewhere = choice["in_partitions"]
     assert len({one["partition"] for one in elsewhere}) == best.trained["estimate"]["n_partitions"]
@@ -187,7 +193,7 @@ def test_what_was_chosen_is_known_and_said(best):
         assert f" {100 * np.mean(machine['accuracies']):.1f} % " in line
         times = sum(machine["name"] in one["chosen"] for one in elsewhere)
         assert line.endswith(f" {times} of {len(elsewhere)}")
-    lines = "\n".join(description(best))
+    lines = "\n".join(describe_model(best))
     assert "band, Hz: typical size of each axis" in lines
     assert "  123 to 245: " in lines or "  122 to 245: " in lines
     assert "480 quantiles" in lines or "quantiles" in lines

@@ -17,7 +17,13 @@ from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, co
 from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
 from granular_id.confidence.unknown import STRANGENESS
-from granular_id.identifier import Identifier, StreamingIdentifier, description, identify_all, promises
+from granular_id.identifier import (
+    Identifier,
+    StreamingIdentifier,
+    describe_model,
+    describe_performance,
+    identify_all,
+)
 from granular_id.identifier.rules import KEY, confidence_rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart
@@ -194,13 +200,13 @@ def test_a_model_without_rules_says_nothing(data):
     decision = plain.identify(data[0])
     assert (decision.candidates, decision.unknown) == ((), None)
     assert KEY not in Identifier.fit(data, "hfmh", estimate=False).trained
-    assert {"candidates: none", "unknown materials: none"} <= set(promises(plain))
+    assert {"candidates: none", "unknown materials: none"} <= set(describe_performance(plain))
     only = Identifier.fit(data, "hfmh", coverage=None, target_error=0.2)
     assert list(only.trained[KEY]) == ["unknown"]
 
 
 def test_what_they_are_worth_is_said(identifier):
-    lines = promises(identifier)
+    lines = describe_performance(identifier)
     assert "candidates: hold the right material of 80 % of recordings like those held out" in lines
     assert "unknown materials: refused, with 10 % of recordings of the known ones" in lines
 
@@ -319,7 +325,7 @@ def test_a_choice_is_told_whatever_else_is_known(identifier, tmp_path):
     machine = {"name": "plain, C 1", "chosen": True, "accuracies": [0.5, 1.0]}
     file = tmp_path / "m.safetensors"
     file.write_bytes(changed(identifier.core, {"choice": {**CHOICE, "machines": [machine]}}).to_bytes())
-    said = promises(Identifier.load(file))
+    said = describe_performance(Identifier.load(file))
     assert "chosen (>): 1 of 1 candidate models, on halves; seed 4" in said
     assert any(line.startswith("  > plain, C 1") and "75.0 %" in line for line in said)
 
@@ -328,7 +334,7 @@ def test_notes_that_say_how_grave_they_are_are_said_to_be_those_of_the_data_chec
     file = tmp_path / "m.safetensors"
     notes = ["error: 2 recordings are one", "warning: no sessions", "too short"]
     file.write_bytes(changed(identifier.core, {**identifier.trained, "notes": notes}).to_bytes())
-    said = promises(Identifier.load(file))[-3:]
+    said = describe_performance(Identifier.load(file))[-3:]
     assert said == [*(f"data check: {note}" for note in notes[:2]), "note: too short"]
 
 
@@ -343,13 +349,17 @@ def test_notes_that_say_how_grave_they_are_are_said_to_be_those_of_the_data_chec
 )
 def test_rest_that_is_not_known_is_not_called_unequal(data, triggers, said):
     some = Dataset([replace(r, trigger_index=t) for r, t in zip(data, cycle(triggers))])
-    lead = next(line for line in description(Identifier.fit(some, "hfmh", estimate=False)) if "rest" in line)
+    lead = next(
+        line for line in describe_model(Identifier.fit(some, "hfmh", estimate=False)) if "rest" in line
+    )
     assert lead.endswith(f"rest ahead of the motion: {said}")
 
 
 def test_of_an_older_model_it_is_not_known_which(identifier):
     trained = {name: value for name, value in identifier.trained.items() if name != "n_triggers"}
-    lead = next(line for line in description(Identifier(changed(identifier.core, trained))) if "rest" in line)
+    lead = next(
+        line for line in describe_model(Identifier(changed(identifier.core, trained))) if "rest" in line
+    )
     assert lead.endswith("not known, or not the same in all recordings")
 
 

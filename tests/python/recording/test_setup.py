@@ -11,7 +11,7 @@ import pytest
 import granular_id as gid
 from cli_cases import ended_well, refused, run
 from granular_id import _core
-from granular_id.identifier import description, promises, refuse_others
+from granular_id.identifier import check_recordings, describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
@@ -103,7 +103,7 @@ def test_each_mismatch_does_what_the_page_says(data, model, name):
     accept = ()
     if table()[name] == "refused, unless accepted":
         accept = (name,)
-        for refused in (lambda: model.identify(changed[0]), lambda: refuse_others(changed, model.core)):
+        for refused in (lambda: model.identify(changed[0]), lambda: check_recordings(changed, model.core)):
             with pytest.raises(ValueError, match=rf"{data[0].name}.*{name}"):
                 refused()
         if name != "units":  # live they are N and N m
@@ -112,8 +112,8 @@ def test_each_mismatch_does_what_the_page_says(data, model, name):
             ):
                 replayed(changed, model)
     else:
-        assert model.identify(changed[0]).warnings == refuse_others(changed, model.core)
-    (said,) = refuse_others(changed, model.core, accept)
+        assert model.identify(changed[0]).warnings == check_recordings(changed, model.core)
+    (said,) = check_recordings(changed, model.core, accept)
     assert said.startswith(name)
     decision = model.identify(changed[0], accept=accept)
     assert decision.warnings == (said,)
@@ -125,7 +125,7 @@ def test_each_mismatch_does_what_the_page_says(data, model, name):
 
 def test_the_same_set_up_and_an_unknown_one_say_nothing(data, model):
     for same in (data, with_meta(data), with_meta(data, frame=None, tool="")):
-        assert refuse_others(same, model.core) == model.identify(same[0]).warnings == ()
+        assert check_recordings(same, model.core) == model.identify(same[0]).warnings == ()
         assert replayed(same, model)[0] == ()
 
 
@@ -203,14 +203,14 @@ def test_a_training_on_several_set_ups_knows_each(data):
     mixed = Dataset([replace(recording, meta=several[k % 2]) for k, recording in enumerate(data)])
     model = gid.Identifier.fit(mixed, "hfmh", estimate=False)
     assert model.trained["setup"] == {"frame": ["flange", "sensor"], "tool": ["fork", "spoon"]}
-    assert refuse_others(mixed, model.core) == ()
-    assert refuse_others(with_meta(data, tool="knife"), model.core) == (
+    assert check_recordings(mixed, model.core) == ()
+    assert check_recordings(with_meta(data, tool="knife"), model.core) == (
         "tool 'knife', in training 'fork' or 'spoon'",
     )
     with pytest.raises(ValueError, match="flange"):
-        refuse_others(with_meta(data, frame="table"), model.core)
+        check_recordings(with_meta(data, frame="table"), model.core)
     note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
-    assert note in "\n".join(promises(model))
+    assert note in "\n".join(describe_performance(model))
     assert note in "\n".join(data_warnings(mixed))
     varied = Dataset([replace(r, meta={"tool": f"spoon {k}"}) for k, r in enumerate(data)])
     assert gid.Identifier.fit(varied, "hfmh", estimate=False).trained["setup"] == {}
@@ -250,8 +250,8 @@ def test_models_of_before_still_load_and_say_nothing_false(data, model, tmp_path
     same = gid.Identifier.load(path)
     turned = with_meta(data, **{**FLANGE, "frame": "another", "tool": "spoon"})
     assert same.identify(turned[0]).warnings == replayed(turned, same)[0] == ()
-    assert any("set-up: not known" in line for line in description(same))
-    assert any("frame: flange" in line for line in description(model))
+    assert any("set-up: not known" in line for line in describe_model(same))
+    assert any("frame: flange" in line for line in describe_model(model))
 
 
 @pytest.mark.parametrize("setup", [[], {"frame": "flange"}, {"frame": [1]}])
