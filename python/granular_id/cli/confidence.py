@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from granular_id.cli.method import OneSpace
-from granular_id.cli.options import FORCE, at_least, between, command, numbers_in, option
+from granular_id.cli.options import FORCE, a_share, command, numbers_in, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, print_table, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -31,10 +31,10 @@ def confidence(
     per_class: bool = option(
         SURE, "Cover each material as often as asked for, not all together.", "--per-class", default=False
     ),
-    known: float = option(SURE, "Share of known recordings to be accepted.", default=0.95),
+    known: float = option(SURE, "Share of known recordings to be accepted.", default=0.95, callback=a_share),
     compare: bool = option(SURE, "Also compare other ways to see the unknown.", "--compare", default=False),
-    seeds: int = option(SURE, "Random partitions.", default=20),
-    seed: int = option(SURE, "Same seed, same figures.", default=0),
+    seeds: int = option(SURE, "Random partitions.", default=20, min=1),
+    seed: int = option(SURE, "Same seed, same figures.", default=0, min=0),
     figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
     json: Path | None = option(OUTPUT, "Write all figures, and both rules."),
     force: bool = FORCE,
@@ -55,10 +55,7 @@ def confidence(
     `granular-id confidence recordings --space multiband --seeds 5`
     `granular-id confidence recordings --space hfmh --levels 0.9,0.99 --figure sure.png --json sure.json`
     """
-    at_least("--seeds", seeds, 1)
-    at_least("--seed", seed, 0)
     wanted = _levels(levels)
-    between("--known", known)
     method.refuse_impossible(steps.rate_hz)
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force

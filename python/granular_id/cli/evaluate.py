@@ -16,7 +16,7 @@ from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id.cli.method import Features, Method, chosen_spaces
-from granular_id.cli.options import FORCE, at_least, command, option, with_defaults
+from granular_id.cli.options import FORCE, command, option, with_defaults
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -209,18 +209,11 @@ class Partitions:
     protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
         SPLIT, "auto: paper, and the strictest that the recordings allow.", default="auto"
     )
-    train: int = option(SPLIT, "Training recordings of each class (random partitions).", default=50)
-    test: int = option(SPLIT, "Test recordings of each class (random partitions).", default=12)
-    partitions: int = option(SPLIT, "Number of random partitions.", default=20)
-    folds: int = option(SPLIT, "Folds of kfold, and of session with one session per class.", default=5)
-    seed: int = option(SPLIT, "Same seed, same numbers.", default=0)
-
-    def __post_init__(self) -> None:
-        at_least("--train", self.train, 1)
-        at_least("--test", self.test, 1)
-        at_least("--partitions", self.partitions, 1)
-        at_least("--folds", self.folds, 2)
-        at_least("--seed", self.seed, 0)
+    train: int = option(SPLIT, "Training recordings of each class (random partitions).", default=50, min=1)
+    test: int = option(SPLIT, "Test recordings of each class (random partitions).", default=12, min=1)
+    partitions: int = option(SPLIT, "Number of random partitions.", default=20, min=1)
+    folds: int = option(SPLIT, "Folds of kfold, and of session with one session per class.", default=5, min=2)
+    seed: int = option(SPLIT, "Same seed, same numbers.", default=0, min=0)
 
 
 @command
@@ -327,8 +320,10 @@ def demo(
     *,
     output: Path = typer.Option(Path("demo"), "--output", "-o", help="Folder for the files."),
     quick: bool = typer.Option(False, "--quick", help="12 recordings of each material, 5 partitions."),
-    seed: int = typer.Option(0, help="Same seed, same recordings and numbers."),
-    threads: int | None = typer.Option(None, help="The numbers do not depend on it. Default: all cores."),
+    seed: int = typer.Option(0, min=0, help="Same seed, same recordings and numbers."),
+    threads: int | None = typer.Option(
+        None, min=1, help="The numbers do not depend on it. Default: all cores."
+    ),
     checkpoint: Path | None = typer.Option(None, help=CHECKPOINT),
     force: bool = FORCE,
 ) -> None:
@@ -343,8 +338,6 @@ def demo(
     `granular-id demo`
     `granular-id demo -o somewhere --quick`
     """
-    at_least("--seed", seed, 0)
-    at_least("--threads", threads, 1)
     outputs = Outputs(
         report=output / "report.html",
         json=output / "result.json",
@@ -407,9 +400,9 @@ def select(
     method: Features,
     *,
     spaces: str = option(CHOICE, "Candidates, by commas. Default: the paper's, but slow ones.", default=""),
-    outer: int = option(CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5),
-    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4),
-    seed: int = option(CHOICE, "Same seed, same choice.", default=0),
+    outer: int = option(CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5, min=2),
+    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4, min=2),
+    seed: int = option(CHOICE, "Same seed, same choice.", default=0, min=0),
     json: Path | None = option(OUTPUT, "Write everything the choice rests on."),
     force: bool = FORCE,
     quiet: bool = option(OUTPUT, "Print the choice only.", "--quiet", default=False),
@@ -429,9 +422,6 @@ def select(
     `granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
     `granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
     """
-    at_least("--outer", outer, 2)
-    at_least("--inner", inner, 2)
-    at_least("--seed", seed, 0)
     method.refuse_impossible(steps.rate_hz)
     chosen = _candidates(spaces) if spaces else None
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)

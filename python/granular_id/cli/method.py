@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from granular_id.cli.errors import OPTIONS
-from granular_id.cli.options import at_least, names_in, numbers_in, option, positive, with_defaults
+from granular_id.cli.options import above_zero, names_in, numbers_in, option, with_defaults
 
 if TYPE_CHECKING:
     from sklearn.pipeline import Pipeline
@@ -24,7 +24,7 @@ ONE_VS_ONE = "onevsone"
 class Features:
     """What features are made of."""
 
-    cutoff_hz: float = option(PANEL, "High-pass cut-off of the histogram.", default=23.0)
+    cutoff_hz: float = option(PANEL, "High-pass cut-off of the histogram.", default=23.0, callback=above_zero)
     order: int = option(PANEL, "High-pass order.", default=8)
     n_bins: int = option(PANEL, "Bins per axis.", default=100)
     bin_range: str = option(PANEL, "LOW,HIGH in N and N m; auto: learned per axis.", default="-1.5,1.5")
@@ -33,12 +33,12 @@ class Features:
         "High-pass starts at rest (the paper), or as if the first sample had lasted.",
         default="zero",
     )
-    tare_s: float | None = option(PANEL, "Subtract the mean of the first seconds, before the motion.")
-    threads: int | None = option(PANEL, "The numbers do not depend on it. Default: all cores.")
+    tare_s: float | None = option(
+        PANEL, "Subtract the mean of the first seconds, before the motion.", callback=above_zero
+    )
+    threads: int | None = option(PANEL, "The numbers do not depend on it. Default: all cores.", min=1)
 
     def __post_init__(self) -> None:
-        at_least("--threads", self.threads, 1)
-        positive("--tare-s", self.tare_s)
         self.settings: dict[str, Any] = {
             "cutoff_hz": self.cutoff_hz,
             "order": self.order,
@@ -57,7 +57,6 @@ class Features:
         """Refuse what no recording could have; whether the cut-off fits is known where a rate is asked for."""
         from granular_id.features import FeatureSpec
 
-        positive("--cutoff-hz", self.cutoff_hz)
         names = ("order", "n_bins", *([] if self.settings["bin_range"] == "auto" else ["bin_range"]))
         spec = {name: self.settings[name] for name in names}
         if rate_hz is not None:
@@ -115,11 +114,11 @@ class Method(Features):
         "Box constraint of the support vector machines, where the space has no classifier of its own.",
         "--C",
         default=1.0,
+        callback=above_zero,
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("--C", self.c)
         self.settings["block_weights"] = None if self.block_weights == "plain" else "unit"
 
     def given(self) -> dict[str, Any]:

@@ -17,12 +17,26 @@ from granular_id.cli.errors import guarded
 Group = TypeVar("Group")
 
 
-def option(panel: str, text: str, *names: str, default: Any = None) -> Any:
+def option(panel: str, text: str, *names: str, default: Any = None, **bounds: Any) -> Any:
     """Return an option with its help in one of the panels of ``--help``; with the default ``...`` it must be given.
 
-    Its name is the parameter's unless given.
+    Its name is the parameter's unless given. Bounds are those of typer: `min`, `max`, or a `callback`.
     """
-    return typer.Option(default, *names, help=text, rich_help_panel=panel)
+    return typer.Option(default, *names, help=text, rich_help_panel=panel, **bounds)
+
+
+def above_zero(value: float | None) -> float | None:
+    """Refuse what is not positive and finite: the callback of an option."""
+    if value is not None and not 0 < value < math.inf:
+        raise typer.BadParameter(f"must be positive and finite, got {value:g}")
+    return value
+
+
+def a_share(value: float) -> float:
+    """Refuse what does not lie between 0 and 1: the callback of an option."""
+    if not 0 < value < 1:
+        raise typer.BadParameter(f"must lie between 0 and 1, got {value:g}")
+    return value
 
 
 FORCE = option(

@@ -11,7 +11,7 @@ import typer
 
 from granular_id._files import write_json
 from granular_id.cli.method import ONE_VS_ONE, OneSpace
-from granular_id.cli.options import FORCE, at_least, between, command, option
+from granular_id.cli.options import FORCE, a_share, command, option
 from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -57,14 +57,18 @@ def train(
     method: ModelOptions,
     *,
     output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
-    target_error: float = option(ESTIMATE, "Share of early answers that may be wrong.", default=0.01),
-    coverage: float = option(
-        ESTIMATE, "Share of recordings whose candidates hold the material.", default=0.9
+    target_error: float = option(
+        ESTIMATE, "Share of early answers that may be wrong.", default=0.01, callback=a_share
     ),
-    share_known: float = option(ESTIMATE, "Share of known materials not called unknown.", default=0.95),
+    coverage: float = option(
+        ESTIMATE, "Share of recordings whose candidates hold the material.", default=0.9, callback=a_share
+    ),
+    share_known: float = option(
+        ESTIMATE, "Share of known materials not called unknown.", default=0.95, callback=a_share
+    ),
     early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
-    folds: int = option(ESTIMATE, "Random folds, without sessions and order in time.", default=5),
-    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0),
+    folds: int = option(ESTIMATE, "Random folds, without sessions and order in time.", default=5, min=2),
+    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0, min=0),
     figure: Path | None = option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf."),
     json: Path | None = option(OUTPUT, "Write estimates, and accuracy against seconds seen."),
     force: bool = FORCE,
@@ -87,11 +91,6 @@ def train(
     `granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
     `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
     """
-    between("--target-error", target_error)
-    between("--coverage", coverage)
-    between("--share-known", share_known)
-    at_least("--folds", folds, 2)
-    at_least("--seed", seed, 0)
     method.refuse_impossible(steps.rate_hz)
     settings = method.recipe()
     check_outputs(

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved
+from cli_cases import LABELS, SMALL, ended_well, make, out_of_bounds, recording, refused, run, saved
 from granular_id._checks import argument_error
 from granular_id.cli.errors import in_options, words_of
 from granular_id.cli.recordings import refuse_unequal
@@ -132,7 +132,6 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
         (["--exclude", "oat,rice,sugar"], "--exclude leaves no recording"),
         (["--exclude", "oat,rice"], "at least 2 classes, got only 'sugar'"),
         (["--cutoff-hz", "80"], "--cutoff-hz must be in .*, got 80"),
-        (["--C", "0"], r"--C must be positive and finite, got 0$"),
         (["--rate-hz", "-5"], "--rate-hz"),
         (["--json", "absent/r.json"], "the folder absent does not exist"),
     ],
@@ -144,22 +143,15 @@ def test_bad_options_end_in_one_line(folder, words, message):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--train", "0"], "--train must be at least 1, got 0"),
-        (["--test", "0"], "--test must be at least 1, got 0"),
-        (["--partitions", "0"], "--partitions must be at least 1, got 0"),
-        (["--seed", "-1"], "--seed must not be negative, got -1"),
-        (["--threads", "0"], "--threads must be at least 1, got 0"),
         (["--spaces", "raw,dtf"], "there is no feature space 'dtf'"),
         (["--spaces", ","], "--spaces must name at least one feature space, got ','"),
         (["--spaces", "raw,raw"], "--spaces must name each feature space once"),
         (["--confusion", "dtf"], "there is no feature space 'dtf'"),
         (["--spaces", "raw", "--confusion", "hfmh"], "--confusion hfmh is not among"),
-        (["--cutoff-hz", "0"], "--cutoff-hz must be positive and finite, got 0"),
         (["--cutoff-hz", "80", "--rate-hz", "100"], "--cutoff-hz must be in .*, got 80"),
         (["--order", "0"], "--order must be an integer from 1 to 32, got 0"),
         (["--n-bins", "0"], "--n-bins must be an integer"),
         (["--bin-range", "2,1"], "--bin-range must be finite with low < high"),
-        (["--C", "nan"], "--C must be positive and finite, got nan"),
         (["--rate-hz", "inf"], "--rate-hz must be positive and finite, got inf"),
         (["--recorded-hz", "0"], "--recorded-hz must be positive and finite, got 0"),
         (["--max-gap-s", "nan"], "--max-gap-s must be positive, got nan"),
@@ -173,11 +165,34 @@ def test_options_are_checked_before_any_file_is_read(tmp_path, words, message):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"), [(["--seed", "-1"], "--seed must not"), (["--threads", "0"], "at least 1")]
+    ("command", "option", "value", "message"),
+    [
+        ("evaluate", "--train", 0, ""),
+        ("evaluate", "--test", 0, ""),
+        ("evaluate", "--partitions", 0, ""),
+        ("evaluate", "--folds", 1, ""),
+        ("evaluate", "--seed", -1, ""),
+        ("evaluate", "--threads", 0, ""),
+        ("evaluate", "--tare-s", 0, "must be positive and finite, got 0"),
+        ("evaluate", "--cutoff-hz", 0, "must be positive and finite, got 0"),
+        ("evaluate", "--C", "nan", "must be positive and finite, got nan"),
+        ("select", "--outer", 1, ""),
+        ("select", "--inner", 1, ""),
+        ("confidence", "--seeds", 0, ""),
+        ("confidence", "--known", 1, "must lie between 0 and 1, got 1"),
+        ("demo", "--seed", -1, ""),
+        ("demo", "--threads", 0, ""),
+        ("train", "--target-error", 1.5, "must lie between 0 and 1, got 1.5"),
+        ("train", "--coverage", 0, "must lie between 0 and 1, got 0"),
+        ("train", "--share-known", 1, "must lie between 0 and 1, got 1"),
+        ("train", "--folds", 1, ""),
+    ],
 )
-def test_demo_checks_its_options_too(tmp_path, words, message):
-    assert message in refused("demo", "-o", tmp_path / "new", *words)
-    assert not (tmp_path / "new").exists()
+def test_bounds_of_options_are_checked_before_anything_else(tmp_path, command, option, value, message):
+    words = {"demo": ("-o", tmp_path / "new"), "train": (tmp_path / "absent", "-o", tmp_path / "new")}
+    said = out_of_bounds(command, *words.get(command, (tmp_path / "absent",)), option, value)
+    assert f"Invalid value for '{option}': {message}" in said
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_and_an_index_without_labels_are_told(tmp_path):

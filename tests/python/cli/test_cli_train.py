@@ -99,12 +99,9 @@ def test_what_the_data_check_says_is_no_failure_of_the_command(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--target-error", "1.5"], "--target-error must lie between 0 and 1, got 1.5"),
         (["--tare-s", "0.1"], "--tare-s is not for models, .*: leave it out$"),
         (["--space", "hfmh", "--tare-s", "0.1"], "--tare-s .*: leave it out; --initial steady keeps"),
         (["--space", "dft"], "--space must be one of 'best', 'multiband', 'raw', .*, got 'dft'"),
-        (["--folds", "1"], "--folds must be at least 2, got 1"),
-        (["--C", "0"], "--C must be positive"),
         (["--space", "raw", "--coding", "twice"], "coding must be one of"),
         (["--coding", "onevsall"], "--coding must be left out with --space best, which is always one-vs-one"),
         (

@@ -301,8 +301,6 @@ def test_command(tmp_path):
         ),
         (["--levels", "high"], "--levels must be numbers between 0 and 1"),
         (["--levels", "0.9,0.9"], "each once, got '0.9,0.9'"),
-        (["--known", "1"], "--known must lie between 0 and 1, got 1"),
-        (["--seeds", "0"], "--seeds"),
         (["--space", "paper"], "there is no feature space 'paper'"),
         (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),
         (["--figure", "one.svg", "--json", "one.svg"], "would be written twice"),
