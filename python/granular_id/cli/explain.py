@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -12,12 +11,6 @@ from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, command, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
-
-if TYPE_CHECKING:
-    from sklearn.pipeline import Pipeline
-
-    from granular_id.explanation import Explanation
-    from granular_id.recording import Dataset
 
 OUTPUT = "Output"
 
@@ -70,7 +63,11 @@ def explain(
             raise ValueError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
-    explanation, model, split = _explained(data, method.pipeline(data.rate_hz), first, second)
+
+    from granular_id.explanation import explain_held_out
+
+    pipeline = method.pipeline(data.rate_hz)
+    explanation, model, split = explain_held_out(data, pipeline, first, second)
 
     show(f"\n{method.space}: {model}")
     show(f"explained on recordings held out: {split['held_out']}")
@@ -84,30 +81,3 @@ def explain(
     if json is not None:
         write_json(json, {"space": method.space, "model": model, "split": split, **explanation.to_dict()})
     say_written([figure, json], repeat=not quiet)
-
-
-def _explained(
-    data: Dataset, pipeline: Pipeline, first: str, second: str
-) -> tuple[Explanation, str, dict[str, Any]]:
-    """Train on some recordings, explain those held out of the two materials; say what was trained, and the split."""
-    from granular_id.explanation import explain as explain_pair
-    from granular_id.identifier import fit_pipeline
-    from granular_id.spaces import Chosen
-    from granular_id.splits import groups_of, pair_partition
-
-    X, y = data.X, data.y
-    for label in (first, second):
-        if (y == label).sum() < 2:
-            raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
-    part, held_out = pair_partition(data, first, second)
-    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data).take(part.train))
-    chosen = Chosen.of(model[-1])
-    how = "" if chosen is None else f"; {chosen.words}"
-    split = {
-        "protocol": part.protocol,
-        "held_out": held_out,
-        "train": [data.names[row] for row in part.train.tolist()],
-        "explained": [data.names[row] for row in part.test.tolist()],
-    }
-    explanation = explain_pair(model, first, second, X[part.test], y[part.test], axes=data.axes)
-    return explanation, f"trained on {len(part.train)} of {len(y)} recordings{how}", split

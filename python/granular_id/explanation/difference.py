@@ -16,18 +16,22 @@ from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.result import ExplainedBlock, Explanation
+from granular_id.recording import Dataset
 from granular_id.spaces import (
     LINEAR_STEPS,
     BandColumns,
     BestClassifier,
+    Chosen,
     FeatureBlock,
     RecordingFilter,
     axis_names,
     band_columns,
     feature_blocks,
+    fit_pipeline,
     folded_back,
     is_linear_step,
 )
+from granular_id.splits import groups_of, pair_partition
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -143,6 +147,28 @@ def explain(
     return BandExplanation(
         **told, columns=chain.bands, means=np.stack(means), weights=weights, contributions=contributions
     )
+
+
+def explain_held_out(
+    data: Dataset, pipeline: Pipeline, first: str, second: str
+) -> tuple[Explanation, str, dict[str, Any]]:
+    """Train on some recordings, explain those held out of two materials; say what was trained, and the split."""
+    X, y = data.X, data.y
+    for label in (first, second):
+        if (y == label).sum() < 2:
+            raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
+    part, held_out = pair_partition(data, first, second)
+    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data).take(part.train))
+    chosen = Chosen.of(model)
+    how = "" if chosen is None else f"; {chosen.words}"
+    split = {
+        "protocol": part.protocol,
+        "held_out": held_out,
+        "train": [data.names[row] for row in part.train.tolist()],
+        "explained": [data.names[row] for row in part.test.tolist()],
+    }
+    explanation = explain(model, first, second, X[part.test], y[part.test], axes=data.axes)
+    return explanation, f"trained on {len(part.train)} of {len(y)} recordings{how}", split
 
 
 def _recordings(X: npt.ArrayLike) -> npt.NDArray[Any]:

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
     from granular_id.identifier.training import (
         Training as Training,
-        fit_pipeline as fit_pipeline,
         train as train,
     )
 
@@ -40,7 +39,6 @@ _LAZY = {
     "Training": "training",
     "accuracy_over_time": "time_course",
     "over_time": "time_course",
-    "fit_pipeline": "training",
     "train": "training",
 }
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._checks import argument_error, finite_number, whole_number
@@ -38,7 +37,7 @@ from granular_id.recording import (
     setups_in,
     values_in,
 )
-from granular_id.spaces import BestClassifier, Choice, Chosen, block_sizes, tell_blocks
+from granular_id.spaces import BestClassifier, Choice, Chosen, fit_pipeline
 from granular_id.splits import Groups, groups_of, strictest_partitions
 from granular_id.statistics import confusion_counts, mean_interval, recall_per_class
 
@@ -179,26 +178,6 @@ def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: i
         f"the model would take {size / 2**20:.3g} MiB, more than the {most / 2**20:.3g} MiB of a model file: "
         f"{n_learners} learners for {n_classes} materials, {n_features} features; ways out: {'; '.join(ways)}"
     )
-
-
-def fit_pipeline(
-    pipeline: Pipeline,
-    X: FloatArray,
-    y: npt.NDArray[np.str_],
-    groups: Groups | None = None,
-) -> Pipeline:
-    """Fit a pipeline in place on recordings X (n, T, C) and labels y (n,).
-
-    Steps that ask are told the blocks of columns, and sessions and order of the recordings.
-    """
-    features, *steps = (step for _, step in pipeline.steps)
-    values = features.fit(X, y).transform(X)
-    sizes = block_sizes(features)
-    for step in steps:
-        tell_blocks(step, sizes)
-    rest = Pipeline(pipeline.steps[1:])
-    rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest, np.arange(len(y)))))
-    return pipeline
 
 
 # What held-out recordings say.

@@ -26,7 +26,12 @@ from granular_id.spaces.multiband import (
     MultiBand,
     band_columns as band_columns,
 )
-from granular_id.spaces.presets import FeatureSpace, feature_spaces, in_paper_order as in_paper_order
+from granular_id.spaces.presets import (
+    FeatureSpace,
+    feature_spaces,
+    fit_pipeline as fit_pipeline,
+    in_paper_order as in_paper_order,
+)
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation
 from granular_id.spaces.scaling import (
     LINEAR_STEPS as LINEAR_STEPS,

@@ -11,10 +11,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import learns
 from granular_id.rica import RICA
+from granular_id.spaces.base import block_sizes, tell_blocks
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
@@ -22,6 +25,7 @@ from granular_id.spaces.multiband import ALL_BLOCKS, MultiBand
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation
 from granular_id.spaces.spectral import DFT
 from granular_id.spaces.union import BlockUnion, BlockWeights
+from granular_id.splits import Groups
 
 
 @dataclass(frozen=True)
@@ -171,3 +175,23 @@ def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
     plain = space.transformer
     steps = plain.steps if isinstance(plain, Pipeline) else [("features", plain)]
     return replace(space, transformer=Pipeline([("tare", Tare(tare_s, rate_hz=rate_hz)), *steps]))
+
+
+def fit_pipeline(
+    pipeline: Pipeline,
+    X: npt.NDArray[np.float64],
+    y: npt.NDArray[np.str_],
+    groups: Groups | None = None,
+) -> Pipeline:
+    """Fit a feature space and what follows it in place, on recordings X (n, T, C) and labels y (n,).
+
+    Steps that ask are told the blocks of columns, and sessions and order of the recordings.
+    """
+    features, *steps = (step for _, step in pipeline.steps)
+    values = features.fit(X, y).transform(X)
+    sizes = block_sizes(features)
+    for step in steps:
+        tell_blocks(step, sizes)
+    rest = Pipeline(pipeline.steps[1:])
+    rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest, np.arange(len(y)))))
+    return pipeline

@@ -11,9 +11,8 @@ from granular_id.cli.method import OneSpace
 from granular_id.cli.options import with_defaults
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
-from granular_id.identifier import fit_pipeline
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import feature_spaces
+from granular_id.spaces import feature_spaces, fit_pipeline
 from granular_id.spaces.best import BestClassifier
 from granular_id.splits import groups_of, pair_partition
 from multiband_cases import louder

@@ -21,9 +21,9 @@ from granular_id.identifier import (
     describe_model,
     describe_performance,
 )
-from granular_id.identifier.training import MAX_FILE_BYTES, fit_pipeline, refuse_large
+from granular_id.identifier.training import MAX_FILE_BYTES, refuse_large
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
+from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces, fit_pipeline
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
 from granular_id.splits import groups_of
