@@ -347,34 +347,31 @@ def demo(
         force=force,
     )
     named = dict.fromkeys(("--report", "--json", "--csv", "--figures"), "--output")
+    counts: dict[str, Any] = QUICK if quick else FULL
     with outputs.ready(named=named), _saying_how_to_go_on(checkpoint):
-        _evaluate_simulated(outputs, QUICK if quick else FULL, seed, threads)
+        from granular_id.evaluation import in_paper_order
+        from granular_id.spaces import feature_spaces
+        from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
-
-def _evaluate_simulated(outputs: Outputs, counts: dict[str, Any], seed: int, threads: int | None) -> None:
-    from granular_id.evaluation import in_paper_order
-    from granular_id.spaces import feature_spaces
-    from granular_id.synthetic import PAPER_MATERIALS, synthesize
-
-    n_per_class = counts["train_per_class"] + counts["test_per_class"]
-    n = n_per_class * len(PAPER_MATERIALS)
-    Console(highlight=False).print(
-        f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
-        "figures below show that the program works, not how well it knows real materials."
-    )
-    show(f"simulating {n} pushes", err=True)
-    data = synthesize(n_per_class=n_per_class, seed=seed)
-    known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
-    _evaluate_and_show(
-        data,
-        {name: known[name] for name in in_paper_order(known)},
-        "auto",
-        outputs,
-        progress=True if sys.stderr.isatty() else _in_lines(),
-        **counts,
-        random_state=seed,
-        n_jobs=-1 if threads is None else threads,
-    )
+        n_per_class = counts["train_per_class"] + counts["test_per_class"]
+        n = n_per_class * len(PAPER_MATERIALS)
+        Console(highlight=False).print(
+            f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
+            "figures below show that the program works, not how well it knows real materials."
+        )
+        show(f"simulating {n} pushes", err=True)
+        data = synthesize(n_per_class=n_per_class, seed=seed)
+        known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
+        _evaluate_and_show(
+            data,
+            {name: known[name] for name in in_paper_order(known)},
+            "auto",
+            outputs,
+            progress=True if sys.stderr.isatty() else _in_lines(),
+            **counts,
+            random_state=seed,
+            n_jobs=-1 if threads is None else threads,
+        )
 
 
 def _in_lines() -> ProgressCallback:

@@ -17,7 +17,7 @@ from granular_id._text import Table
 from granular_id.confidence.calibration import Reliability, probabilities_of, reliability
 from granular_id.confidence.conformal import LEVELS, ConformalRule, conformal_rule
 from granular_id.confidence.coverage import CoverageResult, coverage_study
-from granular_id.confidence.held_out import N_FOLDS, Rows, held_out_scores, rows_of
+from granular_id.confidence.held_out import N_FOLDS, Rows, held_out_scores, rows_of, without_fixed_steps
 from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
 from granular_id.confidence.unknown import UnknownRule, available_kinds, unknown_rule
 from granular_id.recording import Dataset, describe_data
@@ -163,6 +163,8 @@ def assess(
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     rows.refuse_few(n_folds)
+    name = _name_of(model) if name is None else name
+    model, rows = without_fixed_steps(model, rows)  # once for all that follows
     folds, held_out = rows.folds(n_folds, seed=seed)
     with showing(progress) as callback:
         tick = Ticker(len(folds), callback).tick
@@ -204,7 +206,7 @@ def assess(
         describe_data(data) if isinstance(data, Dataset) else {},
         versions(),
         rows.synthetic,
-        name=_name_of(model) if name is None else name,
+        name,
     )
 
 

@@ -298,6 +298,58 @@ def held_out_scores(
     return HeldOutScores(rows.classes, rows.codes[tested], scores, tested, folds, groups, held_out)
 
 
+def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Scores:
+    """Scores of rows by a fitted model that knows exactly these classes, in this order."""
+    if not hasattr(fitted, "decision_function"):
+        raise TypeError(
+            f"model must have decision_function, larger for what is likelier, got {type(fitted).__name__}"
+        )
+    if [str(label) for label in fitted.classes_] != list(classes):
+        raise ValueError(
+            f"the training part of each partition must hold every class, got {len(fitted.classes_)} of {len(classes)}"
+        )
+    last, features = fitted, X
+    if isinstance(fitted, Pipeline):
+        last = fitted.steps[-1][1]
+        for _, step in fitted.steps[:-1]:
+            features = features if step in (None, "passthrough") else step.transform(features)
+    values = np.asarray(last.decision_function(features), dtype=np.float64)
+    if values.ndim == 1:  # two classes: the second minus the first
+        values = np.column_stack([-values / 2, values / 2])
+    if values.shape != (len(X), len(classes)):
+        raise ValueError(
+            f"decision_function must give a value per class, ({len(X)}, {len(classes)}), got {values.shape}"
+        )
+    binary = coding = probabilities = None
+    if hasattr(last, "binary_scores"):
+        binary = np.asarray(last.binary_scores(features), dtype=np.float64)
+        coding = np.asarray(last.coding_matrix_)
+    if hasattr(last, "predict_proba"):
+        probabilities = np.asarray(last.predict_proba(features), dtype=np.float64)
+    return Scores(values, binary, probabilities, coding)
+
+
+def without_fixed_steps(model: Any, rows: Rows) -> tuple[Any, Rows]:
+    """Apply the first steps of a pipeline that learn nothing from data once, instead of once a fold."""
+    X = rows.X
+    while isinstance(model, Pipeline) and len(model.steps) > 1 and not learns(model.steps[0][1]):
+        X = clone(model.steps[0][1]).fit(X).transform(X)
+        model = Pipeline(model.steps[1:])
+    return model, replace(rows, X=X)
+
+
+def _joined(each: Sequence[Scores]) -> Scores:
+    def together(name: str) -> Any:
+        parts = [getattr(one, name) for one in each]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    coding, binary = each[0].coding, together("binary")
+    # Random codings without a seed differ from fold to fold: their scores cannot be compared.
+    if binary is None or not all(np.array_equal(coding, one.coding) for one in each):  # type: ignore[arg-type]
+        coding = binary = None
+    return Scores(together("values"), binary, together("probabilities"), coding)
+
+
 # What the studies of rules share: who is held out, what is scored, how it is reported.
 
 
@@ -352,55 +404,3 @@ class StudyResult:
     @property
     def _mark(self) -> str:
         return " (SYNTHETIC recordings)" if self.synthetic else ""
-
-
-def scores_of(fitted: Any, X: npt.NDArray[Any], classes: Sequence[str]) -> Scores:
-    """Scores of rows by a fitted model that knows exactly these classes, in this order."""
-    if not hasattr(fitted, "decision_function"):
-        raise TypeError(
-            f"model must have decision_function, larger for what is likelier, got {type(fitted).__name__}"
-        )
-    if [str(label) for label in fitted.classes_] != list(classes):
-        raise ValueError(
-            f"the training part of each partition must hold every class, got {len(fitted.classes_)} of {len(classes)}"
-        )
-    last, features = fitted, X
-    if isinstance(fitted, Pipeline):
-        last = fitted.steps[-1][1]
-        for _, step in fitted.steps[:-1]:
-            features = features if step in (None, "passthrough") else step.transform(features)
-    values = np.asarray(last.decision_function(features), dtype=np.float64)
-    if values.ndim == 1:  # two classes: the second minus the first
-        values = np.column_stack([-values / 2, values / 2])
-    if values.shape != (len(X), len(classes)):
-        raise ValueError(
-            f"decision_function must give a value per class, ({len(X)}, {len(classes)}), got {values.shape}"
-        )
-    binary = coding = probabilities = None
-    if hasattr(last, "binary_scores"):
-        binary = np.asarray(last.binary_scores(features), dtype=np.float64)
-        coding = np.asarray(last.coding_matrix_)
-    if hasattr(last, "predict_proba"):
-        probabilities = np.asarray(last.predict_proba(features), dtype=np.float64)
-    return Scores(values, binary, probabilities, coding)
-
-
-def without_fixed_steps(model: Any, rows: Rows) -> tuple[Any, Rows]:
-    """Apply the first steps of a pipeline that learn nothing from data once, instead of once a fold."""
-    X = rows.X
-    while isinstance(model, Pipeline) and len(model.steps) > 1 and not learns(model.steps[0][1]):
-        X = clone(model.steps[0][1]).fit(X).transform(X)
-        model = Pipeline(model.steps[1:])
-    return model, replace(rows, X=X)
-
-
-def _joined(each: Sequence[Scores]) -> Scores:
-    def together(name: str) -> Any:
-        parts = [getattr(one, name) for one in each]
-        return None if any(part is None for part in parts) else np.concatenate(parts)
-
-    coding, binary = each[0].coding, together("binary")
-    # Random codings without a seed differ from fold to fold: their scores cannot be compared.
-    if binary is None or not all(np.array_equal(coding, one.coding) for one in each):  # type: ignore[arg-type]
-        coding = binary = None
-    return Scores(together("values"), binary, together("probabilities"), coding)
