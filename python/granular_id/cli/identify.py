@@ -81,22 +81,21 @@ class Recordings(ReadingOptions):
 
         parts = [self.load_path(path, quiet=quiet) for path in self.paths]
         data = parts[0]
-        if len(parts) > 1:  # then recordings are named after the path they came from
-            named = [
-                Dataset(
-                    [replace(r, name=_place(path, r.name, alone=len(part) == 1)) for r in part], part.history
-                )
-                for path, part in zip(self.paths, parts, strict=True)
-            ]
-            data = Dataset.concatenate(named)
+        if len(parts) > 1:
+            data = Dataset.concatenate([_placed(*each) for each in zip(self.paths, parts, strict=True)])
         say_loaded(data, quiet=quiet)
         return data
 
 
-def _place(path: Path, name: str, *, alone: bool) -> str:
-    if path.is_dir():
-        return str(path / name)
-    return str(path) if alone else f"{path}: {name}"
+def _placed(path: Path, data: Dataset) -> Dataset:
+    """Name the recordings of one of several paths after it."""
+
+    def place(name: str) -> str:
+        if path.is_dir():
+            return str(path / name)
+        return str(path) if len(data) == 1 else f"{path}: {name}"
+
+    return type(data)([replace(one, name=place(one.name)) for one in data], data.history)
 
 
 @dataclass(kw_only=True)

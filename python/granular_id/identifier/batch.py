@@ -38,7 +38,7 @@ class Answer:
     unknown: bool | None
     trained_on: (
         bool | None
-    )  # on these very samples; None where the model does not know its recordings one by one
+    )  # on these very samples; None where the model does not know each of its recordings
     ranking: tuple[tuple[str, float], ...]
 
 

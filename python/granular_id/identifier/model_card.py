@@ -116,10 +116,8 @@ def _lead(model: Identifier) -> str:
         return f"{model.lead_s:g} s"
     if Metadata(model.core).begins_at_first:
         return "not known, recordings begin at their first sample"
-    n_triggers, n_recordings = (
-        model.trained.get("n_triggers"),
-        sum(model.trained.get("recordings", {}).values()),
-    )
+    n_triggers = model.trained.get("n_triggers")
+    n_recordings = sum(model.trained.get("recordings", {}).values())
     if n_triggers is None:
         return "not known, or not the same in all recordings"
     if n_triggers == 0:
