@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
     from granular_id.identifier.training import (
-        Training as Training,
         train as train,
     )
 
@@ -36,7 +35,6 @@ __all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accurac
 _LAZY = {
     "OverTime": "time_course",
     "Recipe": "recipe",
-    "Training": "training",
     "accuracy_over_time": "time_course",
     "over_time": "time_course",
     "train": "training",
