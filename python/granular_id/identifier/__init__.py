@@ -26,9 +26,7 @@ from granular_id.identifier.streaming import StreamingIdentifier
 if TYPE_CHECKING:
     from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
-    from granular_id.identifier.training import (
-        train as train,
-    )
+    from granular_id.identifier.training import train as train
 
 __all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accuracy_over_time"]
 
