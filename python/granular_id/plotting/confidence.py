@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._text import counted
-from granular_id.plotting.style import FAINT, INK, new_figure, quiet, save, share_axis
+from granular_id.plotting.style import (
+    INK,
+    SHARE_TICKS,
+    grid,
+    heading,
+    new_figure,
+    quiet,
+    save,
+    share_axis,
+)
 from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -20,7 +29,6 @@ _FIRST, _SECOND = AXIS_COLOURS[0], AXIS_COLOURS[2]  # blue and vermilion, of dif
 _N_BINS = 48
 _LEGEND = 0.34  # share of the height of the panel of sets that its legend takes, above 100 %
 _LINE = 0.2  # the same of one line, and of half a circle below it
-_SHARES = ([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
 
 
 def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -74,7 +82,7 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
         if panel.get_legend_handles_labels()[0]:
             panel.legend(loc="upper left", edgecolor="none", framealpha=1.0, fontsize=7.5, labelcolor=INK)
     title = [confidence.name, *(["SYNTHETIC recordings"] if confidence.synthetic else [])]
-    figure.suptitle(", ".join(filter(None, title)), fontsize=10, color=INK, parse_math=False)
+    heading(figure, ", ".join(filter(None, title)), 10)
     save(figure, path)
     return figure
 
@@ -125,8 +133,7 @@ def _draw_coverage(panel: Any, confidence: Confidence) -> None:
     ticks = ticks[:: 1 + len(ticks) // 7]
     panel.set_xticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
     panel.set_yticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
-    panel.grid(color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
+    grid(panel)
     panel.set_title("sets of materials")
     drawn = max(len(row.coverage) for row in rows if row.random)
     panel.set_xlabel(f"coverage asked for\n{counted(drawn, 'random partition')}", color=INK)
@@ -176,7 +183,6 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
 def _square(panel: Any) -> None:
     share_axis(panel)
     panel.set_ylim(0.0, 1.0 / (1.0 - _LINE))
-    panel.set_yticks(*_SHARES)
+    panel.set_yticks(*SHARE_TICKS)
     panel.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--", label="calibrated", zorder=1)
-    panel.grid(color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
+    grid(panel)

@@ -11,7 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._text import fixed, short, whole_percent
 from granular_id.partitions import protocol_name
-from granular_id.plotting.style import FAINT, INK, new_figure, quiet, row_names, save, share_axis
+from granular_id.plotting.style import (
+    FAINT,
+    INK,
+    SHARE_TICKS,
+    chance_line,
+    grid,
+    heading,
+    legend,
+    new_figure,
+    note,
+    quiet,
+    save,
+    share_rows,
+    synthetic_mark,
+)
 from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -66,14 +80,13 @@ def plot_accuracy(
         panel.barh(rows, means, 0.8 * thickness, color=look.colour, alpha=0.35, linewidth=0, label=look.name)
         for row, name, mean in zip(rows.tolist(), names, means, strict=True):
             draw_accuracy(panel, result, name, protocol, row, look.colour)
-            panel.annotate(
+            note(
+                panel,
                 f"{100 * mean:.1f}",
                 (1.0, row),
-                xytext=(4, 0),
-                textcoords="offset points",
+                (4, 0),
                 va="center",
                 fontsize=7.5,
-                color=INK,
                 annotation_clip=False,
             )
     if paper:
@@ -88,26 +101,14 @@ def plot_accuracy(
             color=INK,
             label=_PAPER,
         )
-    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
-    share_axis(panel)
-    row_names(panel, names)
-    quiet(panel)
-    panel.spines["left"].set_visible(False)
+    chance_line(panel, result.chance, "chance")
+    share_rows(panel, names)
     panel.set_xlabel("accuracy", fontsize=9, color=INK)
-    panel.grid(axis="x", color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
     handles, words = panel.get_legend_handles_labels()
     # The protocols first: matplotlib puts lines before bars.
     order = sorted(range(len(words)), key=lambda i: words[i] in {"chance", _PAPER})
-    figure.legend(
-        [handles[i] for i in order],
-        [words[i] for i in order],
-        loc="outside upper left",
-        ncols=2,
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-    )
+    handles, words = [handles[i] for i in order], [words[i] for i in order]
+    legend(figure, "upper left", handles=handles, labels=words, ncols=2)
     save(figure, path)
     return figure
 
@@ -175,25 +176,10 @@ def plot_gap(
         panel.axvspan(min(means), max(means), color=_GAP_COLOUR, alpha=0.3, linewidth=0)
     for row, (protocol, look) in enumerate(shown.items()):
         _draw_row(panel, result, name, protocol, row, look)
-    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--")
-    panel.annotate(
-        "chance",
-        (result.chance, len(shown) - 0.5),
-        xytext=(3, 3),
-        textcoords="offset points",
-        fontsize=8,
-        color=INK,
-    )
-    share_axis(panel)
-    panel.set_yticks(range(len(shown)), [look.name for look in shown.values()])
-    panel.set_ylim(len(shown) - 0.5, -0.5)
-    quiet(panel)
-    panel.tick_params(axis="y", length=0, labelsize=9)
-    panel.spines["left"].set_visible(False)
-    panel.grid(axis="x", color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
-    mark = ", SYNTHETIC recordings" if result.synthetic else ""
-    panel.set_title(f"accuracy of {short(name, 40)}{mark}", fontsize=9, color=INK, parse_math=False)
+    chance_line(panel, result.chance)
+    note(panel, "chance", (result.chance, len(shown) - 0.5), (3, 3))
+    share_rows(panel, [look.name for look in shown.values()], size=9)
+    heading(panel, f"accuracy of {short(name, 40)}{synthetic_mark(result.synthetic)}", 9)
     save(figure, path)
     return figure
 
@@ -210,17 +196,9 @@ def _draw_row(panel: Any, result: EvaluationResult, space: str, protocol: str, r
     )
     # The number stands on the side that has room.
     left = mean > 0.5
-    panel.annotate(
-        f"{100 * mean:.1f} %",
-        (min(values.min(), low if np.isfinite(low) else 1.0) if left else max(values.max(), mean), row),
-        xytext=(-6 if left else 8, 0),
-        textcoords="offset points",
-        ha="right" if left else "left",
-        va="center",
-        fontsize=10,
-        fontweight="bold",
-        color=INK,
-    )
+    end = min(values.min(), low if np.isfinite(low) else 1.0) if left else max(values.max(), mean)
+    style = {"ha": "right" if left else "left", "va": "center", "fontsize": 10, "fontweight": "bold"}
+    note(panel, f"{100 * mean:.1f} %", (end, row), (-6 if left else 8, 0), **style)
 
 
 def plot_recall(
@@ -266,22 +244,14 @@ def plot_recall(
         ends = [recall[row] for recall in recalls.values()]
         panel.plot([min(ends), max(ends)], [row, row], color=FAINT, linewidth=2, zorder=1)
     for protocol, look in shown.items():
-        marks: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": look.marker,
-            "markersize": 6,
-            "color": look.colour,
-        }
-        panel.plot(recalls[protocol], rows, label=look.name, alpha=0.9, clip_on=False, **marks)
-    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
-    share_axis(panel)
-    row_names(panel, result.labels)
-    quiet(panel)
-    panel.spines["left"].set_visible(False)
+        marks: dict[str, Any] = {"linestyle": "none", "marker": look.marker, "markersize": 6}
+        panel.plot(
+            recalls[protocol], rows, label=look.name, color=look.colour, alpha=0.9, clip_on=False, **marks
+        )
+    chance_line(panel, result.chance, "chance")
+    share_rows(panel, result.labels)
     panel.set_xlabel("recall", fontsize=9, color=INK)
-    panel.grid(axis="x", color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
-    figure.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8, labelcolor=INK)
+    legend(figure, "upper left", ncols=3)
     save(figure, path)
     return figure
 
@@ -360,10 +330,8 @@ def plot_confusion(
     side = 1.8 + 0.5 * k
     figure = new_figure(side + 0.8, side)
     draw_confusion(figure.subplots(), percent, labels)
-    heading = "" if title is None else f"{title}\n"
-    figure.axes[0].set_title(
-        f"{heading}per cent of each true class", fontsize=10, color=INK, parse_math=False
-    )
+    above = "" if title is None else f"{title}\n"
+    heading(figure.axes[0], f"{above}per cent of each true class", 10)
     save(figure, path)
     return figure
 
@@ -399,8 +367,7 @@ def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[st
     panel.set_yticks(np.arange(k + 1) - 0.5, minor=True)
     panel.grid(which="minor", color=FAINT, linewidth=0.4, alpha=0.6)
     panel.tick_params(which="both", length=0, colors=INK)
-    for spine in panel.spines.values():
-        spine.set_visible(False)
+    panel.spines[:].set_visible(False)
     panel.set_xlim(-0.5, k - 0.5)
     panel.set_ylim(k - 0.5, -0.5)
     panel.set_aspect("equal")
@@ -471,39 +438,21 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
         ]
         _fill(panel, seconds, wrong, _WRONG, "of these wrong", alpha=0.9)
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
-        panel.annotate(
-            f"mean {fixed(course.mean_seconds, 2)} s",
-            (course.mean_seconds, 0.5),
-            xytext=(-4, 0),
-            textcoords="offset points",
-            ha="right",
-            fontsize=8,
-            color=INK,
+        note(
+            panel, f"mean {fixed(course.mean_seconds, 2)} s", (course.mean_seconds, 0.5), (-4, 0), ha="right"
         )
     panel.plot(seconds, course.accuracy, color=_ACCURACY, linewidth=1.8, label="provisional answers right")
     panel.axhline(course.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
-    panel.annotate(
-        f"{100 * course.accuracy[-1]:.1f} %",
-        (seconds[-1], course.accuracy[-1]),
-        xytext=(-3, 5),
-        textcoords="offset points",
-        ha="right",
-        fontsize=9,
-        fontweight="bold",
-        color=INK,
-    )
+    end = course.accuracy[-1]
+    note(panel, f"{100 * end:.1f} %", (seconds[-1], end), (-3, 5), ha="right", fontsize=9, fontweight="bold")
     panel.set_xlim(0.0, seconds[-1])
     panel.set_ylim(0.0, 1.08)
-    panel.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
-    panel.grid(axis="y", color=FAINT, linewidth=0.4)
-    panel.set_axisbelow(True)
+    panel.set_yticks(*SHARE_TICKS)
+    grid(panel, "y")
     quiet(panel)
     panel.set_xlabel("signal seen, s", fontsize=9, color=INK)
-    mark = ", SYNTHETIC recordings" if course.synthetic else ""
-    panel.set_title(
-        f"{course.held_out}: {course.n_answers} answers{mark}", fontsize=9, color=INK, parse_math=False
-    )
-    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=8, labelcolor=INK)
+    heading(panel, f"{course.held_out}: {course.n_answers} answers{synthetic_mark(course.synthetic)}", 9)
+    legend(figure, "lower center", ncols=4)
     save(figure, path)
     return figure
 

@@ -16,15 +16,22 @@ from granular_id.evaluation import window_starts
 from granular_id.plotting.style import (
     FAINT,
     INK,
-    TICKS,
     axis_line,
+    colour_bar,
+    curve_panel,
+    heading,
+    legend,
+    log_axis,
     middles_to_edges,
+    name_row,
     new_figure,
+    note,
     number_text,
     pretty,
     quiet,
     row_names,
     save,
+    synthetic_mark,
 )
 from granular_id.recording import AXIS_COLOURS
 
@@ -93,14 +100,9 @@ def plot_explanation(
         _draw_bands(explanation) if isinstance(explanation, BandExplanation) else _draw_blocks(explanation)
     )
     first, second = (short(str(label)) for label in (explanation.first, explanation.second))
-    heading = "" if title is None else f"{title}\n"
+    above = "" if title is None else f"{title}\n"
     scores = " and ".join(f"{score:+.2g}".replace("-", "\N{MINUS SIGN}") for score in explanation.scores)
-    figure.suptitle(
-        f"{heading}What tells {first} from {second}: mean scores {scores}",
-        fontsize=11,
-        color=INK,
-        parse_math=False,
-    )
+    heading(figure, f"{above}What tells {first} from {second}: mean scores {scores}")
     save(figure, path)
     return figure
 
@@ -117,21 +119,15 @@ def _draw_blocks(explanation: Explanation) -> Figure:
     handles: dict[str, Any] = {}
     for (name, parts), (wide, narrow) in zip(groups.items(), panels, strict=True):
         handles |= _draw_curves(wide, parts)
-        wide.set_title(name, fontsize=10, color=INK, parse_math=False)
+        heading(wide, name, 10)
         _draw_axis_shares(narrow, {axis: scale * value for axis, value in by_axis[name].items()}, digits)
         narrow.set_xlabel(unit, fontsize=8, color=INK)
     low = min(0.0, *(panel.get_xlim()[0] for panel in panels[:, 1]))
     high = max(0.0, *(panel.get_xlim()[1] for panel in panels[:, 1]))
     for panel in panels[:, 1]:
         panel.set_xlim(low, high)
-    figure.legend(
-        handles=list(handles.values()),
-        labels=[pretty(axis) for axis in handles],
-        loc="outside lower left",
-        ncols=len(handles),
-        frameon=False,
-        fontsize=9,
-    )
+    names = [pretty(axis) for axis in handles]
+    legend(figure, "lower left", size=9, handles=list(handles.values()), labels=names, ncols=len(names))
     return figure
 
 
@@ -162,11 +158,9 @@ def _draw_curves(panel: Any, parts: list[ExplainedBlock]) -> dict[str, Any]:
         for axis, values in zip(part.block.axes, contributions, strict=True):
             style = {"linewidth": 1.1, "drawstyle": "steps-mid"}
             (lines[axis],) = panel.plot(coordinates, values, **axis_line(axis, len(lines)), **style)
-    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    panel.margins(x=0)
+    curve_panel(panel)
     if block.kind == "magnitude" and reach > 0:  # most bins of a wide range stay empty
         panel.set_xlim(max(panel.get_xlim()[0], -reach), min(panel.get_xlim()[1], reach))
-    quiet(panel)
     panel.set_ylabel("contribution", fontsize=8, color=INK)
     panel.set_xlabel(_coordinate(block.kind, block.unit, own_range=len(parts) > 1), fontsize=8, color=INK)
     return lines
@@ -176,15 +170,7 @@ def _draw_shares(panel: Any, shares: Mapping[str, float], colours: Sequence[str]
     """Draw a horizontal bar for each share, with its name and its number in `digits` digits."""
     for row, (share, colour) in enumerate(zip(shares.values(), colours, strict=True)):
         panel.barh(row, share, 0.7, color=colour, linewidth=0)
-        panel.annotate(
-            number_text(share, digits),
-            (max(share, 0.0), row),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=7.5,
-            color=INK,
-        )
+        note(panel, number_text(share, digits), (max(share, 0.0), row), (3, 0), va="center", fontsize=7.5)
     panel.axvline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     row_names(panel, list(shares))
     quiet(panel)
@@ -229,11 +215,11 @@ def _draw_bands(explanation: BandExplanation) -> Figure:
 
     left, right = next(parts).subplots(1, 2, width_ratios=(3.2, 1.0))
     _draw_table(left, table, explanation, scale, digits)
-    left.set_title(f"Bands and axes, {unit}", fontsize=9, color=INK)
+    heading(left, f"Bands and axes, {unit}", 9)
     _draw_block_shares(
         right, {block: scale * total for block, total in explanation.by_block().items()}, digits
     )
-    right.set_title("Blocks", fontsize=9, color=INK)
+    heading(right, "Blocks", 9)
     if strongest:
         _draw_couplings(next(parts), explanation, strongest, scale, unit)
     if along:
@@ -284,8 +270,7 @@ def _draw_table(
     row_names(panel, [*(name.removeprefix("the ") for name in table), "sum"])
     panel.set_xticks(range(across + 1), [*map(pretty, axes), "sum"], rotation=_turned(axes))
     panel.tick_params(labelsize=8, colors=INK, length=0, top=False)
-    for spine in panel.spines.values():
-        spine.set_visible(False)
+    panel.spines[:].set_visible(False)
 
 
 def _turned(axes: Sequence[str]) -> int:
@@ -297,8 +282,7 @@ def _draw_block_shares(panel: Any, shares: dict[str, float], digits: int) -> Non
     _draw_shares(panel, shares, ["#0072B2"] * len(shares), digits)
     panel.margins(x=0.35)
     panel.set_xticks([])
-    for side in ("left", "bottom"):
-        panel.spines[side].set_visible(False)
+    panel.spines[:].set_visible(False)
 
 
 def _draw_couplings(
@@ -323,19 +307,14 @@ def _draw_couplings(
         panel.set_xticks(range(n), map(pretty, axes), rotation=_turned(axes))
         panel.set_yticks(range(n), map(pretty, axes) if place == 0 else [""] * n)
         panel.tick_params(labelsize=7.5 if n <= 8 else 5.5, colors=INK, length=0)
-        for spine in panel.spines.values():
-            spine.set_color(FAINT)
+        panel.spines[:].set_color(FAINT)
         if row == 0:
             panel.set_title(str(band).removeprefix("the "), fontsize=9, color=INK)
             panel.set_xlabel("at the same instant", fontsize=8, color=INK)
         else:
             panel.set_xlabel(f"columns {1e3 * earlier / band.rate_hz:.3g} ms earlier", fontsize=8, color=INK)
-    bar = figure.colorbar(image, ax=panels, pad=0.02, aspect=30, shrink=0.9)
-    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
-    bar.set_label(unit, fontsize=8, color=INK)
-    figure.suptitle("Couplings, in the bands of the strongest", fontsize=9, color=INK)
+    colour_bar(figure, image, panels, unit, aspect=30, shrink=0.9)
+    heading(figure, "Couplings, in the bands of the strongest", 9)
 
 
 def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: str) -> None:
@@ -353,24 +332,17 @@ def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: st
             panel.stairs(scale * part.contributions[place], edges, fill=True, color=colour)
             panel.axhline(0.0, color=FAINT, linewidth=0.6)
             panel.set_ylim(min(0.0, scale * float(part.contributions.min())), largest)
-            quiet(panel)
+            last = place == len(axes) - 1
+            quiet(panel, "left", *(() if last else ("bottom",)))
             panel.set_yticks([])
-            for side in ("left", "bottom"):
-                panel.spines[side].set_visible(side == "bottom" and place == len(axes) - 1)
-            panel.tick_params(bottom=place == len(axes) - 1, labelbottom=place == len(axes) - 1)
+            panel.tick_params(bottom=last, labelbottom=last)
             if number == 0:
-                panel.set_ylabel(pretty(axis), rotation=0, ha="right", va="center", fontsize=8.5, color=INK)
+                name_row(panel, pretty(axis))
         if block.kind == "frequency" and edges[0] > 0:
-            column[0].set_xscale("log")
-            ticks = [tick for tick in TICKS if edges[0] <= tick <= edges[-1]]
-            column[-1].set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-            column[-1].minorticks_off()
+            log_axis(column[-1], edges[0], edges[-1])
         column[-1].set_xlim(edges[0], edges[-1])
-        column[0].set_title(
-            f"{block.name.capitalize()}: tallest {largest:.2g} {'%' if unit.startswith('%') else unit}",
-            fontsize=9,
-            color=INK,
-        )
+        tallest = f"{largest:.2g} {'%' if unit.startswith('%') else unit}"
+        heading(column[0], f"{block.name.capitalize()}: tallest {tallest}", 9)
         column[-1].set_xlabel(f"{block.kind}, {block.unit}", fontsize=8, color=INK)
 
 
@@ -421,10 +393,9 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
     for block, cell in zip(blocks, cells, strict=False):
         column = cell.subplots(rows, 1, squeeze=False)[:, 0]
         draw_weights(column, block)
-        column[0].set_title(block.name, fontsize=10, color=INK, parse_math=False)
-    synthetic = ", SYNTHETIC recordings" if portrait.n_synthetic else ""
-    title = f"Where the linear model of {portrait.looked_at} looks{synthetic}"
-    figure.suptitle(title, fontsize=11, color=INK, parse_math=False)
+        heading(column[0], block.name, 10)
+    mark = synthetic_mark(portrait.n_synthetic)
+    heading(figure, f"Where the linear model of {portrait.looked_at} looks{mark}")
     save(figure, path)
     return figure
 
@@ -450,23 +421,15 @@ def draw_weights(panels: Any, block: WeightBlock) -> None:
             )
         panel.set_xlim(left, right if right > left else left + 1.0)
         panel.set_ylim(0.0, top)
-        quiet(panel)
+        quiet(panel, "left")
         panel.set_yticks([])
-        panel.spines["left"].set_visible(False)
-        share = 100 * float(block.shares[number])
-        panel.set_ylabel(
-            f"{pretty(axis)}\n{share:.1f} %", rotation=0, ha="right", va="center", fontsize=8.5, color=INK
-        )
+        name_row(panel, f"{pretty(axis)}\n{100 * float(block.shares[number]):.1f} %")
         last = number == len(block.axes) - 1
         if bands:
             _name_edges(panel, block)
         elif _is_geometric(block):
-            panel.set_xscale("log")
-            ticks = [tick for tick in TICKS if left <= tick <= right]
-            panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-            panel.minorticks_off()
+            log_axis(panel, left, right)
         panel.tick_params(labelbottom=last, length=3 if last else 0, colors=INK)
-        panel.spines["bottom"].set_color(FAINT)
     for unused in panels[len(block.axes) :]:
         unused.remove()
     what = _ACROSS.get(block.kind, block.kind)

@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
 from granular_id._text import fixed, short
-from granular_id.plotting.style import INK, axis_line, evenly, new_figure, pretty, quiet, save
+from granular_id.plotting.style import (
+    INK,
+    axis_line,
+    evenly,
+    heading,
+    legend,
+    new_figure,
+    pretty,
+    quiet,
+    save,
+)
 from granular_id.recording import (
     FALSE_ALARM_RATE,
     ONSET_STEP,
@@ -120,10 +130,10 @@ def plot_onsets(
     figure.supylabel(
         f"relative to rest, {unit_of(_drawn(shown[0])[0], shown[0].meta)}", fontsize=9, color=INK
     )
-    figure.suptitle(_title(shown, len(dataset), settings), fontsize=11, color=INK)
+    heading(figure, _title(shown, len(dataset), settings))
     kinds = {rows.get(r.name, {}).get("how", "kept") for r in shown if r.trigger_index is not None}
     key = _key(shown, kinds)
-    figure.legend(handles=key, loc="outside lower center", ncols=len(key), frameon=False, fontsize=8)
+    legend(figure, "lower center", handles=key, ncols=len(key))
     save(figure, path)
     return figure
 

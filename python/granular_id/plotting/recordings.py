@@ -15,14 +15,16 @@ from granular_id._core import AXES, UNITS
 from granular_id._text import short
 from granular_id.plotting.style import (
     AXIS_DASHES,
-    FAINT,
     INK,
     axis_line,
+    colour_bar,
+    curve_panel,
     evenly,
+    heading,
+    legend,
     material_panels,
     new_figure,
     pretty,
-    quiet,
     row_names,
     save,
 )
@@ -91,14 +93,12 @@ def plot_recordings(
     for (label, group), panel in zip(groups.items(), panels, strict=True):
         shown = [group[i] for i in evenly(len(group), n)]
         handles = _draw(panel, shown, list(wanted))
-        title = f"{short(label)} ({len(shown)} of {len(group)})"
-        panel.set_title(title, fontsize=10, color=INK, parse_math=False)
-    synthetic = dataset.is_synthetic
+        heading(panel, f"{short(label)} ({len(shown)} of {len(group)})", 10)
     figure.supxlabel("time from the first sample, s", fontsize=10, color=INK)
     figure.supylabel(unit, fontsize=10, color=INK)
-    title = "Synthetic recordings as they are stored" if synthetic else "Recordings as they are stored"
-    figure.suptitle(title, fontsize=11, color=INK)
-    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    what = "Synthetic recordings" if dataset.is_synthetic else "Recordings"
+    heading(figure, f"{what} as they are stored")
+    legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
     save(figure, path)
     return figure
 
@@ -137,9 +137,7 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
         if recording.trigger_index is not None:
             top = panel.get_xaxis_transform()
             panel.plot(time_s[recording.trigger_index], 0.98, "v", color=INK, markersize=3, transform=top)
-    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    panel.margins(x=0)
-    quiet(panel)
+    curve_panel(panel)
     return first_lines
 
 
@@ -190,8 +188,8 @@ def plot_mean_forces(
     quantity = "force" if unit == "N" else "torque"
     figure.supxlabel("time, s", fontsize=10, color=INK)
     figure.supylabel(f"{quantity}, {unit}", fontsize=10, color=INK)
-    figure.suptitle(_title(dataset, quantity), fontsize=11, color=INK)
-    figure.legend(handles=handles, loc="outside lower right", ncols=len(handles), frameon=False, fontsize=9)
+    heading(figure, _title(dataset, quantity))
+    legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
     save(figure, path)
     return figure
 
@@ -246,11 +244,8 @@ def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
         low, high = mean - curves.sd[axis], mean + curves.sd[axis]
         panel.fill_between(curves.time_s, low, high, color=style["color"], alpha=0.25, linewidth=0)
         lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
-    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
-    # A label with $ in it is a label, no mathematics.
-    panel.set_title(short(curves.label), fontsize=10, color=INK, parse_math=False)
-    panel.margins(x=0)
-    quiet(panel)
+    curve_panel(panel)
+    heading(panel, short(curves.label), 10)
     return lines
 
 
@@ -302,12 +297,7 @@ def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None)
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
     """
-    part = high_pass_of(portrait)
-    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
-    title = f"Histograms of the signal above {part.settings['cutoff_hz']:g} Hz: {synthetic}mean of a material"
-    return plot_six(
-        lambda panel, axis: draw_hfmh(panel, portrait, axis), portrait.axes, len(portrait.labels), title, path
-    )
+    return _six_panels(portrait, draw_hfmh, "Histograms of the signal", "mean of a material", path)
 
 
 def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
@@ -370,16 +360,7 @@ def plot_residual(portrait: Portrait, *, path: str | os.PathLike[str] | None = N
     >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
     ['$F_x$', '$F_y$']
     """
-    part = high_pass_of(portrait)
-    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
-    title = f"Signal above {part.settings['cutoff_hz']:g} Hz: {synthetic}root mean square over time"
-    return plot_six(
-        lambda panel, axis: draw_residual(panel, portrait, axis),
-        portrait.axes,
-        len(portrait.labels),
-        title,
-        path,
-    )
+    return _six_panels(portrait, draw_residual, "Signal", "root mean square over time", path)
 
 
 def draw_residual(panel: Any, portrait: Portrait, axis: int) -> None:
@@ -437,16 +418,11 @@ def draw_heat(
     )
     row_names(panel, labels)
     panel.tick_params(labelsize=7.5, colors=INK)
-    for spine in panel.spines.values():
-        spine.set_visible(False)
+    panel.spines[:].set_visible(False)
     beyond = "max" if values.max() > limits[1] else "neither"
-    bar = panel.figure.colorbar(image, ax=panel, pad=0.02, aspect=25, extend=beyond)
-    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
-    bar.outline.set_visible(False)
+    bar = colour_bar(panel.figure, image, panel, key, aspect=25, extend=beyond)
     bar.set_ticks(ticks := _ticks(limits), labels=[f"{tick:g}" for tick in ticks])
     bar.ax.minorticks_off()
-    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
-    bar.set_label(key, fontsize=8, color=INK)
 
 
 def _ticks(limits: tuple[float, float]) -> list[float]:
@@ -471,18 +447,20 @@ def shared_limits(
     return max(min(smallest, 0.5 * top), top * 10.0**-decades), top
 
 
-def plot_six(
-    draw: Callable[[Any, int], None],
-    axes: Sequence[str],
-    n_rows: int,
-    title: str,
+def _six_panels(
+    portrait: Portrait,
+    draw: Callable[[Any, Portrait, int], None],
+    what: str,
+    shown: str,
     path: str | os.PathLike[str] | None,
 ) -> Figure:
-    """Lay out one panel an axis, forces above torques, each filled by ``draw(panel, axis number)``."""
-    figure = new_figure(12.0, 2 * (1.0 + 0.17 * n_rows) + 0.5)
+    """Lay out one panel an axis, forces above torques, each filled by ``draw(panel, portrait, axis number)``."""
+    cutoff_hz = high_pass_of(portrait).settings["cutoff_hz"]
+    figure = new_figure(12.0, 2 * (1.0 + 0.17 * len(portrait.labels)) + 0.5)
     for number, panel in enumerate(figure.subplots(2, 3).ravel()):
-        draw(panel, number)
-        panel.set_title(f"{pretty(axes[number])}", fontsize=10, color=INK)
-    figure.suptitle(title, fontsize=11, color=INK)
+        draw(panel, portrait, number)
+        panel.set_title(pretty(portrait.axes[number]), fontsize=10, color=INK)
+    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
+    heading(figure, f"{what} above {cutoff_hz:g} Hz: {synthetic}{shown}")
     save(figure, path)
     return figure

@@ -30,8 +30,10 @@ AXIS_DASHES = ("-", ":", "--", ":", "-", "--")
 INK, FAINT = "#333333", "#BBBBBB"
 """Text and marks; lines that only guide the eye."""
 
-TICKS = tuple(step * 10.0**power for power in range(-3, 5) for step in (1, 2, 5))
+_TICKS = tuple(step * 10.0**power for power in range(-3, 5) for step in (1, 2, 5))
 """Ticks of a logarithmic axis that few decades need."""
+
+SHARE_TICKS = ([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -57,13 +59,75 @@ def material_panels(n: int) -> tuple[Figure, list[Any]]:
     return figure, list(panels[:n])
 
 
-def quiet(panel: Any) -> None:
-    """Keep the two axes that carry numbers, faintly, and small tick labels."""
+def quiet(panel: Any, *hidden: str) -> None:
+    """Keep the two axes that carry numbers, faintly, and small tick labels; `hidden` sides go too."""
     panel.tick_params(labelsize=8, colors=INK)
-    for side in ("top", "right"):
-        panel.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        panel.spines[side].set_color(FAINT)
+    panel.spines[["left", "bottom"]].set_color(FAINT)
+    panel.spines[["top", "right", *hidden]].set_visible(False)
+
+
+def curve_panel(panel: Any) -> None:
+    """Finish a panel of curves: a line at zero, and no room before the first and after the last sample."""
+    panel.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
+    panel.margins(x=0)
+    quiet(panel)
+
+
+def grid(panel: Any, axis: str = "both") -> None:
+    """Draw faint lines behind everything else, across an axis or both."""
+    panel.grid(axis=axis, color=FAINT, linewidth=0.4)
+    panel.set_axisbelow(True)
+
+
+def chance_line(panel: Any, chance: float, label: str | None = None) -> None:
+    """Mark the accuracy of chance on the horizontal axis."""
+    panel.axvline(chance, color=INK, linewidth=0.8, linestyle="--", label=label)
+
+
+def note(panel: Any, text: str, at: tuple[float, float], away: tuple[float, float], **style: Any) -> None:
+    """Write a few words `away` points from a place of the panel."""
+    panel.annotate(
+        text, at, xytext=away, textcoords="offset points", **({"fontsize": 8, "color": INK} | style)
+    )
+
+
+def heading(target: Any, text: str, size: float = 11) -> None:
+    """Write the heading of a figure, or the title of a panel; a name with $ in it is a name, no mathematics."""
+    write = target.set_title if hasattr(target, "set_title") else target.suptitle
+    write(text, fontsize=size, color=INK, parse_math=False)
+
+
+def legend(figure: Any, side: str, *, size: float = 8, **options: Any) -> None:
+    """Put one legend of all panels outside of them, for instance at the side "upper left"."""
+    figure.legend(loc=f"outside {side}", frameon=False, fontsize=size, labelcolor=INK, **options)
+
+
+def colour_bar(figure: Any, image: Any, panels: Any, label: str, **options: Any) -> Any:
+    """Draw the key of a heat map beside its panels."""
+    bar = figure.colorbar(image, ax=panels, pad=0.02, **options)
+    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
+    bar.set_label(label, fontsize=8, color=INK)
+    return bar
+
+
+def log_axis(panel: Any, low: float, high: float) -> None:
+    """Make the horizontal axis logarithmic, with round numbers between two limits."""
+    panel.set_xscale("log")
+    ticks = [tick for tick in _TICKS if low <= tick <= high]
+    panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    panel.minorticks_off()
+
+
+def name_row(panel: Any, text: str) -> None:
+    """Name a panel that is one row of several, on its left."""
+    panel.set_ylabel(text, rotation=0, ha="right", va="center", fontsize=8.5, color=INK)
+
+
+def synthetic_mark(synthetic: object) -> str:
+    """Return what the title of a figure adds for synthetic recordings."""
+    return ", SYNTHETIC recordings" if synthetic else ""
 
 
 def save(figure: Figure, path: str | os.PathLike[str] | None) -> None:
@@ -122,7 +186,16 @@ def evenly(total: int, n: int) -> NDArray[np.intp]:
 def share_axis(panel: Any) -> None:
     """Make the horizontal axis one of shares from 0 to 100 %."""
     panel.set_xlim(0.0, 1.0)
-    panel.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0 %", "25 %", "50 %", "75 %", "100 %"])
+    panel.set_xticks(*SHARE_TICKS)
+
+
+def share_rows(panel: Any, names: Sequence[str], size: float = 8) -> None:
+    """Make a panel of shares, one named row each."""
+    share_axis(panel)
+    row_names(panel, names)
+    quiet(panel, "left")
+    panel.tick_params(axis="y", labelsize=size)
+    grid(panel, "x")
 
 
 def row_names(panel: Any, names: Sequence[str]) -> None:
