@@ -13,7 +13,7 @@ from granular_id._checks import whole_number
 from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.explanation.result import Explanation
-from granular_id.spaces import Band, BandColumn, BandColumns
+from granular_id.spaces import BandColumn, BandColumns, FrequencyBand
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -127,19 +127,51 @@ class BandExplanation(Explanation):
             True: couplings alone, of two axes or of one with itself earlier; False: all but them. Default: all.
         """
         n = whole_number("n", n, least=0)
-        labels = (str(self.first), str(self.second))
-        return findings_of(self.columns, self.contributions, self.means, labels, n, coupled=coupled)
+        columns, labels = self.columns, (str(self.first), str(self.second))
+        groups: dict[tuple[int | str | None, int, int, int], list[int]] = {}
+        for number, column in enumerate(columns.columns):
+            if coupled is not None and coupled != (column.first != column.second or column.lag > 0):
+                continue
+            key = (_place(columns, column), column.first, column.second, column.lag)
+            groups.setdefault(key, []).append(number)
+        sums = {key: float(self.contributions[members].sum()) for key, members in groups.items()}
+        strongest = sorted((key for key, total in sums.items() if total > 0), key=lambda key: -sums[key])[:n]
+        found = []
+        for key in strongest:
+            place, first, second, lag = key
+            best = groups[key][int(np.argmax(self.contributions[groups[key]]))]
+            band = columns.bands[place] if isinstance(place, int) else None
+            one, other = columns.axes[first], columns.axes[second]
+            found.append(
+                Finding(
+                    band=band,
+                    axes=(one, other) if lag or one != other else (one,),
+                    lag_s=lag / band.rate_hz if band is not None else 0.0,
+                    contribution=sums[key],
+                    feature=columns.names[best],
+                    words=said(columns, self.means, labels, best),
+                )
+            )
+        return tuple(found)
 
     def strongest_couplings(self) -> tuple[Finding, ...]:
         """Return the few couplings that the text lists by themselves, and of whose bands a figure shows all."""
         return self.findings(_MOST_COUPLINGS, coupled=True)
 
-    def top(self, n: int = 5) -> tuple[str, ...]:
-        """Return `findings` in words, each with its share of the difference."""
-        pair = f"between {self.first} and {self.second}"
-        return tuple(
-            f"{self._share(one.contribution)} of the difference {pair}: {one}" for one in self.findings(n)
-        )
+    def coupled_bands(self) -> tuple[int, ...]:
+        """Return the numbers of the three bands to show the couplings of, from the highest down.
+
+        First come those of the strongest couplings, then those whose couplings hold most.
+        """
+        columns = self.columns
+        totals = {
+            number: float(self.contributions[members].sum())
+            for number in range(len(columns.bands))
+            if (members := columns.of(block="coupling", band=number)).size
+        }
+        found = [columns.bands.index(one.band) for one in self.strongest_couplings() if one.band is not None]
+        order = [*found, *sorted(totals, key=lambda number: -totals[number])]
+        return tuple(sorted(list(dict.fromkeys(order))[:_MOST_COUPLINGS]))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
@@ -150,7 +182,15 @@ class BandExplanation(Explanation):
                 {"axis": first, "with": second, "samples_earlier": lag, "contribution": value}
                 for (first, second, lag), value in self.by_pair().items()
             ],
-            "bands": [band._asdict() for band in self.columns.bands],
+            "bands": [
+                {
+                    "number": number,
+                    "low_hz": band.low_hz,
+                    "high_hz": band.high_hz,
+                    "rate_hz": band.rate_hz,
+                }
+                for number, band in enumerate(self.columns.bands)
+            ],
             "features": {
                 "names": list(self.columns.names),
                 "means": self.means.tolist(),
@@ -180,6 +220,9 @@ class BandExplanation(Explanation):
             lines.append("Strongest couplings:")
             lines += [f"  {self._share(one.contribution)}: {one}" for one in coupled]
         return "\n".join(lines)
+
+    def _strongest(self, n: int) -> tuple[Finding, ...]:
+        return self.findings(n)
 
     def _share(self, contribution: float) -> str:
         """As of any explanation, with a digit more for small ones: many bands share the difference."""
@@ -321,7 +364,7 @@ class Finding:
 
     Attributes
     ----------
-    band : Band or None
+    band : FrequencyBand or None
         None: the level of the signal, or frequencies beyond all bands.
     axes : tuple of str
         One, or two that are coupled.
@@ -335,7 +378,7 @@ class Finding:
         What that feature says.
     """
 
-    band: Band | None
+    band: FrequencyBand | None
     axes: tuple[str, ...]
     lag_s: float
     contribution: float
@@ -347,44 +390,6 @@ class Finding:
         return f"{self.words} [{self.feature}]"
 
 
-def findings_of(
-    columns: BandColumns,
-    contributions: FloatArray,
-    means: FloatArray,
-    labels: tuple[str, str],
-    n: int,
-    *,
-    coupled: bool | None = None,
-) -> tuple[Finding, ...]:
-    """Group features that say one thing and return the `n` groups that speak most for the first material."""
-    groups: dict[tuple[int | str | None, int, int, int], list[int]] = {}
-    for number, column in enumerate(columns.columns):
-        if coupled is not None and coupled != (column.first != column.second or column.lag > 0):
-            continue
-        place = _place(columns, column)
-        groups.setdefault((place, column.first, column.second, column.lag), []).append(number)
-    sums = {key: float(contributions[members].sum()) for key, members in groups.items()}
-    strongest = sorted((key for key, total in sums.items() if total > 0), key=lambda key: -sums[key])[:n]
-    found = []
-    for key in strongest:
-        place, first, second, lag = key
-        members = groups[key]
-        best = members[int(np.argmax(contributions[members]))]
-        band = columns.bands[place] if isinstance(place, int) else None
-        one, other = columns.axes[first], columns.axes[second]
-        found.append(
-            Finding(
-                band=band,
-                axes=(one, other) if lag or one != other else (one,),
-                lag_s=lag / band.rate_hz if band is not None else 0.0,
-                contribution=sums[key],
-                feature=columns.names[best],
-                words=said(columns, means, labels, best),
-            )
-        )
-    return tuple(found)
-
-
 def _place(columns: BandColumns, column: BandColumn) -> int | str | None:
     """Return the number of the band, "level", or None beyond all; a bin of the spectrum is in its octave."""
     if column.block == "level":
@@ -392,5 +397,5 @@ def _place(columns: BandColumns, column: BandColumn) -> int | str | None:
     if column.block != "spectrum":
         return column.band
     frequency = columns.frequencies_hz[int(column.detail)]
-    inside = (band.number for band in columns.bands[1:] if band.low_hz <= frequency < band.high_hz)
-    return next(inside, None)
+    octaves = enumerate(columns.bands[1:], 1)
+    return next((number for number, band in octaves if band.low_hz <= frequency < band.high_hz), None)

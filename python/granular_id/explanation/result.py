@@ -117,11 +117,10 @@ class Explanation:
         return tuple(sorted(every, key=lambda region: -region.contribution)[:n])
 
     def top(self, n: int = 5) -> tuple[str, ...]:
-        """Return `regions` in words, each with its share of the difference."""
+        """Return the strongest regions, or findings in the multi-band space, each with its share of the difference."""
         pair = f"between {self.first} and {self.second}"
         return tuple(
-            f"{self._share(region.contribution)} of the difference {pair}: {region}"
-            for region in self.regions(n)
+            f"{self._share(one.contribution)} of the difference {pair}: {one}" for one in self._strongest(n)
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -162,6 +161,9 @@ class Explanation:
             lines.append(f"  {self._share(total)} from the {words[group]} ({group}): {axes}")
         strongest = (f"  {self._share(region.contribution)}: {region}" for region in self.regions())
         return "\n".join([*lines, "Strongest:", *strongest])
+
+    def _strongest(self, n: int) -> tuple[Any, ...]:
+        return self.regions(n)
 
     def _heading(self) -> list[str]:
         each = "1 recording each" if self.counts == (1, 1) else "{} and {} recordings".format(*self.counts)

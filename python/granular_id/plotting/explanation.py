@@ -40,12 +40,8 @@ if TYPE_CHECKING:
 
     from granular_id.evaluation import Portrait, WeightBlock
     from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
-    from granular_id.spaces import Band
 # Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
 _COLOURS = "PuOr_r"
-_MATRICES = 3
-"""Bands whose couplings are drawn."""
-
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80
 
@@ -203,7 +199,7 @@ def _draw_bands(explanation: BandExplanation) -> Figure:
     scale, unit, digits = _units(explanation)
     table = explanation.by_band_and_axis()
     n_axes = len(explanation.columns.axes)
-    strongest = _strongest(explanation)
+    strongest = explanation.coupled_bands()
     along = [part for part in explanation.blocks if part.contributions.any()]
     heights = [
         0.7 + 0.21 * (len(table) + 1),
@@ -225,20 +221,6 @@ def _draw_bands(explanation: BandExplanation) -> Figure:
     if along:
         _draw_along(next(parts), along, scale, unit)
     return figure
-
-
-def _strongest(explanation: BandExplanation) -> list[Band]:
-    """Bands of the strongest couplings, then those whose couplings hold most; from the highest down."""
-    columns = explanation.columns
-    totals = {
-        band: float(explanation.contributions[members].sum())
-        for band in columns.bands
-        if (members := columns.of(block="coupling", band=band.number)).size
-    }
-    named = [one.band for one in explanation.strongest_couplings() if one.band is not None]
-    order = [*named, *sorted(totals, key=lambda band: -totals[band])]
-    strongest = list(dict.fromkeys(order))[:_MATRICES]
-    return sorted(strongest, key=lambda band: band.number)
 
 
 def _draw_table(
@@ -286,20 +268,20 @@ def _draw_block_shares(panel: Any, shares: dict[str, float], digits: int) -> Non
 
 
 def _draw_couplings(
-    figure: Any, explanation: BandExplanation, bands: list[Band], scale: float, unit: str
+    figure: Any, explanation: BandExplanation, bands: tuple[int, ...], scale: float, unit: str
 ) -> None:
     """Draw two matrices a band: both axes at one instant, and the second one earlier."""
     axes = explanation.columns.axes
     n = len(axes)
     matrices = np.full((2, len(bands), n, n), np.nan)
-    for place, band in enumerate(bands):
-        for (first, second, lag), total in explanation.by_pair(band.number).items():
+    for place, number in enumerate(bands):
+        for (first, second, lag), total in explanation.by_pair(number).items():
             matrices[int(lag > 0), place, axes.index(first), axes.index(second)] = scale * total
     limit = float(np.nanmax(np.abs(matrices))) or 1.0
     panels = figure.subplots(2, len(bands), squeeze=False)
     earlier = max(key[2] for key in explanation.by_pair())
     for (row, place), panel in np.ndenumerate(panels):
-        values, band = matrices[row, place], bands[place]
+        values, band = matrices[row, place], explanation.columns.bands[bands[place]]
         image = panel.imshow(values, cmap=_COLOURS, vmin=-limit, vmax=limit, interpolation="none")
         for down, across in np.argwhere(values < -0.1 * limit).tolist():
             colour = "white" if values[down, across] < -0.6 * limit else INK

@@ -19,7 +19,6 @@ from granular_id.spaces.multiband import (
     ALL_BLOCKS as ALL_BLOCKS,
     BAND_LOSS as BAND_LOSS,
     USUAL_BLOCKS as USUAL_BLOCKS,
-    Band as Band,
     BandColumn as BandColumn,
     BandColumns as BandColumns,
     FrequencyBand,

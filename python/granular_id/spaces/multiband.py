@@ -56,6 +56,14 @@ class FrequencyBand(NamedTuple):
     rate_hz: float
     n_samples: int
 
+    def __str__(self) -> str:
+        """Describe it, for instance ``61-122 Hz``."""
+        return f"{_hertz(self.low_hz)}-{_hertz(self.high_hz)} Hz" if self.low_hz > 0 else "the whole signal"
+
+
+def _hertz(value: float) -> str:
+    return fixed(value, 0) if value >= 9.5 else f"{value:.2g}"
+
 
 class MultiBand(RecordingTransformer):
     """Statistics of each octave of the signal: about 1,500 numbers of a recording of 1600 samples on six axes.
@@ -236,19 +244,6 @@ _NAME = re.compile(
 )
 
 
-class Band(NamedTuple):
-    """One band of the bank; number 0 is the whole signal without its mean."""
-
-    number: int
-    low_hz: float
-    high_hz: float
-    rate_hz: float
-
-    def __str__(self) -> str:
-        """Describe it, for instance ``61-122 Hz``."""
-        return "the whole signal" if self.number == 0 else f"{_hertz(self.low_hz)}-{_hertz(self.high_hz)} Hz"
-
-
 class BandColumn(NamedTuple):
     """One feature.
 
@@ -275,7 +270,7 @@ class BandColumns:
     names : tuple of D str
     columns : tuple of D BandColumn
     axes : tuple of C str
-    bands : tuple of Band
+    bands : tuple of FrequencyBand
         From the whole signal and the highest octave down to the lowest.
     scales : ndarray, shape (n_bands, C)
         What the signal of each band and axis was divided by, N and N m.
@@ -290,7 +285,7 @@ class BandColumns:
     names: tuple[str, ...]
     columns: tuple[BandColumn, ...] = field(repr=False)
     axes: tuple[str, ...]
-    bands: tuple[Band, ...]
+    bands: tuple[FrequencyBand, ...]
     scales: FloatArray = field(repr=False)
     level_scales: FloatArray = field(repr=False)
     frequencies_hz: FloatArray = field(repr=False)
@@ -353,7 +348,7 @@ def band_columns(transformer: Any) -> BandColumns | None:
         names=names,
         columns=tuple(_column(name, axes) for name in names),
         axes=axes,
-        bands=tuple(Band(k, band.low_hz, band.high_hz, band.rate_hz) for k, band in enumerate(space.bands_)),
+        bands=space.bands_,
         scales=space.scales_,
         level_scales=space.level_scales_,
         frequencies_hz=space.frequencies_hz_,
@@ -375,7 +370,3 @@ def _column(name: str, axes: tuple[str, ...]) -> BandColumn:
         lag=int(found["lag2"] or 0) - int(found["lag1"] or 0),
         detail=what if block == "quantiles" else found["detail"] or "",
     )
-
-
-def _hertz(value: float) -> str:
-    return fixed(value, 0) if value >= 9.5 else f"{value:.2g}"

@@ -51,7 +51,7 @@ def test_the_table_and_the_bars_hold_all_of_the_difference(seen):
 def test_matrices_are_those_of_the_bands_with_the_strongest_couplings(seen):
     figure = plot_explanation(seen)
     panels = figure.axes[2:8]
-    totals = {str(band): sum(seen.by_pair(band.number).values()) for band in seen.columns.bands}
+    totals = {str(band): sum(seen.by_pair(number).values()) for number, band in enumerate(seen.columns.bands)}
     named = {str(one.band) for one in seen.strongest_couplings()}
     others = sorted(totals.keys() - named, key=totals.get, reverse=True)
     strongest = {*named, *others[: 3 - len(named)]}
