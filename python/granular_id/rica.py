@@ -21,7 +21,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import checked_flag, float_array, named, real_number, whole_number
+from granular_id._checks import checked_flag, finite_number, float_array, named, whole_number
 from granular_id._parallel import in_threads, single_threaded_blas
 
 FloatArray = npt.NDArray[np.float64]
@@ -224,9 +224,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         whole_number("n_init", self.n_init)
         whole_number("max_iter", self.max_iter)
         for name in ("alpha", "gtol", "tol"):
-            number = real_number(name, getattr(self, name))
-            if not 0 <= number < math.inf:
-                raise ValueError(f"{name} must be finite and not negative, got {number!r}")
+            finite_number(name, getattr(self, name), least=0)
         checked_flag("standardize", self.standardize)
         named(CONTRASTS, "contrast", self.contrast)
         return {"maxiter": int(self.max_iter), "gtol": float(self.gtol), "ftol": float(self.tol)}

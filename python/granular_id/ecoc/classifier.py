@@ -46,7 +46,7 @@ from granular_id.ecoc.posterior import (
     folds_of,
 )
 from granular_id.ecoc.svm import first_equal
-from granular_id.ecoc.task import Task, checked_gram, checked_weights, class_indices
+from granular_id.ecoc.task import Task, checked_gram, checked_weights, class_indices, sides_of
 from granular_id.gram import linear_gram
 
 FloatArray = npt.NDArray[np.float64]
@@ -260,9 +260,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             return self._estimators.each
 
         def learner(codes: CodingMatrix, dual_coef: FloatArray, intercept: float) -> LinearLearner:
-            positive, negative = (tuple(self.classes_[codes == side].tolist()) for side in (1, -1))
             support = np.flatnonzero(dual_coef)
-            return LinearLearner(positive, negative, support, dual_coef[support], intercept)
+            sides = sides_of(codes, self.classes_.tolist())
+            return LinearLearner(*sides, support, dual_coef[support], intercept)
 
         return tuple(map(learner, self.coding_matrix_.T, self.dual_coef_, self.intercept_.tolist()))
 
@@ -356,9 +356,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             an `estimator`, which needs the features.
         """
         self._check_parameters(weighted=sample_weight is not None)
-        if not self.supports_gram:
-            what = "standardize=True" if self.standardize else "estimator"
-            raise ValueError(f"{what} needs the features: use fit(X, y) instead of fit_gram")
+        self._check_supports_gram()
         labels = column_or_1d(y, warn=True)
         products = float_array("gram", gram)
         if products.ndim == 0 or len(products) != len(labels):
@@ -376,9 +374,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     def binary_scores_gram(self, gram: npt.ArrayLike) -> FloatArray:
         """Scores (m, L) from scalar products (m, n) with the training rows, taken about the same origin."""
-        if not self.supports_gram:
-            what = "an estimator" if self.estimator is not None else "standardize=True"
-            raise ValueError(f"{what} has no shared Gram matrix: use the methods that take X")
+        self._check_supports_gram()
         check_is_fitted(self, "dual_coef_")
         products = float_array("gram", gram)
         if products.ndim != 2 or products.shape[1] != self.dual_coef_.shape[1]:
@@ -421,6 +417,11 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
                     f"of them on the estimator, got C={self.C!r}, hard_margin={self.hard_margin!r}"
                 )
         fitting_loss(self.loss, "real" if self.estimator is None else score_range(self.estimator))
+
+    def _check_supports_gram(self) -> None:
+        if not self.supports_gram:
+            what = "standardize=True" if self.standardize else "estimator"
+            raise ValueError(f"{what} needs the features: use fit(X, y) and the methods that take X")
 
     def _start(self, labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[Task, int, int]:
         """Forget an earlier fit, learn classes and codes; return the task, seeds of the folds and of the learners."""

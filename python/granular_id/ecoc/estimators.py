@@ -13,7 +13,7 @@ from sklearn.utils.validation import has_fit_parameter
 
 from granular_id._estimators import seeded_clone
 from granular_id.ecoc.learners import line_scores, mean_and_deviation
-from granular_id.ecoc.task import Task, over_learners
+from granular_id.ecoc.task import Task, over_learners, sides_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -118,36 +118,24 @@ def fit_estimators(
     """Train a clone of an estimator for each learner; `seed` spreads over each ``random_state`` that is None."""
 
     def train(learner: int) -> EstimatorLearner:
-        return _fit_one(estimator, rows, task, learner, standardize=standardize, seed=seed)
+        members = task.rows(learner)
+        own, weights = rows[members], task.weights_of(members)
+        mean, deviation = mean_and_deviation(own, weights) if standardize else (None, None)
+        fresh = seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=(learner,)))
+        targets = (task.targets(learner, members) > 0).astype(np.intp)
+        weighted = {} if weights is None else {"sample_weight": weights}
+        try:
+            fresh.fit(_moved(own, mean, deviation), targets, **weighted)
+        except ValueError as reason:
+            raise ValueError(f"the learner of {task.described(learner)}: {reason}") from reason
+        if score_range(fresh) is None:
+            raise TypeError(
+                f"estimator must have decision_function or predict_proba, {type(estimator).__name__} has neither"
+            )
+        return EstimatorLearner(*sides_of(task.matrix[:, learner], task.names), fresh, mean, deviation)
 
     each = tuple(over_learners(train, task.n_learners, n_jobs))
     return EstimatorLearners(each, *_lines(each, rows, task))
-
-
-def _fit_one(
-    estimator: Any, rows: FloatArray, task: Task, learner: int, *, standardize: bool, seed: int
-) -> EstimatorLearner:
-    members = task.rows(learner)
-    own, weights = rows[members], task.weights_of(members)
-    mean, deviation = mean_and_deviation(own, weights) if standardize else (None, None)
-    fresh = seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=(learner,)))
-    targets = (task.targets(learner, members) > 0).astype(np.intp)
-    try:
-        fresh.fit(
-            _moved(own, mean, deviation), targets, **({} if weights is None else {"sample_weight": weights})
-        )
-    except ValueError as reason:
-        positive, negative = task.sides(learner)
-        raise ValueError(f"the learner of {positive} against {negative}: {reason}") from reason
-    if score_range(fresh) is None:
-        raise TypeError(
-            f"estimator must have decision_function or predict_proba, {type(estimator).__name__} has neither"
-        )
-    codes = task.matrix[:, learner]
-    positive_side, negative_side = (
-        tuple(name for name, code in zip(task.names, codes, strict=True) if code == side) for side in (1, -1)
-    )
-    return EstimatorLearner(positive_side, negative_side, fresh, mean, deviation)
 
 
 def _moved(rows: FloatArray, mean: FloatArray | None, deviation: FloatArray | None) -> FloatArray:

@@ -174,15 +174,13 @@ def _train(
                 gram_of(learner, rows), task.targets(learner, rows), own_bounds, guess=start
             )
         except NotSeparableError as reason:
-            positive, negative = task.sides(learner)
             raise NotSeparableError(
-                f"hard_margin=True, but classes {positive} and {negative} cannot be separated: {reason}; "
+                f"hard_margin=True, but classes {task.described(learner, ' and ')} cannot be separated: {reason}; "
                 "use hard_margin=False"
             ) from None
         if not solution.converged:
-            positive, negative = task.sides(learner)
             warnings.warn(
-                f"the learner of {positive} against {negative} did not converge; scale the features or lower C",
+                f"the learner of {task.described(learner)} did not converge; scale the features or lower C",
                 ConvergenceWarning,
                 stacklevel=2,
             )

@@ -73,14 +73,16 @@ class Task:
         targets: FloatArray = self.matrix[self.index[rows], learner].astype(np.float64)
         return targets
 
-    def sides(self, learner: int) -> tuple[str, str]:
+    def described(self, learner: int, between: str = " against ") -> str:
         """Classes on the positive and on the negative side of a learner, as text for messages."""
-        column = self.matrix[:, learner]
-        positive, negative = (
-            ", ".join(repr(str(self.names[int(k)])) for k in np.flatnonzero(column == side))
-            for side in (1, -1)
-        )
-        return positive, negative
+        sides = sides_of(self.matrix[:, learner], self.names)
+        return between.join(", ".join(repr(str(name)) for name in side) for side in sides)
+
+
+def sides_of(codes: CodingMatrix, names: Sequence[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Names of the classes with code +1, and of those with code -1, of the codes (K,) of one learner."""
+    positive, negative = (tuple(names[k] for k in np.flatnonzero(codes == side).tolist()) for side in (1, -1))
+    return positive, negative
 
 
 def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple[npt.NDArray[Any], IntArray]:

@@ -19,7 +19,7 @@ from granular_id._checks import positive_number
 from granular_id._columns import column_names, wrench_of
 from granular_id._core import AXES, UNITS
 from granular_id._estimators import real_steps
-from granular_id.features import extract_features, feature_names
+from granular_id.features import FeatureSpec, extract_features, feature_names
 from granular_id.recording import Dataset
 
 FloatArray = npt.NDArray[np.float64]
@@ -169,6 +169,21 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if len(shape) != 3 or shape[1:] != fitted:
             wanted = f"(n, {fitted[0]}, {fitted[1]})"
             raise ValueError(f"X must have shape {wanted} as in fit, with any n, got {shape}")
+
+
+class CoreTransformer(RecordingTransformer):
+    """What the core extracts in one pass, as the `spec_` says that `_learn` has made; a subclass has `threads`."""
+
+    spec_: FeatureSpec
+
+    _core_refuses_gaps = True
+    without_effect: ClassVar[frozenset[str]] = frozenset({"threads"})
+
+    def _features(self, recordings: FloatArray) -> FloatArray:
+        return extract_features(recordings, spec=self.spec_, threads=self.threads)
+
+    def _names(self) -> list[str]:
+        return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)
 
 
 class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: ignore[misc]

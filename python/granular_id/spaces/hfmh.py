@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import argument_error
-from granular_id.features import FeatureSpec, extract_features
+from granular_id.features import FeatureSpec
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces.base import (
+    CoreTransformer,
     FeatureBlock,
-    RecordingTransformer,
     axis_series,
     range_blocks,
     shifted,
@@ -38,7 +38,50 @@ _AUTO_QUANTILE = 0.995
 _OF_SPEC = ("rate_hz", "cutoff_hz", "order", "n_bins", "outside", "density", "initial")
 
 
-class HFMH(RecordingTransformer):
+class _Histogram(CoreTransformer):
+    """Counts in equal bins over a range of each axis that is given, or learned where it is "auto"."""
+
+    bin_range: BinRange
+    bin_range_: FloatArray
+
+    _block: ClassVar[str]
+    """Name of the block, with which names of features begin."""
+
+    @property
+    def learns(self) -> bool:
+        """True with ``bin_range="auto"``: the range then comes from the rows given to `fit`."""
+        return isinstance(self.bin_range, str)
+
+    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
+        """One block, "hfmh" or "hist", over the centres of bins; one an axis, "hfmh_fx", where ranges differ."""
+        return range_blocks(self._block, self.bin_range_, self.spec_.n_bins)
+
+    def _learn(self, recordings: FloatArray) -> None:
+        bounds = self.bin_range
+        if isinstance(bounds, str):
+            if bounds != "auto":
+                raise argument_error(
+                    ValueError,
+                    "bin_range",
+                    f"must be (low, high), one such pair per axis, or 'auto', got {bounds!r}",
+                )
+            self._spec()  # checks all else before it is used
+            bounds = self._learned_range(recordings)
+        self.spec_ = self._spec(bin_range=bounds)
+        n_axes, ranges = recordings.shape[2], np.asarray(bounds, dtype=np.float64)
+        if ranges.ndim == 2 and len(ranges) != n_axes:
+            raise argument_error(ValueError, "bin_range", f"has {len(ranges)} pairs, but X has {n_axes} axes")
+        self.bin_range_ = np.broadcast_to(ranges, (n_axes, 2)).copy()
+
+    def _spec(self, **bin_range: Any) -> FeatureSpec:
+        raise NotImplementedError
+
+    def _learned_range(self, recordings: FloatArray) -> FloatArray:
+        """Range (C, 2) of each axis of recordings (n, T, C)."""
+        raise NotImplementedError
+
+
+class HFMH(_Histogram):
     """High-frequency magnitude histogram of each axis: high-pass filter, then counts in equal bins.
 
     Parameters
@@ -85,12 +128,7 @@ class HFMH(RecordingTransformer):
     (6, 2)
     """
 
-    bin_range_: FloatArray
-    spec_: FeatureSpec
-
-    _core_refuses_gaps = True
-    without_effect: ClassVar[frozenset[str]] = frozenset({"threads"})
-
+    _block = "hfmh"
     _raw = False
 
     def __init__(
@@ -116,36 +154,6 @@ class HFMH(RecordingTransformer):
         self.initial = initial
         self.threads = threads
 
-    @property
-    def learns(self) -> bool:
-        """True with ``bin_range="auto"``: the range then comes from the rows given to `fit`."""
-        return isinstance(self.bin_range, str)
-
-    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
-        """One block, "hfmh", over the centres of the bins; one for each axis, "hfmh_fx", where ranges differ."""
-        return range_blocks("hfmh", self.bin_range_, self.spec_.n_bins)
-
-    def _learn(self, recordings: FloatArray) -> None:
-        options = {name: getattr(self, name) for name in _OF_SPEC} | {"raw": self._raw, "hfmh": True}
-        bounds = self.bin_range
-        if isinstance(bounds, str):
-            if bounds != "auto":
-                raise argument_error(
-                    ValueError,
-                    "bin_range",
-                    f"must be (low, high), one such pair per axis, or 'auto', got {bounds!r}",
-                )
-            FeatureSpec(**options)  # checks the filter before it is used
-            bounds = self._learned_range(recordings)
-        self.spec_ = FeatureSpec(bin_range=bounds, **options)
-        self.bin_range_ = _per_axis(bounds, recordings.shape[2])
-
-    def _features(self, recordings: FloatArray) -> FloatArray:
-        return extract_features(recordings, spec=self.spec_, threads=self.threads)
-
-    def _names(self) -> list[str]:
-        return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)
-
     def high_passed(self, signals: FloatArray) -> FloatArray:
         """One axis of recordings, shape (n, T), after the filter whose output is counted."""
         sos = butter(self.order, self.cutoff_hz, "highpass", fs=self.rate_hz, output="sos")
@@ -154,6 +162,11 @@ class HFMH(RecordingTransformer):
             state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]
             return sosfilt(sos, signals, axis=1, zi=state)[0]
         return sosfilt(sos, signals, axis=1)
+
+    def _spec(self, **bin_range: Any) -> FeatureSpec:
+        return FeatureSpec(
+            raw=self._raw, hfmh=True, **{name: getattr(self, name) for name in _OF_SPEC}, **bin_range
+        )
 
     def _learned_range(self, recordings: FloatArray) -> FloatArray:
         bounds = np.empty((recordings.shape[2], 2))
@@ -251,7 +264,7 @@ class RawHFMH(HFMH):
         return self.n_features_in_ * self.n_axes_in_
 
 
-class RawHistogram(RecordingTransformer):
+class RawHistogram(_Histogram):
     """How often each force occurs, whatever the order: counts of the raw samples in equal bins, axis by axis.
 
     Parameters
@@ -284,39 +297,35 @@ class RawHistogram(RecordingTransformer):
     array([[2., 1.]])
     """
 
-    bin_range_: FloatArray
-
-    _core_refuses_gaps = True
+    _block = "hist"
 
     def __init__(self, *, n_bins: int = 100, bin_range: BinRange = "auto", outside: str = "drop") -> None:
         self.n_bins = n_bins
         self.bin_range = bin_range
         self.outside = outside
 
-    @property
-    def learns(self) -> bool:
-        """True with ``bin_range="auto"``: the range then comes from the rows given to `fit`."""
-        return isinstance(self.bin_range, str)
+    def _spec(self, **bin_range: Any) -> FeatureSpec:
+        options: Any = {"n_bins": self.n_bins, "outside": self.outside}
+        return FeatureSpec(raw=False, hfmh=True, **options, **bin_range)
 
-    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
-        """One block, "hist", over the centres of the bins; one for each axis, "hist_fx", where ranges differ."""
-        return range_blocks("hist", self.bin_range_, operator.index(self.n_bins))
-
-    def _learn(self, recordings: FloatArray) -> None:
-        if isinstance(self.bin_range, str) and self.bin_range != "auto":
-            raise argument_error(
-                ValueError,
-                "bin_range",
-                f"must be 'auto', (low, high), or one such pair per axis, got {self.bin_range!r}",
-            )
-        FeatureSpec(n_bins=self.n_bins, outside=self.outside)  # type: ignore[arg-type]  # checks both
-        bounds = _extremes(recordings, self.n_bins) if self.learns else self.bin_range
-        FeatureSpec(n_bins=self.n_bins, bin_range=bounds)
-        self.bin_range_ = _per_axis(bounds, recordings.shape[2])
+    def _learned_range(self, recordings: FloatArray) -> FloatArray:
+        """Smallest and largest value of each axis, moved apart where there is no room for bins between them."""
+        # Over recordings first: long contiguous rows, ten times as fast as both at once.
+        low, high = recordings.min(axis=0).min(axis=0), recordings.max(axis=0).max(axis=0)
+        with np.errstate(over="ignore"):
+            if not np.isfinite(high - low).all():
+                raise ValueError("X must span a range that float64 can hold on each axis")
+        for axis in range(len(low)):
+            edges = np.linspace(low[axis], high[axis], operator.index(self.n_bins) + 1)
+            if not (np.diff(edges) > 0).all():
+                # Half a unit is nothing beside 1e12: a millionth of the value leaves room for any number of bins.
+                reach = max(0.5, 1e-6 * max(abs(low[axis]), abs(high[axis])))
+                low[axis], high[axis] = low[axis] - reach, high[axis] + reach
+        return np.column_stack([low, high])
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         n, _, n_axes = recordings.shape
-        n_bins = operator.index(self.n_bins)
+        n_bins = self.spec_.n_bins
         features = np.empty((n, n_axes, n_bins))
         series = axis_series(recordings)
         for axis, (low, high) in enumerate(self.bin_range_.tolist()):
@@ -327,31 +336,4 @@ class RawHistogram(RecordingTransformer):
         return features.reshape(n, -1)
 
     def _names(self) -> list[str]:
-        spec = FeatureSpec(raw=False, hfmh=True, n_bins=self.n_bins)
-        names = spec.feature_names(self.n_features_in_, self.n_axes_in_)
-        return [name.replace("hfmh_", "hist_", 1) for name in names]
-
-
-def _per_axis(bin_range: npt.ArrayLike, n_axes: int) -> FloatArray:
-    """Ranges (C, 2) of all axes from one range or one per axis."""
-    bounds = np.asarray(bin_range, dtype=np.float64)
-    if bounds.ndim == 2 and len(bounds) != n_axes:
-        raise argument_error(ValueError, "bin_range", f"has {len(bounds)} pairs, but X has {n_axes} axes")
-    ranges: FloatArray = np.broadcast_to(bounds, (n_axes, 2)).copy()
-    return ranges
-
-
-def _extremes(recordings: FloatArray, n_bins: Any) -> FloatArray:
-    """Smallest and largest value of each axis, moved apart where there is no room for bins between them."""
-    # Over recordings first: long contiguous rows, ten times as fast as both at once.
-    low, high = recordings.min(axis=0).min(axis=0), recordings.max(axis=0).max(axis=0)
-    with np.errstate(over="ignore"):
-        if not np.isfinite(high - low).all():
-            raise ValueError("X must span a range that float64 can hold on each axis")
-    for axis in range(len(low)):
-        edges = np.linspace(low[axis], high[axis], operator.index(n_bins) + 1)
-        if not (np.diff(edges) > 0).all():
-            # Half a unit is nothing beside 1e12: a millionth of the value leaves room for any number of bins.
-            reach = max(0.5, 1e-6 * max(abs(low[axis]), abs(high[axis])))
-            low[axis], high[axis] = low[axis] - reach, high[axis] + reach
-    return np.column_stack([low, high])
+        return [name.replace("hfmh_", "hist_", 1) for name in super()._names()]

@@ -10,8 +10,9 @@ import numpy.typing as npt
 from sklearn.utils import check_random_state
 
 from granular_id._checks import argument_error, positive_number
-from granular_id.features import FeatureSpec, extract_features
+from granular_id.features import FeatureSpec, feature_names
 from granular_id.spaces.base import (
+    CoreTransformer,
     FeatureBlock,
     RecordingFilter,
     RecordingTransformer,
@@ -23,7 +24,7 @@ from granular_id.spaces.base import (
 FloatArray = npt.NDArray[np.float64]
 
 
-class RawSignal(RecordingTransformer):
+class RawSignal(CoreTransformer):
     """The samples themselves, axis after axis: all of Fx, then all of Fy, ...
 
     Parameters
@@ -50,9 +51,6 @@ class RawSignal(RecordingTransformer):
     array([[ 0.,  6.,  1.,  7.,  2.,  8.,  3.,  9.,  4., 10.,  5., 11.]])
     """
 
-    spec_: FeatureSpec
-
-    _core_refuses_gaps = True
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     def __init__(self, *, rate_hz: float | None = None, threads: int | None = None) -> None:
@@ -66,12 +64,6 @@ class RawSignal(RecordingTransformer):
     def _learn(self, recordings: FloatArray) -> None:  # noqa: ARG002
         check_rate(self.rate_hz)
         self.spec_ = FeatureSpec(raw=True, hfmh=False)
-
-    def _features(self, recordings: FloatArray) -> FloatArray:
-        return extract_features(recordings, spec=self.spec_, threads=self.threads)
-
-    def _names(self) -> list[str]:
-        return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)
 
 
 class RangeNormalizer(RecordingTransformer):
@@ -132,7 +124,7 @@ class RangeNormalizer(RecordingTransformer):
         return series.reshape(len(series), -1)
 
     def _names(self) -> list[str]:
-        raw = FeatureSpec(raw=True, hfmh=False).feature_names(self.n_features_in_, self.n_axes_in_)
+        raw = feature_names(n_samples=self.n_features_in_, n_axes=self.n_axes_in_, hfmh=False)
         return [f"norm_{name}" for name in raw]
 
 

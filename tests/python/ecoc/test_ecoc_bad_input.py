@@ -36,7 +36,7 @@ def test_bad_gram():
         ECOCClassifier().predict_gram(gram)
     with pytest.raises(ValueError, match=r"\(m, 48\), one column per training row, got shape \(48, 47\)"):
         clf.fit_gram(gram, y).predict_gram(gram[:, :47])
-    with pytest.raises(ValueError, match="no shared Gram"):
+    with pytest.raises(ValueError, match="needs the features"):
         ECOCClassifier(standardize=True).fit(X, y).binary_scores_gram(gram)
 
 
