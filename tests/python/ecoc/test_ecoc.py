@@ -1,10 +1,8 @@
 """ECOCClassifier: the figures of MATLAB's documentation, labels of every kind, parameters, bad input."""
 
-import pickle
 import tracemalloc
 
 import numpy as np
-import pandas as pd
 import pytest
 from sklearn.base import clone
 from sklearn.datasets import load_iris
@@ -245,35 +243,6 @@ def test_float32_and_lists_are_converted():
         clf = ECOCClassifier().fit(rows, y.tolist())
         assert clf.coef_.dtype == np.float64
         np.testing.assert_allclose(clf.decision_function(rows), expected, rtol=1e-12, atol=1e-12)
-
-
-def test_pickle_and_clone():
-    X, y = blobs(n_classes=3)
-    clf = ECOCClassifier(C=0.5, loss="logit").fit(X, y)
-    copy = pickle.loads(pickle.dumps(clf))
-    np.testing.assert_array_equal(copy.decision_function(X), clf.decision_function(X))
-    assert clone(clf).get_params() == {
-        "C": 0.5,
-        "coding": "onevsone",
-        "decoding": "loss_weighted",
-        "estimator": None,
-        "hard_margin": False,
-        "loss": "logit",
-        "n_jobs": None,
-        "posterior": None,
-        "random_state": None,
-        "standardize": False,
-    }
-
-
-def test_feature_names():
-    X, y = blobs(n_classes=2)
-    frame = pd.DataFrame(X, columns=[f"f{j}" for j in range(60)])
-    clf = ECOCClassifier().fit(frame, y)
-    np.testing.assert_array_equal(clf.feature_names_in_, frame.columns)
-    np.testing.assert_array_equal(clf.predict(frame), y)
-    with pytest.raises(ValueError, match="feature names should match"):
-        clf.predict(frame[frame.columns[::-1]])
 
 
 def test_memory_beside_the_rows_stays_below_ten_megabytes():

@@ -49,6 +49,8 @@ def test_bad_gram():
         ({"C": np.nan}, ValueError, "C must be positive"),
         ({"C": "1"}, TypeError, "C must be a number, got '1'"),
         ({"C": True}, TypeError, "C must be a number, got True"),
+        ({"C": 10**400}, ValueError, "C must be positive and finite"),
+        ({"C": np.complex128(1)}, TypeError, "C must be a number"),
         (
             {"loss": "quadratic"},
             ValueError,
@@ -56,6 +58,8 @@ def test_bad_gram():
         ),
         ({"loss": "votes"}, ValueError, "loss must be one of 'auto', 'hinge', .*, got 'votes'"),
         ({"loss": None}, ValueError, "loss must be one of"),
+        ({"loss": np.array(["auto"])}, ValueError, "loss must be one of"),
+        ({"loss": np.array(["auto", "hinge"])}, ValueError, "loss must be one of"),
         (
             {"decoding": "votes"},
             ValueError,
@@ -67,6 +71,7 @@ def test_bad_gram():
         ({"n_jobs": "two"}, TypeError, "n_jobs must be None or a whole number, got 'two'"),
         ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', .*, got 'pairs'"),
         ({"coding": None}, TypeError, "coding must be the name of a design or a matrix .* got None"),
+        ({"coding": [[1, [2]], [1]]}, TypeError, "coding must be the name of a design or a matrix"),
         ({"coding": np.ones((3, 2))}, ValueError, "column 0 must hold both"),
         (
             {"coding": [[1], [-1], [-1]]},

@@ -34,21 +34,6 @@ def test_labels_of_nan():
         ECOCClassifier().fit_gram(linear_gram(X), labels)
 
 
-@pytest.mark.parametrize(
-    ("params", "kind", "message"),
-    [
-        ({"C": 10**400}, ValueError, "C must be positive and finite"),
-        ({"C": np.complex128(1)}, TypeError, "C must be a number"),
-        ({"coding": [[1, [2]], [1]]}, TypeError, "coding must be the name of a design or a matrix"),
-        ({"loss": np.array(["auto"])}, ValueError, "loss must be one of"),
-        ({"loss": np.array(["auto", "hinge"])}, ValueError, "loss must be one of"),
-    ],
-)
-def test_settings(params, kind, message):
-    with pytest.raises(kind, match=message):
-        ECOCClassifier(**params).fit(X, y)
-
-
 @pytest.mark.parametrize("standardize", [False, True])
 @pytest.mark.parametrize(
     ("weights", "kind", "message"),

@@ -1,5 +1,7 @@
 """Arrays of every layout and width, and recordings at the edge, through every feature space."""
 
+import re
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -96,13 +98,31 @@ def test_gaps_are_refused_with_their_place(name, value, message):
 
 @pytest.mark.parametrize("name", EVERY)
 def test_other_shapes_are_refused(name):
-    transformer = clone(EVERY[name]).fit(recordings())
-    for X in (recordings(n_samples=299), recordings(n_axes=5), recordings()[0], recordings()[:, :, 0]):
-        with pytest.raises(ValueError, match="X must "):
-            transformer.transform(X)
-    for X in (recordings()[None], recordings()[:, :0], recordings()[:, :, :0], recordings()[:0]):
-        with pytest.raises(ValueError, match=r"X must have|minimum of 1"):
-            clone(transformer).fit(X)
+    transformer, X = clone(EVERY[name]).fit(recordings()), recordings()
+    for other in (X[:, :-1], X[:, :, :-1], X[:, :, 0]):
+        shape = re.escape(str(other.shape))
+        with pytest.raises(
+            ValueError, match=rf"X must have shape \(n, 300, 6\) as in fit, with any n, got {shape}"
+        ):
+            transformer.transform(other)
+    with pytest.raises(ValueError, match=r"got one recording of shape \(300, 6\): pass X\[np.newaxis\]"):
+        transformer.transform(X[0])
+    for other, message in (
+        (X[None], r"X must have shape \(n, T, C\) or \(n, T\), got 4 dimensions"),
+        (X[0, :, 0], "2D array, got 1D"),
+        (X[:, :0], "X must have at least one sample|minimum of 1"),
+        (X[:, :, :0], "X must have .* at least one axis"),
+        (X[:0], "minimum of 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            clone(transformer).fit(other)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_two_dimensions_are_signals_of_one_axis(name):
+    X = recordings(n_axes=1)
+    deep, flat = clone(EVERY[name]).fit_transform(X), clone(EVERY[name]).fit_transform(X[:, :, 0])
+    np.testing.assert_array_equal(flat, deep[:, :, 0] if name in FILTERS else deep)
 
 
 def test_complex_transform_classifies_as_the_raw_signal():

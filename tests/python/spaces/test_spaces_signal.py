@@ -224,21 +224,6 @@ def test_names_of_the_raw_histogram():
     assert names[[0, 99, 100, -1]].tolist() == ["hist_fx_00", "hist_fx_99", "hist_fy_00", "hist_tz_99"]
 
 
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"bin_range": "automatic"}, "bin_range must be .* or 'auto', got 'automatic'"),
-        ({"bin_range": [[-1, 1], [-2, 2]]}, "bin_range has 2 pairs, but X has 6 axes"),
-        ({"bin_range": (1.0, -1.0)}, "bin_range"),
-        ({"n_bins": 0}, "n_bins"),
-        ({"outside": "keep"}, "outside"),
-    ],
-)
-def test_bad_parameters_of_the_histogram(parameters, message):
-    with pytest.raises(ValueError, match=message):
-        RawHistogram(**parameters).fit(recordings())
-
-
 def test_extremes_too_far_apart():
     with pytest.raises(ValueError, match="X must span a range that float64 can hold"):
         RawHistogram().fit([[-1.7e308, 1.7e308]])

@@ -74,8 +74,12 @@ def test_pickle_clone_and_refit(name):
 
 @pytest.mark.parametrize("name", [*SPACES, *FILTERS])
 def test_not_fitted(name):
-    with pytest.raises(NotFittedError):
-        clone(EVERY[name]).transform(recordings())
+    for call in (
+        lambda: clone(EVERY[name]).transform(recordings()),
+        clone(EVERY[name]).get_feature_names_out,
+    ):
+        with pytest.raises(NotFittedError):
+            call()
 
 
 def test_two_processes_give_the_same_numbers():
