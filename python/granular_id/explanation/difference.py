@@ -121,7 +121,7 @@ def explain(
         X, _ = wrench_of(X, "X", getattr(model[0], "axes_in_", None))
     recordings = _recordings(X)
     if axes is not None:
-        chain = named(chain, axes, recordings.shape[2] if recordings.ndim == 3 else 1)
+        chain = _with_axis_names(chain, axes, recordings.shape[2] if recordings.ndim == 3 else 1)
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
     decoding = getattr(chain.classifier, "decoding", "loss_weighted")
@@ -132,7 +132,7 @@ def explain(
         columns, scored = chain.columns_and_scores(recordings[members], factors)
         means.append(columns.mean(axis=0))
         scores.append(float(scored.mean()))
-    weights = chain.weights_of(factors)
+    weights, _ = folded_back(chain.after, factors @ chain.classifier.coef_)
     contributions = weights * (means[0] - means[1])
     told: dict[str, Any] = {
         "first": classes.tolist()[pair[0]],
@@ -233,11 +233,6 @@ class Chain:
         scores: FloatArray = np.asarray(features, dtype=np.float64) @ weights + offset
         return np.asarray(columns, dtype=np.float64), scores
 
-    def weights_of(self, factors: FloatArray) -> FloatArray:
-        """Weight (D,) of each column in the weighted sum of the learners' scores."""
-        weights, _ = folded_back(self.after, factors @ self.classifier.coef_)
-        return weights
-
 
 def chain_of(model: Any) -> Chain:
     """Take a fitted model apart."""
@@ -302,7 +297,7 @@ def pair_factors(
     return factors
 
 
-def named(chain: Chain, axes: Any, n_axes: int) -> Chain:
+def _with_axis_names(chain: Chain, axes: Any, n_axes: int) -> Chain:
     """Return a chain whose columns are told by the names of the axes."""
     if isinstance(axes, str) or not isinstance(axes, Sequence) or not all(isinstance(a, str) for a in axes):
         raise TypeError(f"axes must be a sequence of names of axes, got {axes!r}")

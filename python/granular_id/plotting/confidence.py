@@ -90,7 +90,11 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
 def _draw_reliability(panel: Any, confidence: Confidence) -> None:
     seen = confidence.reliability
     sizes = np.array([part.n for part in seen.bins]) / seen.n
-    _square(panel)
+    share_axis(panel)
+    panel.set_ylim(0.0, 1.0 / (1.0 - _LINE))
+    panel.set_yticks(*SHARE_TICKS)
+    panel.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--", label="calibrated", zorder=1)
+    grid(panel)
     panel.scatter(
         [part.confidence for part in seen.bins],
         [part.accuracy for part in seen.bins],
@@ -178,11 +182,3 @@ def _draw_unknown(panel: Any, confidence: Confidence) -> None:
         color=INK,
     )
     panel.set_ylabel("share of rows", color=INK)
-
-
-def _square(panel: Any) -> None:
-    share_axis(panel)
-    panel.set_ylim(0.0, 1.0 / (1.0 - _LINE))
-    panel.set_yticks(*SHARE_TICKS)
-    panel.plot([0, 1], [0, 1], color=INK, linewidth=0.8, linestyle="--", label="calibrated", zorder=1)
-    grid(panel)

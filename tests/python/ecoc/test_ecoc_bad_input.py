@@ -22,16 +22,8 @@ def test_bad_gram():
     clf = ECOCClassifier()
     with pytest.raises(ValueError, match=r"gram has shape \(48, 48\), but y has 47 labels"):
         clf.fit_gram(gram, y[:47])
-    with pytest.raises(ValueError, match=r"square.*\(48, 60\)"):
-        clf.fit_gram(X, y)
-    with pytest.raises(ValueError, match="symmetric"):
-        clf.fit_gram(gram + np.triu(np.ones_like(gram)), y)
-    with pytest.raises(ValueError, match="NaN or inf"):
-        clf.fit_gram(gram * np.nan, y)
     with pytest.raises(ValueError, match="standardize=True needs the features"):
         ECOCClassifier(standardize=True).fit_gram(gram, y)
-    with pytest.raises(ValueError, match="one class only"):
-        clf.fit_gram(gram, np.zeros(48, int))
     with pytest.raises(NotFittedError):
         ECOCClassifier().predict_gram(gram)
     with pytest.raises(ValueError, match=r"\(m, 48\), one column per training row, got shape \(48, 47\)"):
