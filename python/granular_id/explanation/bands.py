@@ -158,21 +158,6 @@ class BandExplanation(Explanation):
         """Return the few couplings that the text lists by themselves, and of whose bands a figure shows all."""
         return self.findings(_MOST_COUPLINGS, coupled=True)
 
-    def coupled_bands(self) -> tuple[int, ...]:
-        """Return the numbers of the three bands to show the couplings of, from the highest down.
-
-        First come those of the strongest couplings, then those whose couplings hold most.
-        """
-        columns = self.columns
-        totals = {
-            number: float(self.contributions[members].sum())
-            for number in range(len(columns.bands))
-            if (members := columns.of(block="coupling", band=number)).size
-        }
-        found = [columns.bands.index(one.band) for one in self.strongest_couplings() if one.band is not None]
-        order = [*found, *sorted(totals, key=lambda number: -totals[number])]
-        return tuple(sorted(list(dict.fromkeys(order))[:_MOST_COUPLINGS]))
-
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
         return super().to_dict() | {
@@ -233,6 +218,19 @@ class BandExplanation(Explanation):
 
     def _of_axes(self, spread: FloatArray) -> dict[str, float]:
         return dict(zip(self.columns.axes, spread.sum(axis=0).tolist(), strict=True))
+
+
+def coupled_bands(explanation: BandExplanation) -> list[int]:
+    """Return which bands to show couplings of: of the strongest, then those that hold most; highest band first."""
+    columns = explanation.columns
+    totals = {
+        number: float(explanation.contributions[members].sum())
+        for number in range(len(columns.bands))
+        if (members := columns.of(block="coupling", band=number)).size
+    }
+    strongest = (one.band for one in explanation.strongest_couplings() if one.band is not None)
+    order = [*map(columns.bands.index, strongest), *sorted(totals, key=lambda number: -totals[number])]
+    return sorted(list(dict.fromkeys(order))[:_MOST_COUPLINGS])
 
 
 def _largest(sums: dict[str, float], n: int | None = None) -> list[tuple[str, float]]:

@@ -196,10 +196,12 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
 
 def _draw_bands(explanation: BandExplanation) -> Figure:
     """Draw a table of bands and axes, the couplings of the strongest bands, and spectrum and level."""
+    from granular_id.explanation import coupled_bands  # it loads much
+
     scale, unit, digits = _units(explanation)
     table = explanation.by_band_and_axis()
     n_axes = len(explanation.columns.axes)
-    strongest = explanation.coupled_bands()
+    strongest = coupled_bands(explanation)
     along = [part for part in explanation.blocks if part.contributions.any()]
     heights = [
         0.7 + 0.21 * (len(table) + 1),
@@ -268,7 +270,7 @@ def _draw_block_shares(panel: Any, shares: dict[str, float], digits: int) -> Non
 
 
 def _draw_couplings(
-    figure: Any, explanation: BandExplanation, bands: tuple[int, ...], scale: float, unit: str
+    figure: Any, explanation: BandExplanation, bands: list[int], scale: float, unit: str
 ) -> None:
     """Draw two matrices a band: both axes at one instant, and the second one earlier."""
     axes = explanation.columns.axes
