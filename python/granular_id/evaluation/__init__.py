@@ -27,7 +27,4 @@ from granular_id.evaluation.tables import (
 from granular_id.evaluation.weights import WeightBlock as WeightBlock, window_starts as window_starts
 from granular_id.spaces import in_paper_order as in_paper_order
 
-Portrait = ReportData
-"""Under this name figures take it."""
-
 __all__ = ["Control", "EvaluationResult", "Prediction", "Selection", "SpaceSummary", "evaluate", "select"]

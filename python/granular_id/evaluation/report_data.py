@@ -142,10 +142,10 @@ def portrait_of_result(
         for space in spaces
         if space.classifier is not None
     }
-    return portrait(data, unmixed, classifier=model, own=own)
+    return gather_report_data(data, unmixed, classifier=model, own=own)
 
 
-def portrait(
+def gather_report_data(
     data: Dataset,
     spaces: Mapping[str, BaseEstimator],
     *,

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._text import fixed, short, whole_percent
-from granular_id.partitions import protocol_name
 from granular_id.plotting.style import (
     FAINT,
     INK,
@@ -275,8 +274,8 @@ class Look(NamedTuple):
 def looks(result: EvaluationResult) -> dict[str, Look]:
     """Return name, colour and marker of each protocol that ran, in order."""
     return {
-        protocol: Look(protocol_name(protocol, partitions), *_MARKS.get(protocol, ("#666666", "v")))
-        for protocol, partitions in result.partitions.items()
+        protocol: Look(result.protocol_name(protocol), *_MARKS.get(protocol, ("#666666", "v")))
+        for protocol in result.partitions
     }
 
 

@@ -38,7 +38,7 @@ from granular_id.recording import AXIS_COLOURS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import Portrait, WeightBlock
+    from granular_id.evaluation import ReportData, WeightBlock
     from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
 # Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
 _COLOURS = "PuOr_r"
@@ -333,12 +333,12 @@ def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: st
 _ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
 
 
-def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot which instants, axes, bins and bands weigh in the decisions of a linear model fitted on all recordings.
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.Portrait
+    portrait : granular_id.evaluation.report_data.ReportData
         For instance ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
@@ -361,8 +361,8 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
     Examples
     --------
     >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import portrait
-    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> from granular_id.evaluation.report_data import gather_report_data
+    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
     >>> len(plot_weights(seen).axes)
     12
     """
@@ -384,7 +384,7 @@ def plot_weights(portrait: Portrait, *, path: str | os.PathLike[str] | None = No
     return figure
 
 
-def blocks_with_weight(portrait: Portrait) -> tuple[WeightBlock, ...]:
+def blocks_with_weight(portrait: ReportData) -> tuple[WeightBlock, ...]:
     """Blocks that the model uses; all of them where it uses none."""
     return tuple(block for block in portrait.weights if block.influence.any()) or portrait.weights
 

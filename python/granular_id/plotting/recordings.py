@@ -33,7 +33,7 @@ from granular_id.recording import Dataset, Recording, unit_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import HighPass, Portrait
+    from granular_id.evaluation import HighPass, ReportData
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
 
@@ -142,7 +142,7 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
 
 
 def plot_mean_forces(
-    dataset: Dataset | Portrait,
+    dataset: Dataset | ReportData,
     *,
     axes: Sequence[str] = ("fx", "fz"),
     path: str | os.PathLike[str] | None = None,
@@ -151,7 +151,7 @@ def plot_mean_forces(
 
     Parameters
     ----------
-    dataset : Dataset or granular_id.evaluation.report_data.Portrait
+    dataset : Dataset or granular_id.evaluation.report_data.ReportData
         Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
     axes : sequence of str, default ("fx", "fz")
         Which of fx fy fz (N) or of tx ty tz (N m); not both kinds, their units differ.
@@ -223,7 +223,7 @@ def curves_of(dataset: Dataset, columns: Mapping[str, int]) -> list[Curves]:
     return curves
 
 
-def curves_in(portrait: Portrait, columns: Mapping[str, int]) -> list[Curves]:
+def curves_in(portrait: ReportData, columns: Mapping[str, int]) -> list[Curves]:
     """Take the curves from a portrait, in the order of its labels."""
     return [
         Curves(
@@ -249,7 +249,7 @@ def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     return lines
 
 
-def _title(dataset: Dataset | Portrait, quantity: str) -> str:
+def _title(dataset: Dataset | ReportData, quantity: str) -> str:
     if isinstance(dataset, Dataset):
         synthetic = sum(recording.is_synthetic for recording in dataset)
         total = len(dataset)
@@ -265,12 +265,12 @@ def _title(dataset: Dataset | Portrait, quantity: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot the mean histogram of the high-passed signal, one panel an axis, one row a material.
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.Portrait
+    portrait : granular_id.evaluation.report_data.ReportData
         For instance ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
@@ -291,8 +291,8 @@ def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None)
     Examples
     --------
     >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import portrait
-    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> from granular_id.evaluation.report_data import gather_report_data
+    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
     >>> figure = plot_hfmh(seen)
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
@@ -300,7 +300,7 @@ def plot_hfmh(portrait: Portrait, *, path: str | os.PathLike[str] | None = None)
     return _six_panels(portrait, draw_hfmh, "Histograms of the signal", "mean of a material", path)
 
 
-def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
+def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
     part = high_pass_of(portrait)
     values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
@@ -329,12 +329,12 @@ def draw_hfmh(panel: Any, portrait: Portrait, axis: int) -> None:
 _SHARE = 0.97
 
 
-def plot_residual(portrait: Portrait, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot the root mean square of the high-passed signal over time, one panel an axis, one row a material.
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.Portrait
+    portrait : granular_id.evaluation.report_data.ReportData
         For instance ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
@@ -354,8 +354,8 @@ def plot_residual(portrait: Portrait, *, path: str | os.PathLike[str] | None = N
     Examples
     --------
     >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import portrait
-    >>> seen = portrait(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
+    >>> from granular_id.evaluation.report_data import gather_report_data
+    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
     >>> figure = plot_residual(seen)
     >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
     ['$F_x$', '$F_y$']
@@ -363,7 +363,7 @@ def plot_residual(portrait: Portrait, *, path: str | os.PathLike[str] | None = N
     return _six_panels(portrait, draw_residual, "Signal", "root mean square over time", path)
 
 
-def draw_residual(panel: Any, portrait: Portrait, axis: int) -> None:
+def draw_residual(panel: Any, portrait: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
     part = high_pass_of(portrait)
     values = part.residual[:, axis]
@@ -378,7 +378,7 @@ def draw_residual(panel: Any, portrait: Portrait, axis: int) -> None:
     panel.set_xlabel("time, s", fontsize=8, color=INK)
 
 
-def high_pass_of(portrait: Portrait) -> HighPass:
+def high_pass_of(portrait: ReportData) -> HighPass:
     """Return the high-pass part, or say why there is none."""
     if portrait.high_pass is None:
         raise ValueError(
@@ -448,8 +448,8 @@ def shared_limits(
 
 
 def _six_panels(
-    portrait: Portrait,
-    draw: Callable[[Any, Portrait, int], None],
+    portrait: ReportData,
+    draw: Callable[[Any, ReportData, int], None],
     what: str,
     shown: str,
     path: str | os.PathLike[str] | None,

@@ -20,7 +20,7 @@ from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._schema import check_form
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
-from granular_id.gram import linear_gram
+from granular_id.gram import linear_gram, spread
 from granular_id.spaces.multiband import BAND_LOSS
 from granular_id.spaces.scaling import (
     BlockScaler,
@@ -562,16 +562,9 @@ def _trained(gram: FloatArray, codes: Rows, relative_cost: float, cheaper: Any) 
     """Learners of a cost; those of the next lower one where more would change nothing, or not end."""
     if cheaper is not None and not 0 < cheaper.alpha_at_bound_ <= _MOST_AT_BOUND:
         return cheaper
-    return ECOCClassifier(C=relative_cost / _spread(gram)).fit_gram(gram, codes)
+    return ECOCClassifier(C=relative_cost / (spread(gram) or 1.0)).fit_gram(gram, codes)
 
 
 def _symmetric(gram: FloatArray) -> FloatArray:
     both: FloatArray = (gram + gram.T) / 2
     return both
-
-
-def _spread(gram: FloatArray) -> float:
-    """Mean squared distance of rows from their mean; 1 where all are equal, and no cost tells them apart."""
-    squares = float(np.trace(gram)) / len(gram)
-    spread = squares - float(gram.mean())
-    return spread if spread > 1e-12 * squares else 1.0

@@ -13,7 +13,7 @@ from evaluation_cases import LABELS, make_data
 from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
 from granular_id._files import json_value
 from granular_id._schema import from_json
-from granular_id.evaluation.report_data import ReportData, portrait
+from granular_id.evaluation.report_data import ReportData, gather_report_data
 from granular_id.evaluation.weights import POINTS, downsampled, rounded, weight_blocks
 
 SAMPLES = 450
@@ -26,7 +26,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def seen(data):
-    return portrait(data, {"raw+hfmh": RawHFMH(initial="steady", cutoff_hz=40.0, n_bins=20)})
+    return gather_report_data(data, {"raw+hfmh": RawHFMH(initial="steady", cutoff_hz=40.0, n_bins=20)})
 
 
 def test_means_and_spreads_are_those_of_numpy_in_windows(data, seen):
@@ -61,7 +61,7 @@ def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
 
 
 def test_a_rate_too_low_for_the_filter_leaves_it_out():
-    slow = portrait(_slow(), {"raw": RawSignal()})
+    slow = gather_report_data(_slow(), {"raw": RawSignal()})
     assert slow.high_pass is None
     assert from_json(ReportData, json.loads(json.dumps(json_value(slow)))).high_pass is None
 
@@ -103,8 +103,8 @@ def test_the_first_space_with_a_link_to_the_recording_is_looked_at(data):
     from sklearn.pipeline import make_pipeline
 
     lost = make_pipeline(RawSignal(), PCA(3))
-    assert portrait(data, {"pca": lost, "hfmh": HFMH(n_bins=7)}).looked_at == "hfmh"
-    nowhere = portrait(data, {"pca": lost})
+    assert gather_report_data(data, {"pca": lost, "hfmh": HFMH(n_bins=7)}).looked_at == "hfmh"
+    nowhere = gather_report_data(data, {"pca": lost})
     assert (nowhere.looked_at, nowhere.weights) == (None, ())
     # the paper's filter stands in where no space has one
     assert nowhere.high_pass.settings["cutoff_hz"] == 23.0

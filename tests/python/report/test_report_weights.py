@@ -10,7 +10,7 @@ from sklearn.preprocessing import StandardScaler
 from granular_id._files import json_value
 from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.report_data import ReportData, portrait
+from granular_id.evaluation.report_data import ReportData, gather_report_data
 from granular_id.evaluation.weights import is_traceable, weight_blocks
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
@@ -28,7 +28,7 @@ def data():
 @pytest.fixture(scope="module")
 def seen(data):
     recordings = [Recording(wrench, 500.0, label=str(label)) for wrench, label in zip(*data, strict=True)]
-    return portrait(Dataset(recordings), {"multiband": MultiBand(blocks=ALL), "raw": RawSignal()})
+    return gather_report_data(Dataset(recordings), {"multiband": MultiBand(blocks=ALL), "raw": RawSignal()})
 
 
 @pytest.mark.parametrize("whitened", [False, True])
