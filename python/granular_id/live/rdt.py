@@ -11,8 +11,7 @@ from typing import Literal
 
 from granular_id._checks import argument_error, finite_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
-from granular_id.live.netft_http import read_page
-from granular_id.live.netft_page import NetftPage, NetftPageError
+from granular_id.live.netft_page import NetftPage, NetftPageError, read_page
 from granular_id.live.source import Health, SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
 
@@ -68,7 +67,7 @@ class RdtSource:
 
     Examples
     --------
-    >>> from granular_id.live.fake_netft import FakeNetft
+    >>> from granular_id.testing import FakeNetft
     >>> from granular_id.live.rdt import RdtSource
     >>> with FakeNetft() as box:
     ...     source = RdtSource("127.0.0.1", box.port, http_port=box.http_port)

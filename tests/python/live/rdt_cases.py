@@ -8,9 +8,8 @@ from dataclasses import asdict
 import numpy as np
 
 from granular_id._core import WrenchBuffer
-from granular_id.live.fake_netft import FakeNetft
-from granular_id.live.fake_netft_faults import Faults
 from granular_id.live.rdt import RdtSource
+from granular_id.testing import FakeNetft, Faults
 
 RATE_HZ, TICK_HZ = 2000.0, 8000.0
 COMPARED = (

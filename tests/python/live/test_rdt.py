@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from granular_id._core import RdtReceiver, WrenchBuffer
-from granular_id.live.fake_netft import FakeNetft
-from granular_id.live.fake_netft_faults import Faults
 from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError
 from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource, open_source
 from granular_id.live.stream import opened
+from granular_id.testing import FakeNetft, Faults
 from rdt_cases import buffer_of, run, signal, source_of, until
 
 STOP, START, BIAS, LATCH = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 0x42, 0x41))

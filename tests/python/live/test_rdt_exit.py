@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from granular_id.live.fake_netft import FakeNetft
+from granular_id.testing import FakeNetft
 from rdt_cases import until
 
 START, STOP = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (2, 0))

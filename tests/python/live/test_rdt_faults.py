@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from granular_id._core import SAMPLE_FLAGS, host_ns
-from granular_id.live.fake_netft import FakeNetft
-from granular_id.live.fake_netft_faults import Faults
+from granular_id.testing import FakeNetft, Faults
 from rdt_cases import (
     COMPARED,
     RATE_HZ,

@@ -11,16 +11,22 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id.live.fake_netft import FakeNetft
-from granular_id.live.fake_netft_page import page_text
-from granular_id.live.netft_http import MAX_PAGE_BYTES, read_page
-from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError, parse_page
+from granular_id.live.netft_page import (
+    FORCE_UNITS,
+    MAX_PAGE_BYTES,
+    TORQUE_UNITS,
+    NetftPageError,
+    parse_page,
+    read_page,
+)
+from granular_id.testing import FakeNetft
+from granular_id.testing.fake_netft import page_text
 
 URL = "http://192.168.1.1/netftapi2.xml"
 
 
 def page(**changes):
-    return parse_page(page_text({}, changes), URL)
+    return parse_page(page_text(changes), URL)
 
 
 @contextmanager
@@ -100,7 +106,7 @@ def test_absurd_scales_are_refused(changes, words):
 
 
 def test_a_field_that_contradicts_itself_is_refused():
-    text = page_text({}, {}).replace(b"</netft>", b"<cfgcpf>1000</cfgcpf></netft>")
+    text = page_text({}).replace(b"</netft>", b"<cfgcpf>1000</cfgcpf></netft>")
     with pytest.raises(NetftPageError, match="field cfgcpf is '1000000' and '1000'; wanted one"):
         parse_page(text, URL)
 
@@ -140,7 +146,7 @@ def test_entities_are_refused():
 
 @given(st.binary(max_size=200), st.integers(0, 600), st.integers(0, 600))
 def test_damaged_pages_are_read_or_refused(junk, start, stop):
-    whole = page_text({}, {})
+    whole = page_text({})
     try:
         read = parse_page(whole[:start] + junk + whole[stop:], URL)
     except NetftPageError as error:

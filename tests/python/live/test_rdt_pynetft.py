@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular_id.live.fake_netft import FakeNetft
-from granular_id.live.fake_netft_faults import Faults
 from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
+from granular_id.testing import FakeNetft, Faults
 from rdt_cases import RATE_HZ, TICK_HZ, run, signal, until
 
 pynetft = pytest.importorskip("pynetft")

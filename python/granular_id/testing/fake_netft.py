@@ -1,0 +1,430 @@
+"""A sensor box that is none: speaks RDT and serves its page on this machine, with faults on demand.
+
+For trying things without hardware, and for tests: it counts exactly what it did wrong. ``python -m
+granular_id.testing.fake_netft --material rice`` runs it until Ctrl-C; `FakeNetft` runs it inside a program.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import select
+import socket
+import sys
+import threading
+import time
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from itertools import count
+from pathlib import Path
+from types import TracebackType
+from xml.sax.saxutils import escape
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from granular_id._checks import as_floats, finite_number
+from granular_id.io import load
+from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQUE_UNITS
+from granular_id.live.replay import common_rate
+from granular_id.synthetic import synthesize
+from granular_id.testing.faults import Datagram, Faults, Injected, RecordStream
+
+__all__ = ["FakeNetft"]
+
+HOST = "127.0.0.1"
+_CHUNK = 256
+"""Records made at once."""
+_IDLE_S = 0.02
+_STOP, _START, _START_BUFFERED, _BIAS = 0x0000, 0x0002, 0x0003, 0x0042
+_FIRST_FT = 1_000_000
+"""A box is never asked in its first moment."""
+_AFTER_S = 0.5
+"""Clients get so long to say that they are done."""
+
+_FACTORY = {
+    "prodname": "Net F/T", "runstat": "0x00000000", "runrate": "7000", "cfgnam": "Fake box", "cfgcalsel": "0",
+    "cfgcalsn": "FT00000", "scfgfu": "N", "scfgtu": "Nm", "cfgtfx": "0;0;0;0;0;0", "scfgtdu": "mm",
+    "scfgtau": "degrees", "cfgcpf": "1000000", "cfgcpt": "1000000", "cfgmr": "290;290;580;10;10;10",
+    "setbias": "0;0;0;0;0;0", "setuserfilter": "0", "comrdte": "Enabled", "comrdtrate": "500", "comrdtbsiz": "40",
+    "mfgdigsn": "FAKE", "mfgdigver": "0.0.0",
+}  # fmt: skip
+"""What a Net F/T fresh from the factory tells, as far as clients may want it."""
+
+
+class FakeNetft:
+    """A fake Net F/T box on the loopback interface.
+
+    Parameters
+    ----------
+    signal : array_like, shape (n, 6), optional
+        What it measures, N and N m, again and again. Default: slow sines of a few newton.
+    rate_hz : float, default 500
+        Records per second; made one that the internal rate is a multiple of, as the box does.
+    tick_hz : float, default 7000
+        Samples per second within the sensor.
+    force_unit, torque_unit : str, default "N" and "Nm"
+        Units that the page gives.
+    counts_per_force, counts_per_torque : float, default 1e6
+        Counts per one of these units.
+    faults : Faults, optional
+        What goes wrong.
+    n_records : int, optional
+        End of the stream; default: none.
+    per_datagram : int, default 40
+        Records per datagram, when a client asks for buffered mode.
+    product : str, default "Net F/T"
+        Name on the page; one with "Axia" makes clients read status words as that sensor writes them.
+    synthetic : bool, default True
+        Whether the page says that no sensor measures here; False for recordings of a sensor that are played again.
+    page_changes : mapping of str to str or None, optional
+        Fields of the page to be changed, or left out (None).
+    seed : int, default 0
+        Of the faults.
+    port, http_port : int, default 0
+        Where it listens; 0: any that is free.
+
+    Attributes
+    ----------
+    injected : Injected
+        What was sent and what went wrong.
+    requests : list of bytes
+        Every request that came.
+    send_stamps : array of int
+        ``time.monotonic_ns()`` right before each datagram was sent; for measuring how late a client was.
+
+    Raises
+    ------
+    ValueError
+        An unknown unit, a rate that is not above 0, or a signal of another shape.
+    OSError
+        A port is taken.
+
+    Examples
+    --------
+    >>> from granular_id.testing import FakeNetft
+    >>> with FakeNetft(n_records=100) as box:
+    ...     box.url.startswith("rdt://127.0.0.1:")
+    True
+    """
+
+    def __init__(
+        self,
+        signal: ArrayLike | None = None,
+        *,
+        rate_hz: float = 500.0,
+        tick_hz: float = 7000.0,
+        force_unit: str = "N",
+        torque_unit: str = "Nm",
+        counts_per_force: float = 1e6,
+        counts_per_torque: float = 1e6,
+        faults: Faults | None = None,
+        n_records: int | None = None,
+        per_datagram: int = 40,
+        product: str = "Net F/T",
+        synthetic: bool = True,
+        page_changes: Mapping[str, str | None] | None = None,
+        seed: int = 0,
+        port: int = 0,
+        http_port: int = 0,
+    ) -> None:
+        for name, unit, known in (
+            ("force_unit", force_unit, FORCE_UNITS),
+            ("torque_unit", torque_unit, TORQUE_UNITS),
+        ):
+            if unit not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, got {unit!r}")
+        force, torque = FORCE_UNITS[force_unit], TORQUE_UNITS[torque_unit]
+        self.tick_hz = finite_number("tick_hz", tick_hz, positive=True)
+        self._step = max(1, round(self.tick_hz / finite_number("rate_hz", rate_hz, positive=True)))
+        self.rate_hz = self.tick_hz / self._step
+        self.faults = Faults() if faults is None else faults
+        self.n_records, self.per_datagram, self._seed = n_records, per_datagram, seed
+        self._counts = counts_of(signal, float(counts_per_force / force), float(counts_per_torque / torque))
+        self.injected = Injected()
+        self.requests: list[bytes] = []
+        self.send_stamps = array("Q")
+        self._bias = np.zeros(6, dtype=np.int64)
+        self._ft = _FIRST_FT
+        self._client: tuple[str, int] | None = None
+        self._stream: Iterator[tuple[float, Datagram]] = iter(())
+        self._next: tuple[float, Datagram] | None = None
+        self._done, self._stopping = threading.Event(), threading.Event()
+        self._deaf = self.faults.deaf
+        # an ATI Mini45 SI-290-10, in the units of the page
+        full_scale = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
+        text = page_text(
+            {
+                "prodname": product,
+                "scfgfu": force_unit,
+                "scfgtu": torque_unit,
+                "cfgcpf": f"{counts_per_force:.17g}",
+                "cfgcpt": f"{counts_per_torque:.17g}",
+                "cfgmr": ";".join(f"{float(value):.9g}" for value in full_scale),
+                "runrate": f"{self.tick_hz:g}",
+                "comrdtrate": f"{round(self.rate_hz)}",
+                "comrdtbsiz": str(per_datagram),
+                SYNTHETIC_FIELD: "1" if synthetic else None,
+                **(page_changes or {}),
+            }
+        )
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind((HOST, port))
+            self._page = _page_server(text, http_port)
+        except OSError:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        self._threads = [
+            threading.Thread(target=self._page.serve_forever, args=(_IDLE_S,), daemon=True),
+            threading.Thread(target=self._serve, name="fake Net F/T", daemon=True),
+        ]
+
+    @property
+    def port(self) -> int:
+        """UDP port."""
+        return int(self._socket.getsockname()[1])
+
+    @property
+    def http_port(self) -> int:
+        """TCP port of the page."""
+        return int(self._page.server_address[1])
+
+    @property
+    def url(self) -> str:
+        """Where clients find it."""
+        return f"rdt://{HOST}:{self.port}?http_port={self.http_port}"
+
+    def __enter__(self) -> FakeNetft:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._page.shutdown()
+        for thread in self._threads:
+            thread.join()
+        self._page.server_close()
+        self._socket.close()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait until all of `n_records` are sent; returns whether they are."""
+        return self._done.wait(timeout_s)
+
+    def _serve(self) -> None:
+        while not self._stopping.is_set():
+            wait_s = _IDLE_S
+            if self._next is not None:
+                wait_s = min(wait_s, max(0.0, self._next[0] - time.monotonic()))
+            if select.select([self._socket], [], [], wait_s)[0]:
+                self._hear()
+            self._send_due()
+
+    def _send_due(self) -> None:
+        while self._next is not None and self._client is not None and self._next[0] <= time.monotonic():
+            self.send_stamps.append(time.monotonic_ns())
+            try:
+                self._socket.sendto(self._next[1].data, self._client)
+            except OSError:  # as a network: what cannot be sent is lost, and the client's business
+                self.injected.lost += 1
+            self._advance()
+
+    def _advance(self) -> None:
+        self._next = next(self._stream, None)
+        if self._next is None and self._client is not None:
+            self._client = None
+            self._done.set()
+
+    def _hear(self) -> None:
+        while True:
+            try:
+                data, sender = self._socket.recvfrom(64)
+            except BlockingIOError:
+                return
+            except OSError:  # an ICMP answer to a client that is gone
+                continue
+            self.requests.append(data)
+            if len(data) == 8 and data[:2] == b"\x12\x34":
+                self._obey(int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:], "big"), sender)
+
+    def _obey(self, command: int, number: int, sender: tuple[str, int]) -> None:
+        if command == _STOP:
+            self._client, self._next = None, None
+        elif command in (_START, _START_BUFFERED):
+            if self._deaf:
+                self._deaf -= 1
+                return
+            limit = self.n_records if not number else min(number, self.n_records or number)
+            self._client = sender
+            self._stream = self._timed(self.per_datagram if command == _START_BUFFERED else 1, limit)
+            self._advance()
+        elif command == _BIAS:
+            at = len(self.send_stamps) % len(self._counts)
+            self._bias = self._counts[at].astype(np.int64)
+
+    def _timed(self, per_datagram: int, limit: int | None) -> Iterator[tuple[float, Datagram]]:
+        """Yield each datagram with the time at which it is to be sent."""
+        faults = self.faults
+        stream = RecordStream(
+            faults,
+            step=self._step,
+            first_ft=self._ft,
+            per_datagram=per_datagram,
+            n_records=limit,
+            seed=self._seed,
+            injected=self.injected,
+        )
+        period_s = 1 / (self.rate_hz * (1 + faults.drift))
+        start, latest = time.monotonic(), 0.0
+        for chunk in count():
+            first = chunk * _CHUNK * per_datagram
+            n = _CHUNK * per_datagram if limit is None else min(_CHUNK * per_datagram, limit - first)
+            if n <= 0:
+                return
+            rows = np.arange(first, first + n) % len(self._counts)
+            counts = np.clip(self._counts[rows] - self._bias, -(2**31), 2**31 - 1).astype(np.int32)
+            for datagram in stream.datagrams(counts):
+                if faults.second_client and datagram.due >= faults.second_client:
+                    return
+                when = start + (datagram.due + 1) * period_s + datagram.delay_s
+                if faults.stall and datagram.due >= faults.stall:
+                    self.injected.stalls += datagram.due == faults.stall
+                    when = max(when, start + (faults.stall + 1) * period_s + faults.stall_s)
+                latest = max(latest, when)
+                self._ft = stream.next_ft  # what the next stream begins with
+                yield latest, datagram
+
+
+def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:
+    """Turn wrenches (n, 6) into counts, rounded and held at the ends of 32 bits; None: slow sines."""
+    if signal is None:
+        phase = 2 * np.pi * np.arange(1000)[:, np.newaxis] / 1000
+        signal = np.array([3, 1, 5, 0.1, 0.3, 0.02]) * np.sin(phase * np.arange(1, 7))
+    wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
+    if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
+        raise ValueError(f"signal has shape {wrench.shape}; wanted (n, 6), N and N m")
+    exact = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3))
+    limits = np.iinfo(np.int32)
+    counts: NDArray[np.int32] = np.clip(exact, limits.min, limits.max).astype(np.int32)
+    return counts
+
+
+def page_text(changes: Mapping[str, str | None]) -> bytes:
+    """Write the page of a box; fields with None are left out."""
+    shown = {name: value for name, value in {**_FACTORY, **changes}.items() if value is not None}
+    lines = [f"<{name}>{escape(value)}</{name}>" for name, value in shown.items()]
+    return "\n".join(['<?xml version="1.0"?>', "<netft>", *lines, "</netft>", ""]).encode()
+
+
+def _page_server(text: bytes, port: int) -> ThreadingHTTPServer:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if self.path != PATH:
+                self.send_error(404)
+                return
+            self.send_response(200)
+            self.send_header("Content-Type", "text/xml")
+            self.send_header("Content-Length", str(len(text)))
+            self.end_headers()
+            self.wfile.write(text)
+
+        def log_message(self, *_: object) -> None:
+            """Nobody reads it."""
+
+    server = ThreadingHTTPServer((HOST, port), Handler)
+    server.daemon_threads = True
+    return server
+
+
+def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64], float, bool]:
+    """Read recordings to be sent one after the other, their rate, and whether any of them is synthetic."""
+    data = load(Path(path))
+    try:
+        own_hz = common_rate(data)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    wrench = np.concatenate([recording.wrench for recording in data])
+    return wrench, own_hz if rate_hz is None else rate_hz, data.is_synthetic
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command: print the URL first, and what was injected last."""
+    options = _parser().parse_args(arguments)
+    try:
+        box = _box(options)
+    except (ValueError, OSError, OverflowError) as error:
+        sys.exit(f"fake_netft: {error}")
+    with box, suppress(KeyboardInterrupt):
+        print(box.url, flush=True)
+        if box.wait(options.seconds):
+            time.sleep(_AFTER_S)
+    if options.stamps is not None:
+        np.save(options.stamps, np.asarray(box.send_stamps, dtype=np.uint64))
+    print(json.dumps(asdict(box.injected)), flush=True)
+
+
+def _box(options: argparse.Namespace) -> FakeNetft:
+    rate_hz = 500.0 if options.rate_hz is None else options.rate_hz
+    signal, synthetic = None, True
+    if options.play is not None:
+        signal, rate_hz, synthetic = played(options.play, options.rate_hz)
+    elif options.material is not None:  # four pushes, again and again
+        data = synthesize(options.material, 4, rate_hz=rate_hz, seed=options.seed)
+        signal = np.concatenate([recording.wrench for recording in data])
+    return FakeNetft(
+        signal,
+        rate_hz=rate_hz,
+        tick_hz=options.tick_hz,
+        force_unit=options.force_unit,
+        torque_unit=options.torque_unit,
+        faults=Faults.parse(options.fault),
+        n_records=options.records,
+        product=options.product,
+        synthetic=synthetic,
+        seed=options.seed,
+        port=options.port,
+        http_port=options.http_port,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m granular_id.testing.fake_netft",
+        description="A fake Net F/T box on this machine: RDT over UDP and netftapi2.xml over HTTP.",
+    )
+    add = parser.add_argument
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--play", type=Path, metavar="PATH", help="recordings to send, one after the other")
+    what.add_argument("--material", help="material to simulate; default: slow sines")
+    add("--rate-hz", type=float, help="records per second (default 500, or that of the recordings)")
+    add("--tick-hz", type=float, default=7000.0, help="samples per second within the sensor (7000)")
+    add(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="NAME=NUMBER",
+        help="may be repeated: shares of datagrams (loss=0.01 duplicate reorder stale garbage forged absurd) or of "
+        "records (bad_status saturation warning); after so many records (wrap=100 restart stall second_client); "
+        "jitter_s, stall_s, drift, deaf",
+    )
+    add("--force-unit", default="N", choices=sorted(FORCE_UNITS))
+    add("--torque-unit", default="Nm", choices=sorted(TORQUE_UNITS))
+    add("--product", default="Net F/T", help="name on the page; with Axia it is one")
+    add("--records", type=int, help="end after so many")
+    add("--seconds", type=float, help="end after so long")
+    add("--port", type=int, default=0, help="UDP port (any)")
+    add("--http-port", type=int, default=0, help="TCP port of the page (any)")
+    add("--seed", type=int, default=0)
+    add("--stamps", type=Path, metavar="FILE.npy", help="where to store the time of each datagram")
+    return parser
+
+
+if __name__ == "__main__":
+    main()

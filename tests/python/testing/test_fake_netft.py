@@ -1,0 +1,161 @@
+"""The fake box by itself: its command, what it plays, what it refuses."""
+
+from __future__ import annotations
+
+import json
+import signal as signals
+import socket
+import subprocess
+import sys
+from itertools import islice
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from granular_id.live import open_source, opened
+from granular_id.synthetic import synthesize
+from granular_id.testing import FakeNetft, Faults, Injected
+from granular_id.testing.fake_netft import counts_of, main, played
+from granular_id.testing.faults import RECORD, RecordStream
+
+NOTHING = np.zeros((500, 6), dtype=np.int32)
+
+
+def test_a_record_has_36_bytes():
+    assert RECORD.itemsize == 36
+    stream = RecordStream(Faults(), step=14, first_ft=0x01020304)
+    (datagram,) = stream.datagrams(np.array([[1, -1, 2, -2, 3, -3]]))
+    words = [1, 0x01020304, 0, 1, -1 % 2**32, 2, -2 % 2**32, 3, -3 % 2**32]
+    assert datagram.data == b"".join(word.to_bytes(4, "big") for word in words)
+
+
+def test_the_same_seed_makes_the_same_faults():
+    def sent(seed):
+        faults = Faults(loss=0.2, duplicate=0.2, reorder=0.2, garbage=0.2, jitter_s=0.1)
+        stream = RecordStream(faults, step=14, first_ft=0, n_records=500, seed=seed)
+        return list(stream.datagrams(NOTHING)), stream.injected
+
+    assert sent(1) == sent(1)
+    assert sent(1) != sent(2)
+
+
+def test_first_and_last_records_are_left_alone():
+    stream = RecordStream(Faults(loss=1.0), step=14, first_ft=0, n_records=500)
+    sent = [datagram.due for datagram in stream.datagrams(NOTHING)]
+    assert sent == [0, 1, 2, 497, 498, 499]
+    assert stream.injected == Injected(sent=6, lost=494)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("loss", "fault 'loss' has no number; wanted loss=NUMBER"),
+        ("loss=2", "loss must be from 0 to 1, got 2"),
+        ("loss=nan", "loss must be finite"),
+        ("drift=0.6", "drift must be from -0.5 to 0.5"),
+        ("wrap=1.5", "wrap must be a whole number of at least 0, got 1.5"),
+        ("loss=0.6 duplicate=0.6", "must add up to 1 at most, got 1.2"),
+        ("lost=0.1", "fault 'lost=0.1' is none; known: loss, "),
+    ],
+)
+def test_faults_are_checked(text, words):
+    with pytest.raises(ValueError, match=words):
+        Faults.parse(text.split())
+
+
+def test_arguments_are_checked():
+    with pytest.raises(ValueError, match=r"force_unit must be one of N, .*, got 'pound'"):
+        FakeNetft(force_unit="pound")
+    with pytest.raises(ValueError, match=r"signal has shape \(5, 3\)"):
+        FakeNetft(np.zeros((5, 3)))
+    with pytest.raises(ValueError, match="rate_hz must be positive"):
+        FakeNetft(rate_hz=0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        with pytest.raises(OSError, match="in use"):
+            FakeNetft(port=taken.getsockname()[1])
+
+
+def test_counts_are_rounded_and_held():
+    counts = counts_of([[2.6e-6, -2.4e-6, 1e9, 1e-3, 0, 0]], 1e6, 1e3)
+    assert counts.tolist() == [[3, -2, 2**31 - 1, 1, 0, 0]]
+
+
+@pytest.mark.parametrize("synthetic", [True, False])
+def test_recordings_are_played_and_what_comes_from_a_model_says_so(tmp_path, synthetic):
+    data = synthesize("rice", 2, rate_hz=250, duration_s=1.0)
+    gid.save(data, tmp_path / "rice.npz")
+    wrench, rate_hz, is_synthetic = played(tmp_path / "rice.npz", None)
+    np.testing.assert_array_equal(wrench, np.concatenate([data[0].wrench, data[1].wrench]))
+    assert (rate_hz, is_synthetic) == (250, True)
+    box = FakeNetft(wrench, rate_hz=rate_hz, tick_hz=7000, n_records=500, synthetic=synthetic)
+    with box, opened(box.url) as stream:
+        assert stream.info.synthetic is synthetic
+        reader = stream.buffer.reader(from_oldest=True)
+        assert box.wait(30)
+        stream.source.stop()
+        np.testing.assert_allclose(reader.read().wrench, wrench, rtol=0, atol=0.51e-6)
+
+
+def test_recordings_without_one_rate_are_refused(tmp_path):
+    for rate_hz in (250, 500):
+        gid.save(synthesize("rice", 1, rate_hz=rate_hz, duration_s=1.0), tmp_path / f"{rate_hz}.npz")
+    with pytest.raises(ValueError, match=r"recordings have the rates .* resample them first"):
+        played(tmp_path, None)
+
+
+def test_requests_of_another_kind_are_noted_and_ignored():
+    with FakeNetft() as box, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.settimeout(20)
+        client.connect(("127.0.0.1", box.port))
+        for junk in (b"", b"\x12\x34\0\x02", b"\x12\x35\0\x02\0\0\0\0", b"\x12\x34\0\x77\0\0\0\0"):
+            client.send(junk)
+        client.send(b"\x12\x34\0\x02\0\0\0\x05")  # five records are asked for
+        numbers = [int.from_bytes(client.recv(100)[:4], "big") for _ in range(5)]
+        assert box.wait(20)
+        assert numbers == [1, 2, 3, 4, 5]
+        assert len(box.requests) == 5
+
+
+def test_the_clock_of_the_box_drifts():
+    with FakeNetft(rate_hz=500, faults=Faults(drift=0.25)) as box:
+        when = [when for when, _ in islice(box._timed(1, None), 1000)]
+    np.testing.assert_allclose(np.diff(when), 1 / (500 * 1.25), rtol=1e-6)
+
+
+@pytest.mark.parametrize("module", ["granular_id.testing.fake_netft", "granular_id.live.fake_netft"])
+def test_the_command(tmp_path, module):
+    stamps = tmp_path / "stamps.npy"
+    command = [sys.executable, "-m", module, "--records", "200", "--fault", "loss=0.1", "--stamps", stamps]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        with opened(open_source(process.stdout.readline().strip())) as stream:
+            output, _ = process.communicate(timeout=60)
+        counters = stream.source.health().counters
+    assert process.returncode == 0
+    made = json.loads(output)
+    if counters["requests"] > 1:
+        pytest.skip("the machine is so busy that the stream had to be asked for twice")
+    assert made["lost"] == counters["lost"] > 0
+    assert len(np.load(stamps)) == made["sent"] == counters["rows"]
+
+
+def test_the_command_until_ctrl_c():
+    text = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from granular_id.testing.fake_netft import main; main(['--material', 'rice'])"
+    )
+    with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline().startswith("rdt://127.0.0.1:")
+        process.send_signal(signals.SIGINT)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert json.loads(output)["sent"] == 0
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--fault", "los=1"], ["--material", "unobtainium"], ["--play", "no-such-file.npz"]]
+)
+def test_the_command_refuses(arguments):
+    with pytest.raises(SystemExit, match=arguments[1]):
+        main(arguments)
