@@ -36,8 +36,8 @@ class Sensing:
 
     source: str = option(
         SOURCE,
-        "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, ur://HOST, franka://HOST, bota:FILE or "
-        "ros2://TOPIC; options as in sim:rice?seed=1.",
+        "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, franka://HOST, "
+        "bota:FILE and ros2://TOPIC; options as in sim:rice?seed=1.",
         "--source",
         "-s",
         default=...,
@@ -66,10 +66,11 @@ class Sensing:
 class Moving:
     """Who moves the tool, what starts a capture, and what is not acceptable."""
 
-    robot: Literal["auto", "none", "manual", "source"] = option(
+    robot: str = option(
         MOTION,
-        "auto: the simulated robot of a simulated sensor, else nobody. manual: you push, and are told when. "
-        "source: the arm of ur:// or franka://, which WILL MOVE.",
+        "auto: the simulated robot of a simulated sensor, else nobody. none: nobody. manual: you push, and are told "
+        "when. source: the arm that the source is part of, which WILL MOVE. ur://HOST or franka://HOST, with "
+        "granular-id-contrib: that arm, which WILL MOVE.",
         default="auto",
     )
     direction: str = option(MOTION, "Where the robot pushes: X,Y,Z in its base frame.", default="1,0,0")
@@ -95,6 +96,10 @@ class Moving:
     timeout_s: float = option(LIMITS, "How long to wait for the motion.", default=30.0)
 
     def __post_init__(self) -> None:
+        from granular_id.live.setup import ROBOTS
+
+        if self.robot not in ROBOTS and ":" not in self.robot:
+            raise ValueError(f"--robot must be one of {', '.join(ROBOTS)} or a URL, got {self.robot!r}")
         positive("--threshold-n", self.threshold_n)
         positive("--timeout-s", self.timeout_s)
         positive("--speed-m-s", self.speed_m_s)

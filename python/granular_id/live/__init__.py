@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
     from granular_id.live.identification import LiveIdentifier
     from granular_id.live.monitor import MonitorServer
+    from granular_id.live.plugins import open_robot
     from granular_id.live.push import Push
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from granular_id.live.sim import SimRobot, SimSource
     from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
     from granular_id.live.source_thread import ThreadedSource
+    from granular_id.live.source_url import SourceUrl
     from granular_id.live.stopping import stop_on_signals
     from granular_id.live.stream import Stream, opened
     from granular_id.live.terminal import TerminalView
@@ -41,6 +43,7 @@ _HOMES = {
     "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
     "live.identification": ("LiveIdentifier",),
     "live.monitor": ("MonitorServer",),
+    "live.plugins": ("open_robot",),
     "live.push": ("Push",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
@@ -52,6 +55,7 @@ _HOMES = {
     "live.sim": ("SimRobot", "SimSource"),
     "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
     "live.source_thread": ("ThreadedSource",),
+    "live.source_url": ("SourceUrl",),
     "live.stopping": ("stop_on_signals",),
     "live.stream": ("Stream", "opened"),
     "live.terminal": ("TerminalView",),
@@ -84,6 +88,7 @@ __all__ = [
     "SimRobot",
     "SimSource",
     "SourceInfo",
+    "SourceUrl",
     "Stream",
     "TerminalView",
     "ThreadedSource",
@@ -95,6 +100,7 @@ __all__ = [
     "WrenchSource",
     "host_ns",
     "identify",
+    "open_robot",
     "open_source",
     "opened",
     "setup_of",

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from granular_id._checks import argument_error
+from granular_id.live.plugins import open_robot
 from granular_id.live.robot import Robot
 from granular_id.live.robots import ManualRobot
 from granular_id.live.source import WrenchSource
@@ -50,8 +51,8 @@ def setup_of(
     source : WrenchSource
     robot : {"auto", "none", "manual", "source"}, Robot or None, default "auto"
         "auto": the simulated robot of a simulated sensor, nobody for other sources: no machine moves unasked.
-        "source": the robot that the source is part of (``ur://``, ``franka://``). "manual": a person who is told when
-        to push.
+        "source": the robot that the source is part of. "manual": a person who is told when to push. A URL: see
+        `open_robot`.
     trigger : {"auto", "motion", "force", "manual"} or callable, default "auto"
         "motion": where the robot's motion begins. "force": where the force leaves its level at rest. "manual": a
         `ManualTrigger`, which somebody must fire. "auto": what the source knows of itself (recordings played again
@@ -124,4 +125,10 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         raise argument_error(
             TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
         )
-    raise argument_error(ValueError, "robot", f"must be one of {', '.join(ROBOTS)} or a Robot, got {robot!r}")
+    if ":" in robot:
+        return open_robot(robot)
+    raise argument_error(
+        ValueError,
+        "robot",
+        f"must be one of {', '.join(ROBOTS)}, the URL of a robot or a Robot, got {robot!r}",
+    )

@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 from numpy.typing import ArrayLike
 
 from granular_id._checks import checked_text, finite_number, freeze, positive_number, thaw
+from granular_id.live.plugins import SOURCES, known_schemes, open_plugin
 from granular_id.live.source_url import SourceUrl
 
 __all__ = ["SCHEMES", "Health", "SourceInfo", "WrenchSink", "WrenchSource", "open_source"]
@@ -22,12 +23,11 @@ SCHEMES: Mapping[str, tuple[str, str]] = {
     "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
     "replay": ("granular_id.live.replay", "replay:PATH[?speed=10], recordings played again"),
     "sim": ("granular_id.live.sim", "sim:MATERIAL[?speed=10&seed=1] or sim:unknown, a simulated sensor"),
-    "ur": ("granular_id.live.adapters.ur", "ur://HOST, the force of a Universal Robots arm"),
-    "franka": ("granular_id.live.adapters.franka", "franka://HOST, the force a Franka arm estimates"),
-    "bota": ("granular_id.live.adapters.bota", "bota:CONFIG.json, a Bota Systems sensor"),
-    "ros2": ("granular_id.live.adapters.ros2", "ros2://TOPIC?rate_hz=500, a WrenchStamped topic"),
 }
-"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form."""
+"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form.
+
+Other packages bring more: see `granular_id.live.plugins`.
+"""
 
 
 @dataclass(frozen=True)
@@ -171,9 +171,10 @@ def open_source(url: str, **options: object) -> WrenchSource:
     Parameters
     ----------
     url : str
-        ``sim:rice?speed=10``, ``replay:recordings``, ``rdt://192.168.1.1``, ``ur://HOST``, ``franka://HOST``,
-        ``bota:config.json``, ``ros2://ft_sensor/wrench?rate_hz=500``. A ``?`` or ``%`` that belongs to a path is
-        written ``%3F`` or ``%25``.
+        ``sim:rice?speed=10``, ``replay:recordings``, ``rdt://192.168.1.1``, or what other packages bring as entry
+        points of the group ``granular_id.sources``: ``ur://HOST``, ``franka://HOST``, ``bota:config.json``,
+        ``ros2://ft_sensor/wrench?rate_hz=500`` from ``contrib/`` in the repository. A ``?`` or ``%`` that belongs to
+        a path is written ``%3F`` or ``%25``.
     **options
         The same options as after the ``?``, as values of Python.
 
@@ -187,7 +188,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
         No URL, an unknown scheme (the known ones are listed), an unknown option (the scheme's are listed) or a
         value that is none.
     ImportError
-        The library of that sensor is not installed; says which.
+        The package of that sensor, or its library, is not installed; says which.
     OSError
         The sensor does not answer, or the file is not there.
 
@@ -202,9 +203,11 @@ def open_source(url: str, **options: object) -> WrenchSource:
     ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, franka, rdt, replay, ros2, sim, ur
     """
     parsed = SourceUrl.parse(url, options)
-    if parsed.scheme not in SCHEMES:
-        known = ", ".join(sorted(SCHEMES))
+    if parsed.scheme in SCHEMES:
+        source: WrenchSource | None = import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)
+    else:
+        source = open_plugin(SOURCES, parsed)
+    if source is None:
+        known = ", ".join(sorted({*SCHEMES, *known_schemes(SOURCES)}))
         raise ValueError(f"url {url!r} has the scheme {parsed.scheme!r}; known: {known}")
-    module, _ = SCHEMES[parsed.scheme]
-    source: WrenchSource = import_module(module).open_url(parsed)
     return source

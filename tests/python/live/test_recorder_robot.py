@@ -6,8 +6,8 @@ import threading
 
 import numpy as np
 import pytest
+from granular_id_contrib.polling import PolledMotion
 
-from granular_id.live.adapters.polling import PolledMotion
 from granular_id.live.capture import Capture
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
 from granular_id.live.drive import drive

@@ -80,6 +80,14 @@ def test_every_scheme_has_a_module_that_opens_it():
         assert form.startswith(f"{scheme}:")
 
 
+@pytest.mark.parametrize("scheme", ["ur", "franka", "bota", "ros2"])
+def test_a_source_that_is_not_installed_says_how_to_get_it(scheme):
+    with pytest.raises(
+        ImportError, match=rf"'{scheme}://x' needs granular-id-contrib.*pip install \./contrib"
+    ):
+        open_source(f"{scheme}://x")
+
+
 def test_choices_and_parts_of_urls():
     url = SourceUrl.parse("RDT://Host.local:49152?variant=axia", {})
     assert (url.scheme, url.host, url.port, url.path) == ("rdt", "Host.local", 49152, "")

@@ -8,11 +8,11 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import library
 from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 from granular_id.live.source_url import SourceUrl
+from granular_id_contrib import NOT_RUN
+from granular_id_contrib.polling import library
 
 __all__ = ["Ros2Source", "open_url"]
 

@@ -7,13 +7,12 @@ import time
 
 import numpy as np
 import pytest
+from granular_id_contrib import NOT_RUN
+from granular_id_contrib.bota import BotaSource
 
 from adapter_fakes import FakeBota, FakeFranka, FakeRos2, FakeUR
-from granular_id.live.adapters import NOT_RUN
-from granular_id.live.robot import Robot
-from granular_id.live.source import WrenchSource, open_source
+from granular_id.live import Robot, WrenchSource, open_robot, open_source, opened, setup_of
 from granular_id.recording import SampleFlag
-from sink_cases import Sink, eventually
 
 
 def install(monkeypatch, fake):
@@ -32,19 +31,32 @@ def franka(monkeypatch):
     return install(monkeypatch, FakeFranka())
 
 
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "sensor.json"
+    path.write_text("{}")
+    return path
+
+
+def eventually(condition):
+    deadline_s = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline_s, "it did not happen"
+        time.sleep(0.002)
+
+
 def watched(source, n_rows):
-    sink = Sink()
-    source.start(sink)
-    sink.wait(n_rows)
-    assert source.health().running
+    """Run a source until so many rows are there; nothing is written after its stop. Returns the rows."""
+    with opened(source) as stream:
+        reader = stream.buffer.reader(from_oldest=True)
+        eventually(lambda: stream.buffer.stats()["written"] >= n_rows)
+        assert source.health().running
     source.stop()
-    source.stop()
-    assert not source.health().running
-    assert source.health().error is None
-    n = len(sink.rows)
+    assert (source.health().running, source.health().error) == (False, None)
+    written = stream.buffer.stats()["written"]
     time.sleep(0.01)
-    assert len(sink.rows) == n, "nothing is written after the stop"
-    return sink
+    assert stream.buffer.stats()["written"] == written
+    return reader.read()
 
 
 def test_ur_source(ur):
@@ -52,49 +64,35 @@ def test_ur_source(ur):
     assert isinstance(source, WrenchSource)
     assert source.info.meta["status"] == NOT_RUN
     assert ur.calls == [], "nothing is connected before the start"
-    sink = watched(source, 30)
+    rows = watched(source, 30)
     assert ur.calls == [("receive", "192.168.0.3", 500.0), ("receive disconnect",)]
-    assert sink.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    assert (np.diff(sink.time_s) > 0.0019).all(), "each sample once"
-    assert np.allclose(np.diff(sink.time_s) / 0.002, np.rint(np.diff(sink.time_s) / 0.002))
+    assert rows.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    steps = np.diff(rows.time_s) / 0.002
+    assert steps.min() > 0.9, "each sample once"
+    assert np.allclose(steps, np.rint(steps))
 
 
 def test_ur_source_that_loses_its_controller(ur):
-    source = open_source("ur://arm")
-    sink = Sink()
-    source.start(sink)
-    sink.wait(3)
-    ur.connected = False
-    eventually(lambda: source.health().error is not None)
-    assert "ConnectionError: the connection to arm is lost" in source.health().error
-    assert not source.health().running
-    source.stop()
+    with opened("ur://arm") as stream:
+        ur.connected = False
+        eventually(lambda: stream.health().error is not None)
+        assert "ConnectionError: the connection to arm is lost" in stream.health().error
+        assert not stream.health().running
 
 
 def test_ur_controller_that_starts_anew(ur):
-    source = open_source("ur://arm")
-    sink = Sink()
-    source.start(sink)
-    sink.wait(3)
-    ur.restarted_s = 1.0
-    eventually(lambda: sink.epochs)
-    sink.wait(sink.epochs[0] + 3)
-    source.stop()
-    assert len(sink.epochs) == 1
-    assert sink.time_s[sink.epochs[0]] < 2 < sink.time_s[0]
+    with opened("ur://arm") as stream:
+        ur.restarted_s = 1.0
+        eventually(lambda: stream.health().counters["epochs"] == 1)
 
 
 def test_ur_robot(ur):
-    from granular_id.live.adapters.ur import URRobot
-
-    robot = URRobot("arm", shares_clock=True)
-    assert isinstance(robot, Robot)
+    robot = open_source("ur://arm").robot()
     motion = robot.move_line((0, 2, 0), 0.03, 3.0)
     name, target, speed, acceleration, asynchronous = ur.calls[-1]
     assert (name, speed, acceleration, asynchronous) == ("moveL", 0.03, 1.2, True)
     assert target[:3] == pytest.approx([0.4, -0.1 + 0.03 * (3.0 - 0.03 / 1.2), 0.2])
     assert target[3:] == [0.0, 3.1, 0.0]
-    assert motion.start_time_s == pytest.approx(100, abs=20)
     assert not motion.finished()
     robot.stop()
     assert ur.calls[-1] == ("stopL", 1.2)
@@ -104,27 +102,27 @@ def test_ur_robot(ur):
     assert [call[0] for call in ur.calls[-3:]] == ["stopScript", "control disconnect", "receive disconnect"]
 
 
+def test_ur_robot_that_refuses(monkeypatch):
+    install(monkeypatch, FakeUR(refuse=True))
+    with pytest.raises(RuntimeError, match="refused moveL"):
+        open_robot("ur://arm").move_line((1, 0, 0), 0.03, 3.0)
+
+
 @pytest.mark.parametrize("url", ["ur://arm", "franka://arm"])
 def test_the_clock_of_an_arm_is_that_of_its_own_source_only(ur, franka, url):
-    from granular_id.live.adapters.franka import FrankaRobot
-    from granular_id.live.adapters.ur import URRobot
-    from granular_id.live.setup import setup_of
-
     source = open_source(url)
-    own = setup_of(source, "source").robot
+    own, other = setup_of(source, "source").robot, setup_of(source, url).robot
+    assert isinstance(own, Robot)
     assert isinstance(own.move_line((1, 0, 0), 0.03, 3.0).start_time_s, float)
     assert setup_of(source).robot is None, "no machine moves unasked"
-    alone = (URRobot if url.startswith("ur") else FrankaRobot)("arm").move_line((1, 0, 0), 0.03, 3.0)
+    alone = other.move_line((1, 0, 0), 0.03, 3.0)
     assert alone.start_time_s is None, "a sensor beside the arm has a clock of its own"
     assert alone.start_host_ns > 0
 
 
 @pytest.mark.parametrize("arm", ["ur", "franka"])
 def test_an_arm_does_not_push_on_from_where_it_ended(ur, franka, arm):
-    from granular_id.live.adapters.franka import FrankaRobot
-    from granular_id.live.adapters.ur import URRobot
-
-    robot, at = (URRobot if arm == "ur" else FrankaRobot)("arm"), [0.4]
+    robot, at = open_robot(f"{arm}://arm"), [0.4]
     robot.tcp_pose = lambda: (at[0], 0.0, 0.2, 0.0, 0.0, 0.0)
     calls = ur.calls if arm == "ur" else franka.calls
     robot.move_line((1, 0, 0), 0.03, 3.0)
@@ -140,23 +138,13 @@ def test_an_arm_does_not_push_on_from_where_it_ended(ur, franka, arm):
         robot.move_line((1, 0, 0), 0.03, 3.0)
 
 
-def test_ur_robot_that_refuses(monkeypatch):
-    install(monkeypatch, FakeUR(refuse=True))
-    from granular_id.live.adapters.ur import URRobot
-
-    with pytest.raises(RuntimeError, match="refused moveL"):
-        URRobot("arm").move_line((1, 0, 0), 0.03, 3.0)
-
-
 def test_franka(franka):
     source = open_source("franka://172.16.0.2")
     assert source.info.sign == "force of the arm on the environment"
-    sink = watched(source, 20)
-    assert sink.wrench[0].tolist() == [4.0, 0, 0, 0, 0, 0.5]
-    assert (np.diff(sink.time_s) >= 0.00099).all()
-
+    rows = watched(source, 20)
+    assert rows.wrench[0].tolist() == [4.0, 0, 0, 0, 0, 0.5]
+    assert (np.diff(rows.time_s) >= 0.00099).all()
     robot = source.robot()
-    assert isinstance(robot, Robot)
     assert franka.calls == [("connect", "172.16.0.2")], "one connection for both"
     assert robot.tcp_pose() == pytest.approx((0.3, 0.0, 0.5, 0.0, 0.0, np.pi / 2))
     motion = robot.move_line((0, 0, -1), 0.03, 3.0)
@@ -165,56 +153,37 @@ def test_franka(franka):
     assert commanded.target.linear.tolist() == [0, 0, -0.03]
     assert commanded.target.angular.tolist() == [0, 0, 0]
     assert commanded.duration.to_msec() == 3000
-    assert motion.start_time_s is not None
     assert not motion.finished()
     robot.stop()
-    assert motion.finished()
-    assert motion.error is None
-
-
-def test_franka_motion_that_fails(franka):
-    from granular_id.live.adapters.franka import FrankaRobot
-
-    motion = FrankaRobot("arm").move_line((1, 0, 0), 0.03, 3.0)
+    assert (motion.finished(), motion.error) == (True, None)
+    motion = robot.move_line((1, 0, 0), 0.03, 3.0)
     franka.raises = RuntimeError("cartesian_reflex")
-    assert motion.finished()
-    assert motion.error == "RuntimeError: cartesian_reflex"
+    assert (motion.finished(), motion.error) == (True, "RuntimeError: cartesian_reflex")
 
 
-def test_bota(monkeypatch, tmp_path):
+def test_bota(monkeypatch, config):
     fake = install(monkeypatch, FakeBota())
-    config = tmp_path / "sensor.json"
-    config.write_text("{}")
     source = open_source(f"bota:{config}")
     assert fake.calls == [("config", str(config))]
     assert (source.info.rate_hz, source.info.tick_hz) == (1000.0, 1e6)
-    sink = watched(source, 150)
+    rows = watched(source, 150)
     assert fake.calls[1:] == [("activate",), ("deactivate",), ("shutdown",)]
-    assert sink.wrench[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
-    assert sink.time_s[:3].tolist() == [5.0, 5.001, 5.002]
-    assert np.flatnonzero(sink.flags == SampleFlag.SATURATED)[:2].tolist() == [49, 99]
-    assert np.flatnonzero(sink.flags == SampleFlag.BAD_STATUS)[:2].tolist() == [69, 139]
+    assert rows.wrench[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
+    assert rows.time_s[:3] == pytest.approx([5.0, 5.001, 5.002])
+    assert np.flatnonzero(rows.flags == SampleFlag.SATURATED)[:2].tolist() == [49, 99]
+    assert np.flatnonzero(rows.flags == SampleFlag.BAD_STATUS)[:2].tolist() == [69, 139]
     assert source.health().counters == {"throttled": 1}
 
 
-def test_bota_that_does_not_start(monkeypatch, tmp_path):
-    config = tmp_path / "sensor.json"
-    config.write_text("{}")
-    install(monkeypatch, FakeBota(configures=False))
-    with pytest.raises(ConnectionError, match="could not be configured"):
-        open_source(f"bota:{config}")
-    install(monkeypatch, FakeBota(activates=False))
-    source = open_source(f"bota:{config}")
-    with pytest.raises(ConnectionError, match="could not be activated"):
-        source.start(Sink())
-    with pytest.raises(FileNotFoundError, match=r"none\.json: no such configuration"):
-        open_source("bota:none.json")
+@pytest.mark.parametrize("fails", ["configures", "activates"])
+def test_bota_that_does_not_start(monkeypatch, config, fails):
+    install(monkeypatch, FakeBota(**{fails: False}))
+    with pytest.raises(ConnectionError, match=f"could not be {fails[:-1]}d"), opened(f"bota:{config}"):
+        pass
 
 
 def test_bota_dummy_of_the_real_driver():
     driver = pytest.importorskip("bota_driver")
-    from granular_id.live.adapters.bota import BotaSource
-
     config = driver.BotaDriverConfig()
     config.product_name, config.serial_number = "BFT-DUMMY-DUMMY-DUMMY", "SN000001"
     config.communication_interface_name = "Bota_Dummy"
@@ -224,36 +193,35 @@ def test_bota_dummy_of_the_real_driver():
     config.genA_sensor_operation_params.app_submode = 1
     source = BotaSource(config)
     assert source.info.rate_hz == 20
-    sink = watched(source, 10)
-    assert sink.wrench.shape[1] == 6
-    assert (np.diff(sink.time_s) >= 0).all()
-    assert (sink.time_s[-1] - sink.time_s[1]) / (len(sink.rows) - 2) == pytest.approx(0.05, rel=0.1)
+    rows = watched(source, 10)
+    assert rows.wrench.shape[1] == 6
+    assert (rows.time_s[-1] - rows.time_s[1]) / (len(rows) - 2) == pytest.approx(0.05, rel=0.1)
 
 
 def test_ros2(monkeypatch):
     fake = install(monkeypatch, FakeRos2())
-    source = open_source("ros2://ft_sensor/Wrench?rate_hz=500")
-    sink = watched(source, 20)
+    rows = watched(open_source("ros2://ft_sensor/Wrench?rate_hz=500"), 20)
     assert fake.subscriptions[0][0] == "/ft_sensor/Wrench"
-    assert sink.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    assert np.allclose(np.diff(sink.time_s), 0.002, atol=1e-6)
+    assert rows.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    assert np.allclose(np.diff(rows.time_s), 0.002, atol=1e-6)
     assert [call[0] for call in fake.calls] == ["init", "executor shutdown", "destroy_node", "shutdown"]
     assert {call[1] for call in fake.calls if call[0] in ("init", "shutdown")} == {"Context"}
 
 
 @pytest.mark.parametrize(
-    ("url", "match"),
+    ("url", "error", "match"),
     [
-        ("ros2://topic", "needs the rate of the topic"),
-        ("ros2://?rate_hz=500", "has no topic"),
-        ("ur://", "has no host; wanted ur://HOST"),
-        ("franka:", "names no source"),
-        ("franka://arm?speed=3", "has no option 'speed'; known: none"),
-        ("ur://arm?rate_hz=fast", "option rate_hz='fast'"),
+        ("ros2://topic", ValueError, "needs the rate of the topic"),
+        ("ros2://?rate_hz=500", ValueError, "has no topic"),
+        ("ur://", ValueError, "has no host; wanted ur://HOST"),
+        ("franka://arm?speed=3", ValueError, "has no option 'speed'; known: none"),
+        ("ur://arm?rate_hz=fast", ValueError, "option rate_hz='fast'"),
+        ("bota:none.json", FileNotFoundError, r"none\.json: no such configuration"),
     ],
 )
-def test_bad_urls(url, match, ur, franka):
-    with pytest.raises(ValueError, match=match):
+def test_bad_urls(url, error, match, ur, franka, monkeypatch):
+    install(monkeypatch, FakeBota())
+    with pytest.raises(error, match=match):
         open_source(url)
 
 

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from granular_id._checks import positive_number
-from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PolledMotion, PollingSource, PushStart, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
+from granular_id_contrib import NOT_RUN
+from granular_id_contrib.polling import PolledMotion, PollingSource, PushStart, library
 
 __all__ = ["URRobot", "URSource", "open_url"]
 
@@ -152,3 +152,9 @@ def open_url(url: SourceUrl) -> URSource:
     """Make the source of ``ur://HOST``. Options: ``rate_hz``."""
     url.allow("rate_hz")
     return URSource(url.need_host(), url.number("rate_hz", 500.0))
+
+
+def open_robot(url: SourceUrl) -> URRobot:
+    """Connect to the arm of ``ur://HOST``."""
+    url.allow()
+    return URRobot(url.need_host())

@@ -10,11 +10,11 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from granular_id.live.adapters import NOT_RUN
-from granular_id.live.adapters.polling import PolledMotion, PollingSource, PushStart, library
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo
 from granular_id.live.source_url import SourceUrl
+from granular_id_contrib import NOT_RUN
+from granular_id_contrib.polling import PolledMotion, PollingSource, PushStart, library
 
 __all__ = ["FrankaRobot", "FrankaSource", "open_url"]
 
@@ -121,3 +121,9 @@ def open_url(url: SourceUrl) -> FrankaSource:
     """Make the source of ``franka://HOST``."""
     url.allow()
     return FrankaSource(url.need_host())
+
+
+def open_robot(url: SourceUrl) -> FrankaRobot:
+    """Connect to the arm of ``franka://HOST``."""
+    url.allow()
+    return FrankaRobot(url.need_host())

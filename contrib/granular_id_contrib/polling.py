@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.live.clock import host_ns
+from granular_id.live import host_ns
 from granular_id.live.source import WrenchSink
 from granular_id.live.source_thread import ThreadedSource
 
