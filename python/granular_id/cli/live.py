@@ -16,11 +16,11 @@ from rich.console import Console
 from granular_id._text import counted
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
-from granular_id.cli.outputs import LIVE_ANSWERS, RERUN_LOG, check_outputs, show, warn_of_setups
+from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:
-    from granular_id.live import Capture, LiveIdentifier, Push, Recorder, Stream, Views, WrenchSource
+    from granular_id.live import Capture, Recorder, Stream, Views, WrenchSource
     from granular_id.live.drive import Step
     from granular_id.live.setup import Setup
 
@@ -144,7 +144,7 @@ def live(
     view: bool = option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view", default=False),
     port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
     no_browser: bool = option(VIEWS, "Print its address, do not open it.", "--no-browser", default=False),
-    rerun: Path | None = option(VIEWS, "Log everything into a file for the Rerun viewer (.rrd)."),
+    rerun: str | None = typer.Option(None, hidden=True),
     json: Path | None = option(OUTPUT, "Write each answer into this file, one line of JSON each."),
     force: bool = FORCE,
     quiet: bool = option(OUTPUT, "No screen: one line per push.", "--quiet", "-q", default=False),
@@ -173,12 +173,9 @@ def live(
     `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
     """
     at_least("--n", n, 1)
-    if not 0 <= port <= 65535:
-        raise ValueError(f"--port must be between 0 and 65535, got {port}")
-    if not view and (port or no_browser):
-        raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
+    _check_views(view=view, port=port, no_browser=no_browser, rerun=rerun)
     positive("--pre-s", pre_s)
-    check_outputs(("--json", json, LIVE_ANSWERS), ("--rerun", rerun, RERUN_LOG), source=model, force=force)
+    check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
 
     from granular_id._files import whole_lines
     from granular_id.identifier import Identifier
@@ -200,7 +197,7 @@ def live(
         stream = stack.enter_context(opened(source, sensing.buffer_s))
         setup = moving.setup(source)
         views = stack.enter_context(Views([]))
-        _open_views(views, view=view, port=port, browser=not no_browser, rerun=rerun, quiet=quiet)
+        _open_views(views, view=view, port=port, browser=not no_browser, quiet=quiet)
         identifying = LiveIdentifier(
             stream,
             identifier,
@@ -213,13 +210,14 @@ def live(
         )
         warn_of_setups(identifying.differences)
         answer = stack.enter_context(nullcontext() if json is None else whole_lines(json))
+        synthetic = {"synthetic": source.info.synthetic, "synthetic_model": identifier.synthetic}
         over = False
         try:
             for push in identifying.pushes(n):
                 if quiet:
-                    show(_line(push))
+                    show(str(push))
                 if answer is not None:  # said before: the disk may be full
-                    answer(json_format.dumps(_row(push, identifying)))
+                    answer(json_format.dumps(push.to_dict() | synthetic))
             over = n is None
             if over and not identifying.n_answered:
                 raise ValueError("the source came to its end before any push was answered")
@@ -230,14 +228,25 @@ def live(
             raise
         finally:
             views.close()
-            _sum_up(identifying, views, over=over)
+            for complaint in views.complaints:
+                show(f"a view ended: {complaint}", "yellow")
+            show(f"{identifying.tally()}{'; the source came to its end' * over}")
 
 
-def _open_views(
-    views: Views, *, view: bool, port: int, browser: bool, rerun: Path | None, quiet: bool
-) -> None:
+def _check_views(*, view: bool, port: int, no_browser: bool, rerun: str | None) -> None:
+    if rerun is not None:
+        raise ValueError(
+            "--rerun is gone: examples/rerun_log.py in the repository logs a session for the Rerun viewer"
+        )
+    if not 0 <= port <= 65535:
+        raise ValueError(f"--port must be between 0 and 65535, got {port}")
+    if not view and (port or no_browser):
+        raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
+
+
+def _open_views(views: Views, *, view: bool, port: int, browser: bool, quiet: bool) -> None:
     """Open what was asked for, one by one: what is open is closed where the next cannot be opened."""
-    from granular_id.live import MonitorServer, RerunLog, TerminalView
+    from granular_id.live import MonitorServer, TerminalView
 
     if view:
         page = MonitorServer(port)
@@ -245,50 +254,8 @@ def _open_views(
         show(f"page: {page.url}")
         if browser:
             webbrowser.open(page.url)
-    if rerun is not None:
-        views.add(RerunLog(rerun))
     if not quiet:
         views.add(TerminalView(Console(highlight=False)))
-
-
-def _row(push: Push, identifying: LiveIdentifier) -> dict[str, Any]:
-    """Return a push as JSON-like values."""
-    decision = None if push.decision is None else push.decision.to_dict()
-    failure = None if push.reason is None else {"reason": push.reason.value, "text": push.text}
-    return {
-        "decision": decision,
-        "failure": failure,
-        "truth": push.truth,
-        "synthetic": identifying.stream.info.synthetic,
-        "synthetic_model": identifying.model.synthetic,
-    }
-
-
-def _line(push: Push) -> str:
-    if push.decision is None:
-        return f"no answer: {push.text}"
-    verdict = {True: "  right", False: f"  WRONG, it was {push.truth}", None: ""}[push.is_right]
-    if push.is_right and push.decision.unknown:
-        verdict += f", it was {push.truth}"
-    if push.is_right is not None and push.truth not in dict(push.decision.ranking):
-        verdict += ", which the model does not know"
-    return f"{push.decision}{verdict}"
-
-
-def _sum_up(identifying: LiveIdentifier, views: Views, *, over: bool) -> None:
-    for complaint in views.complaints:
-        show(f"a view ended: {complaint}", "yellow")
-    n, failed = identifying.n_answered, identifying.n_pushes - identifying.n_answered
-    right = (
-        f", {identifying.n_right} right ({100 * identifying.n_right / n:.0f} %)"
-        if identifying.knows_truth and n
-        else ""
-    )
-    synthetic = "SYNTHETIC: " if identifying.stream.info.synthetic else ""
-    lost = f"; {failed} could not be captured" if failed else ""
-    refused = f"; {identifying.n_unknown} like no known material" if identifying.n_unknown else ""
-    end = "; the source came to its end" if over else ""
-    show(f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}{end}")
 
 
 WHAT = "What to record"

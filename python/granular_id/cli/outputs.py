@@ -111,7 +111,6 @@ MODEL = Kind("a model", MODELS, rb".{8}\{")
 PREDICTIONS = Kind("a table of predictions", TABLES, rb"protocol,partition,")
 ANSWERS = Kind("a table of answers", TABLES, rb"recording,label,margin,")
 LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
-RERUN_LOG = Kind("a Rerun log", (".rrd",), rb"RRF")
 PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
 """Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
 

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
     from granular_id.live.replay import ReplaySource
-    from granular_id.live.rerun_log import RerunLog
     from granular_id.live.robot import Motion, Robot
     from granular_id.live.robots import CallbackRobot, ManualRobot
     from granular_id.live.setup import setup_of
     from granular_id.live.sim import SimRobot, SimSource
+    from granular_id.live.snapshot import Snapshot
+    from granular_id.live.snapshot_builder import SnapshotBuilder
     from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
     from granular_id.live.source_thread import ThreadedSource
     from granular_id.live.source_url import SourceUrl
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from granular_id.live.stream import Stream, opened
     from granular_id.live.terminal import TerminalView
     from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
-    from granular_id.live.view import Views
+    from granular_id.live.view import BackgroundView, Views
 
 _HOMES = {
     "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
@@ -48,11 +49,12 @@ _HOMES = {
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
     "live.replay": ("ReplaySource",),
-    "live.rerun_log": ("RerunLog",),
     "live.robot": ("Motion", "Robot"),
     "live.robots": ("CallbackRobot", "ManualRobot"),
     "live.setup": ("setup_of",),
     "live.sim": ("SimRobot", "SimSource"),
+    "live.snapshot": ("Snapshot",),
+    "live.snapshot_builder": ("SnapshotBuilder",),
     "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
     "live.source_thread": ("ThreadedSource",),
     "live.source_url": ("SourceUrl",),
@@ -60,11 +62,12 @@ _HOMES = {
     "live.stream": ("Stream", "opened"),
     "live.terminal": ("TerminalView",),
     "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),
-    "live.view": ("Views",),
+    "live.view": ("BackgroundView", "Views"),
 }
 _LAZY = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "BackgroundView",
     "Block",
     "CallbackRobot",
     "Capture",
@@ -83,10 +86,11 @@ __all__ = [
     "RdtSource",
     "Recorder",
     "ReplaySource",
-    "RerunLog",
     "Robot",
     "SimRobot",
     "SimSource",
+    "Snapshot",
+    "SnapshotBuilder",
     "SourceInfo",
     "SourceUrl",
     "Stream",

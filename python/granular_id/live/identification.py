@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular_id._checks import argument_error
 from granular_id._core import AXES
+from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
@@ -230,6 +231,15 @@ class LiveIdentifier:
             if push.reason is not None and push.reason.is_lasting and not waits:
                 raise CaptureError(push.reason, push.text)
             yield push
+
+    def tally(self) -> str:
+        """Sum up all pushes so far in one line: how many answers, how many right where the truth is known."""
+        n, failed = self.n_answered, self.n_pushes - self.n_answered
+        synthetic = "SYNTHETIC: " if self.stream.info.synthetic else ""
+        right = f", {self.n_right} right ({100 * self.n_right / n:.0f} %)" if self.knows_truth and n else ""
+        refused = f"; {self.n_unknown} like no known material" if self.n_unknown else ""
+        lost = f"; {failed} could not be captured" if failed else ""
+        return f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}"
 
     def _at_end(self, push: Push) -> bool:
         """Whether there was no push to name, because the source has no more rows."""

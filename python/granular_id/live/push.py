@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
@@ -43,3 +43,21 @@ class Push:
         if self.decision.unknown:
             return self.truth not in dict(self.decision.ranking)
         return self.decision.label == self.truth
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain JSON-like values."""
+        return {
+            "decision": None if self.decision is None else self.decision.to_dict(),
+            "failure": None if self.reason is None else {"reason": self.reason.value, "text": self.text},
+            "truth": self.truth,
+        }
+
+    def __str__(self) -> str:
+        if self.decision is None:
+            return f"no answer: {self.text}"
+        verdict = {True: "  right", False: f"  WRONG, it was {self.truth}", None: ""}[self.is_right]
+        if self.is_right and self.decision.unknown:
+            verdict += f", it was {self.truth}"
+        if self.is_right is not None and self.truth not in dict(self.decision.ranking):
+            verdict += ", which the model does not know"
+        return f"{self.decision}{verdict}"

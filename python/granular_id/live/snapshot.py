@@ -1,15 +1,18 @@
-"""What a view shows: the state of a session at one instant, as plain numbers."""
+"""What views show: a session at one instant, in numbers and in words, worked out once for page and terminal."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from granular_id._core import AXES, UNITS
+from granular_id._text import counted, fixed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,26 +20,48 @@ if TYPE_CHECKING:
     from granular_id.identifier import Decision
     from granular_id.live.push import Push
 
-__all__ = ["Outcome", "Snapshot"]
+__all__ = ["GIVEN", "SYNTHETIC", "Answer", "Entry", "Figure", "Outcome", "Snapshot", "Words", "printable"]
 
+SYNTHETIC = "SYNTHETIC source: a physical model, no sensor. It says nothing about real materials."
+"""Shown wherever the rows come from a model."""
+
+_STATES = {
+    "idle": "Waiting",
+    "arming": "Getting ready",
+    "armed": "Armed",
+    "triggered": "Listening",
+    "complete": "Done",
+    "failed": "Failed",
+    "ended": "Ended",
+}
 _WAITING = frozenset(("idle", "arming", "armed", "ended"))
 """States in which no push is under way."""
 
+_COUNTERS = {
+    "gaps": ("gaps", True),
+    "late": ("late", True),
+    "stale": ("stale", False),
+    "duplicates": ("duplicates", False),
+    "reordered": ("reordered", False),
+    "saturated": ("saturated", True),
+    "bad_status": ("bad status", True),
+    "non_finite": ("not finite", True),
+}
+"""Counters that are told where they are not zero: how, and whether that should worry somebody."""
 
-def _no_rows() -> NDArray[np.float64]:
-    return np.empty((0, len(AXES)))
+_WARNINGS = {
+    "gap": "gap: missing rows were filled in",
+    "saturation": "saturation: a force was at the end of the sensor's range",
+    "lag": "lag: rows were read late",
+}
+"""Warnings of a decision, and what they mean."""
 
+_MOST_CANDIDATES = 6  # more are no help to anybody, and hide the rest of a screen
 
-def _no_numbers() -> NDArray[np.float64]:
-    return np.empty(0)
+Kind = Literal["none", "provisional", "final", "unknown", "failed"]
 
-
-def _no_axis_values() -> NDArray[np.float64]:
-    return np.full(len(AXES), math.nan)
-
-
-def _no_history() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.empty(0), np.empty((0, 0))
+GIVEN: frozenset[Kind] = frozenset(("provisional", "final", "unknown"))
+"""Kinds of an answer that rest on a decision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +83,88 @@ class Outcome:
     push: Push
 
 
+class Answer(NamedTuple):
+    """A decision in words.
+
+    Final is what nothing will be added to: early answers that were given, too. Unknown is a final answer that refuses
+    to name a material. `stage` says how far the answer is, `detail` by how much it leads and what else it may be.
+    """
+
+    kind: Kind
+    title: str
+    stage: str
+    detail: str
+
+
+class Entry(NamedTuple):
+    """A line of the history in words: which push, when it was over, its answer, and warnings."""
+
+    number: int
+    clock: str
+    kind: Kind
+    title: str
+    detail: str
+    warnings: tuple[str, ...]
+
+
+class Figure(NamedTuple):
+    """A number about the stream with its name; `alarm` where it should worry somebody."""
+
+    name: str
+    value: str
+    alarm: bool
+
+
+class Words(NamedTuple):
+    """What every view says about one instant; made by `Snapshot.words`.
+
+    Attributes
+    ----------
+    answer : Answer
+        Until the next push is triggered, that of the last one.
+    state : str
+        Of the capture; while the last answer is held, with what the person is to do.
+    warnings : tuple of str
+        Of the answer and of the session, in sentences.
+    decision : Decision or None
+        What the answer rests on.
+    figures : tuple of Figure
+        How well the stream is: lag and lost rows always, other troubles where there are any.
+    score : str
+        How many captures there were, or how many of them were named rightly where that is known.
+    source : str
+        Where the rows come from, and their rate.
+    values : tuple of str
+        The newest value of each axis.
+    ranking : tuple of (str, str)
+        Material and mean loss, the best first.
+    history : tuple of Entry
+        What came of the last pushes, the newest first.
+    spoken : str
+        What came of the last push, for a screen reader.
+    line : str
+        All of it in one line, for a log.
+    """
+
+    answer: Answer
+    state: str
+    warnings: tuple[str, ...]
+    decision: Decision | None
+    figures: tuple[Figure, ...]
+    score: str
+    source: str
+    values: tuple[str, ...]
+    ranking: tuple[tuple[str, str], ...]
+    history: tuple[Entry, ...]
+    spoken: str
+    line: str
+
+
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """One instant of a session. Made by a `SnapshotBuilder`; nothing in it changes afterwards.
 
-    Forces are in N, torques in N m, times in seconds of the device. C is the number of axes.
+    Forces are in N, torques in N m, times in seconds of the device; the six axes are fx fy fz tx ty tz.
 
     Parameters
     ----------
@@ -81,20 +183,16 @@ class Snapshot:
         Sampling rate, and the cut-off of the high-pass.
     n_samples : int
         Length of a capture.
-    latest : ndarray, shape (C,)
+    latest : ndarray, shape (6,)
         Newest row; NaN before the first.
     row_age_s : ndarray, shape (m,)
         Seconds from the newest row back to each row of `wrench`, oldest first.
-    wrench, residual : ndarray, shape (m, C)
+    wrench, residual : ndarray, shape (m, 6)
         The last seconds and what the high-pass leaves of them. Long spans are thinned to the extremes of short
         pieces, so no peak is lost; instants that never arrived are NaN.
-    fresh_time_s, fresh_wrench, fresh_residual : ndarray, shapes (k,), (k, C), (k, C)
-        Rows since the snapshot before, one per instant, not thinned: for views that keep everything.
-    fresh_lost : int
-        Rows since the snapshot before that are no longer in the builder's memory.
-    bin_edges : ndarray, shape (C, n_bins + 1)
+    bin_edges : ndarray, shape (6, n_bins + 1)
         Edges of the histogram's bins.
-    counts : ndarray of int64, shape (C, n_bins)
+    counts : ndarray of int64, shape (6, n_bins)
         Histogram of the residual since the capture began.
     classes : tuple of str
         Materials the model knows, in its order.
@@ -109,22 +207,20 @@ class Snapshot:
     counters : mapping of str to int
         What arrived and what did not, see ``WrenchBuffer.stats``; ``missed`` are rows read too late.
     warnings : tuple of str
-        To be shown as they are.
+        Those of the decision and of the session.
     n_captures : int
         Captures finished so far.
     n_correct : int or None
         How many of them were named rightly; None where the truth is unknown.
 
-    Raises
-    ------
-    ValueError
-        Arrays whose shapes do not fit together.
-
     Examples
     --------
-    >>> from granular_id.live.snapshot import Snapshot
-    >>> Snapshot("armed", counters={"missing": 2, "missed": 1}).lost
-    3
+    >>> from granular_id.live import Snapshot
+    >>> snapshot = Snapshot("armed", hint="push now", lag_s=0.0342, counters={"missing": 2, "missed": 1})
+    >>> snapshot.lost, snapshot.words.answer.stage
+    (3, 'push now')
+    >>> snapshot.words.figures
+    (Figure(name='lag', value='34.2 ms', alarm=True), Figure(name='lost', value='3', alarm=True))
     """
 
     state: str
@@ -135,20 +231,16 @@ class Snapshot:
     rate_hz: float = 500.0
     cutoff_hz: float = 23.0
     n_samples: int = 1600
-    axes: tuple[str, ...] = AXES
-    units: tuple[str, ...] = UNITS
-    latest: NDArray[np.float64] = field(default_factory=_no_axis_values)
-    row_age_s: NDArray[np.float64] = field(default_factory=_no_numbers)
-    wrench: NDArray[np.float64] = field(default_factory=_no_rows)
-    residual: NDArray[np.float64] = field(default_factory=_no_rows)
-    fresh_time_s: NDArray[np.float64] = field(default_factory=_no_numbers)
-    fresh_wrench: NDArray[np.float64] = field(default_factory=_no_rows)
-    fresh_residual: NDArray[np.float64] = field(default_factory=_no_rows)
-    fresh_lost: int = 0
+    latest: NDArray[np.float64] = field(default_factory=lambda: np.full(len(AXES), math.nan))
+    row_age_s: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    wrench: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, len(AXES))))
+    residual: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, len(AXES))))
     bin_edges: NDArray[np.float64] = field(default_factory=lambda: np.tile([-1.5, 1.5], (len(AXES), 1)))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros((len(AXES), 1), np.int64))
     classes: tuple[str, ...] = ()
-    ranking_history: tuple[NDArray[np.float64], NDArray[np.float64]] = field(default_factory=_no_history)
+    ranking_history: tuple[NDArray[np.float64], NDArray[np.float64]] = field(
+        default_factory=lambda: (np.empty(0), np.empty((0, 0)))
+    )
     decision: Decision | None = None
     history: tuple[Outcome, ...] = ()
     lag_s: float = math.nan
@@ -157,26 +249,6 @@ class Snapshot:
     warnings: tuple[str, ...] = ()
     n_captures: int = 0
     n_correct: int | None = None
-
-    def __post_init__(self) -> None:
-        m, k, n_axes = len(self.row_age_s), len(self.fresh_time_s), len(self.axes)
-        times, losses = self.ranking_history
-        wanted: dict[str, tuple[Any, tuple[int, ...]]] = {
-            "units": (self.units, (n_axes,)),
-            "latest": (self.latest, (n_axes,)),
-            "wrench": (self.wrench, (m, n_axes)),
-            "residual": (self.residual, (m, n_axes)),
-            "fresh_wrench": (self.fresh_wrench, (k, n_axes)),
-            "fresh_residual": (self.fresh_residual, (k, n_axes)),
-            "bin_edges": (self.bin_edges, (n_axes, self.counts.shape[-1] + 1)),
-            "counts": (self.counts, (n_axes, self.counts.shape[-1])),
-        }
-        if len(times):
-            wanted["losses of ranking_history"] = (losses, (len(times), len(self.classes)))
-        for name, (value, shape) in wanted.items():
-            got = np.shape(value)
-            if got != shape:
-                raise ValueError(f"{name} has shape {got}, wanted {shape} for {n_axes} axes")
 
     @property
     def held(self) -> Outcome | None:
@@ -189,11 +261,145 @@ class Snapshot:
         return self.counters.get("missing", 0) + self.counters.get("missed", 0)
 
     @property
-    def lagging(self) -> bool:
-        """Whether the newest row is older than it may be."""
-        return self.lag_s > self.max_lag_s
-
-    @property
     def capture_s(self) -> float:
         """Seconds that a whole capture takes."""
         return self.n_samples / self.rate_hz
+
+    @cached_property
+    def words(self) -> Words:
+        """All that views say about this instant."""
+        state = _STATES.get(self.state, printable(self.state).capitalize())
+        hint = f"{state}: {printable(self.hint)}" if self.hint else state
+        then, warnings = self, _sentences(self.warnings)
+        answer = _answer(self)
+        if self.held is None:
+            line = hint
+            if answer.kind in GIVEN:
+                line = f"{state}: {answer.title} ({', '.join(filter(None, (answer.stage, answer.detail)))})"
+        else:  # the last answer stays; beside it, how far the next push is
+            then, state, line = _at_the_end(self.held, self.n_samples, self.rate_hz), hint, hint
+            answer = _answer(then)
+            answer = answer._replace(stage=f"{answer.stage}, at {_clock(self.held.utc_s)}")
+        figures, score = self._figures(), self._score()
+        history = tuple(_entry(one, self.n_samples, self.rate_hz) for one in reversed(self.history))
+        ranking = () if then.decision is None else then.decision.ranking
+        time_s = () if self.time_s is None else (f"{fixed(self.time_s, 3)} s",)
+        mark = (SYNTHETIC.partition(" ")[0],) if self.synthetic else ()
+        health = ", ".join(f"{name} {value}{' (!)' * alarm}" for name, value, alarm in figures)
+        parts = ("  ".join((*mark, *time_s, line)), health, score, *(f"warning: {text}" for text in warnings))
+        return Words(
+            answer=answer,
+            state=state,
+            warnings=tuple(dict.fromkeys((*_sentences(then.warnings), *warnings))),
+            decision=then.decision,
+            figures=figures,
+            score=score,
+            source=" · ".join(filter(None, (printable(self.source), f"{self.rate_hz:g} Hz"))),
+            values=tuple(
+                "-" if math.isnan(value) else fixed(value, 3 if unit == "N" else 4)
+                for value, unit in zip(self.latest.tolist(), UNITS, strict=True)
+            ),
+            ranking=tuple((printable(name), fixed(loss, 3)) for name, loss in ranking),
+            history=history,
+            spoken=_spoken(history[0]) if history else "",
+            line="  |  ".join(filter(None, parts)),
+        )
+
+    def _figures(self) -> tuple[Figure, ...]:
+        lag = "-" if math.isnan(self.lag_s) else f"{fixed(1e3 * self.lag_s, 1)} ms"
+        counts = ((*told, self.counters.get(key, 0)) for key, told in _COUNTERS.items())
+        return (
+            Figure("lag", lag, self.lag_s > self.max_lag_s),
+            Figure("lost", f"{self.lost:,}", self.lost > 0),
+            *(Figure(name, f"{n:,}", alarm) for name, alarm, n in counts if n),
+        )
+
+    def _score(self) -> str:
+        if not self.n_captures:
+            return ""
+        if self.n_correct is None:
+            return counted(self.n_captures, "capture")
+        return f"{self.n_correct} of {self.n_captures} right"
+
+
+def _answer(snapshot: Snapshot) -> Answer:
+    hint = printable(snapshot.hint)
+    if snapshot.state == "failed":
+        return Answer("failed", "no answer", "the capture failed", hint)
+    if snapshot.state == "ended":
+        return Answer("none", "no more pushes", hint, "")
+    decision = snapshot.decision
+    if decision is None:
+        title = "recorded" if snapshot.state == "complete" else "no answer yet"
+        return Answer("none", title, hint or _STATES.get(snapshot.state, "").lower(), "")
+    seconds = f"{fixed(decision.seconds, 2)} s"
+    given = decision.final or snapshot.state == "complete"
+    if decision.final:
+        stage = f"final, after {seconds}"
+    else:
+        stage = f"{'early' if given else 'provisional'}, {seconds} of {fixed(snapshot.capture_s, 2)} s"
+        if decision.settled:
+            stage += ", can no longer change (forces as in training)"
+        elif decision.sure:
+            stage += ", sure enough to stop"
+    if decision.unknown:
+        return Answer("unknown", "like no known material", stage, _lead(decision))
+    return Answer("final" if given else "provisional", printable(decision.label), stage, _lead(decision))
+
+
+def _lead(decision: Decision) -> str:
+    parts = [f"nearest: {printable(decision.label)}"] if decision.unknown else []
+    if len(decision.ranking) > 1:
+        parts.append(f"margin {fixed(decision.margin, 3)} ahead of {printable(decision.ranking[1][0])}")
+    if decision.probability is not None:
+        parts.append(f"probability {100 * decision.probability:.0f} %")
+    if len(decision.candidates) > 1:
+        shown = [printable(name) for name in decision.candidates[:_MOST_CANDIDATES]]
+        others = len(decision.candidates) - len(shown)
+        parts.append(f"may be {' or '.join([*shown, *[f'{others} more'] * bool(others)])}")
+    return ", ".join(parts)
+
+
+def _at_the_end(outcome: Outcome, n_samples: int, rate_hz: float) -> Snapshot:
+    """Return a snapshot of the instant at which a push was over, as far as words need it."""
+    push, decision = outcome.push, outcome.push.decision
+    return Snapshot(
+        "complete" if push.reason is None else "failed",
+        hint=push.text,
+        decision=decision,
+        warnings=() if decision is None else decision.warnings,
+        n_samples=n_samples,
+        rate_hz=rate_hz,
+    )
+
+
+@lru_cache(maxsize=128)  # views ask thirty times a second
+def _entry(outcome: Outcome, n_samples: int, rate_hz: float) -> Entry:
+    then, push = _at_the_end(outcome, n_samples, rate_hz), outcome.push
+    answer, decision = _answer(then), push.decision
+    verdict = {True: "right", False: "wrong", None: ""}[push.is_right]
+    if decision is not None and verdict and (decision.unknown or not push.is_right):
+        verdict += f", it was {printable(push.truth or '')}"
+    stage = "" if decision is None or decision.final else answer.stage
+    detail = ", ".join(filter(None, (verdict, stage, answer.detail)))
+    clock = _clock(outcome.utc_s)
+    return Entry(outcome.number, clock, answer.kind, answer.title, detail, _sentences(then.warnings))
+
+
+def _spoken(entry: Entry) -> str:
+    begin = "Final answer: " if entry.kind in ("final", "unknown") else ""
+    said = ", ".join(filter(None, (entry.title, entry.detail, *entry.warnings)))
+    return f"Push {entry.number}. {begin}{said}"
+
+
+def _clock(utc_s: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(utc_s))
+
+
+def _sentences(warnings: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(_WARNINGS.get(text, printable(text)) for text in warnings)
+
+
+def printable(text: str) -> str:
+    """Replace what would steer a terminal instead of being shown."""
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)

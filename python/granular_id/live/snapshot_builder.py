@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import argument_error, as_floats, finite_number, whole_number
-from granular_id._core import AXES, UNITS
+from granular_id._core import AXES
 from granular_id.features import FeatureSpec
 from granular_id.live.high_pass import GrowingHistogram, HighPass
 from granular_id.live.recent_rows import RecentRows, outline
@@ -29,6 +29,7 @@ __all__ = ["SnapshotBuilder"]
 _MOST_ROWS = 600  # more than a trace on any screen has columns of its own
 _MOST_ANSWERS = 240  # eight seconds at thirty answers a second; thinned beyond
 _MOST_OUTCOMES = 40  # sent to each page thirty times a second
+_N_AXES = len(AXES)
 
 
 class SnapshotBuilder:
@@ -57,8 +58,6 @@ class SnapshotBuilder:
         Do they come from a model instead of a sensor?
     max_lag_s : float, default 0.02
         A newest row older than this is an alarm.
-    axes, units : sequence of str, optional
-        One per column. Default: the six of a wrench.
 
     Raises
     ------
@@ -67,16 +66,16 @@ class SnapshotBuilder:
 
     Examples
     --------
-    >>> from types import SimpleNamespace
     >>> import numpy as np
-    >>> from granular_id.live.snapshot_builder import SnapshotBuilder
-    >>> builder = SnapshotBuilder(500.0, source="a sine")
-    >>> time_s = np.arange(1000) / 500.0
-    >>> wrench = np.sin(time_s)[:, None] * np.ones(6)
-    >>> gaps = np.zeros(1000, np.uint32)
-    >>> builder.rows(SimpleNamespace(wrench=wrench, time_s=time_s, missing_before=gaps, epoch=0, missed=0))
+    >>> from granular_id.live import SnapshotBuilder, WrenchBuffer
+    >>> buffer = WrenchBuffer(seconds=10.0, rate_hz=500.0)
+    >>> reader = buffer.reader()
+    >>> buffer.push_block(np.ones((1000, 6)))
+    1000
+    >>> builder = SnapshotBuilder(500.0, source="a bench")
+    >>> builder.rows(reader.read())
     >>> snapshot = builder.build("armed", lag_s=0.001)
-    >>> snapshot.wrench.shape, float(snapshot.time_s), snapshot.lost
+    >>> snapshot.wrench.shape, snapshot.time_s, snapshot.lost
     ((224, 6), 1.998, 0)
     """
 
@@ -91,47 +90,38 @@ class SnapshotBuilder:
         source: str = "",
         synthetic: bool = False,
         max_lag_s: float = 0.02,
-        axes: Sequence[str] = AXES,
-        units: Sequence[str] = UNITS,
     ) -> None:
         rate = finite_number("rate_hz", rate_hz, positive=True)
         spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
         if not math.isclose(spec.rate_hz, rate, rel_tol=1e-3):
-            raise argument_error(
-                ValueError, "rate_hz", f"is {rate:g}, but spec was made for {spec.rate_hz:g} Hz"
-            )
+            problem = f"is {rate:g}, but spec was made for {spec.rate_hz:g} Hz"
+            raise argument_error(ValueError, "rate_hz", problem)
         view = finite_number("view_s", view_s)
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
-        whole_number("n_samples", n_samples)
+        self._classes = tuple(classes)
         self._fixed: dict[str, Any] = {
             "source": source,
             "synthetic": synthetic,
             "rate_hz": rate,
             "cutoff_hz": spec.cutoff_hz,
-            "n_samples": n_samples,
-            "axes": tuple(axes),
-            "units": tuple(units),
-            "classes": tuple(classes),
+            "n_samples": whole_number("n_samples", n_samples),
+            "classes": self._classes,
             "max_lag_s": max_lag_s,
         }
-        self._n_axes = len(axes)
         self._rate_hz = rate
-        self._view_rows = max(1, round(view * rate))
+        self._view_rows = n = max(1, round(view * rate))
         # Thinned rows come in pairs of each piece, and a piece at either end may be unfinished.
-        self._step = (
-            1 if self._view_rows <= _MOST_ROWS else math.ceil(self._view_rows / (_MOST_ROWS // 2 - 1))
-        )
+        self._step = 1 if n <= _MOST_ROWS else math.ceil(n / (_MOST_ROWS // 2 - 1))
         # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
         self._high_pass = HighPass(spec, steady=True)
-        self._histogram = GrowingHistogram(spec, self._n_axes)
-        self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
-        self._latest = np.full(self._n_axes, math.nan)
+        self._histogram = GrowingHistogram(spec, _N_AXES)
+        self._recent = RecentRows(n, 2 * _N_AXES)
+        self._latest = np.full(_N_AXES, math.nan)
         self._time_s: float | None = None
         self._epoch: int | None = None
-        self._fresh = 0
         self._counted = {"rows": 0, "missing": 0, "missed": 0, "epochs": 0}
-        self._answers: list[tuple[float, tuple[float, ...]]] = []
+        self._answers: list[tuple[float, list[float]]] = []
         self._anew = False  # with its first rows, not before: the last result stays in sight until then
         self._history: deque[Outcome] = deque(maxlen=_MOST_OUTCOMES)
 
@@ -146,21 +136,18 @@ class SnapshotBuilder:
         ValueError
             A block of another number of columns, or with values that are no finite numbers.
         """
-        wrench = self._checked(block.wrench, "block.wrench")
+        wrench = _checked(block.wrench, "block.wrench")
         if not len(wrench):
             return
-        if block.epoch != self._epoch:
-            self._epoch = block.epoch
-            self._counted["epochs"] += 1
-            self._recent = RecentRows(self._view_rows, 2 * self._n_axes)
-            self._high_pass.restart()
-            self._fresh = 0
-            overwritten = 0  # rows of the epoch before
-        else:
-            overwritten = int(block.missed)
         missing = np.asarray(block.missing_before, np.int64)
         gaps = missing.copy()
-        gaps[0] += overwritten
+        if block.epoch == self._epoch:
+            gaps[0] += int(block.missed)
+        else:  # rows that were missed are of the epoch before
+            self._epoch = block.epoch
+            self._counted["epochs"] += 1
+            self._recent = RecentRows(self._view_rows, 2 * _N_AXES)
+            self._high_pass.restart()
         begin = 0
         for end in [*np.flatnonzero(gaps).tolist(), len(wrench)]:
             piece = wrench[begin:end]
@@ -171,7 +158,6 @@ class SnapshotBuilder:
             begin = end
         self._latest = wrench[-1].copy()
         self._time_s = float(block.time_s[-1])
-        self._fresh += len(wrench) + int(gaps.sum())
         self._counted["rows"] += len(wrench)
         self._counted["missing"] += int(missing.sum())
         self._counted["missed"] += int(block.missed)
@@ -181,14 +167,14 @@ class SnapshotBuilder:
         self._anew = True
 
     def captured(self, rows: NDArray[np.float64]) -> None:
-        """Take rows that belong to the capture, shape (k, C), in order and each once.
+        """Take rows that belong to the capture, shape (k, 6), in order and each once.
 
         Raises
         ------
         ValueError
             As for `rows`.
         """
-        checked = self._checked(rows, "rows")
+        checked = _checked(rows, "rows")
         if self._anew and len(checked):
             self._histogram.restart()
             self._answers.clear()
@@ -234,33 +220,21 @@ class SnapshotBuilder:
         if decision is not None:
             self._remember(decision)
         recent = self._recent.last(self._view_rows)
-        first = self._recent.total - len(recent)
-        places, shown = outline(recent, first, self._step)
-        fresh = recent[len(recent) - min(self._fresh, len(recent)) :]
-        fresh_age_s = np.arange(len(fresh) - 1, -1, -1) / self._rate_hz
-        fresh_lost, self._fresh = self._fresh - len(fresh), 0
-        answers = self._answers
+        places, shown = outline(recent, self._recent.total - len(recent), self._step)
         own = () if decision is None else tuple(decision.warnings)
+        shape = (len(self._answers), len(self._classes))
+        losses = np.array([losses for _, losses in self._answers]).reshape(shape)
         return Snapshot(
             state=state,
             time_s=self._time_s,
             hint=hint,
             latest=self._latest,
             row_age_s=(len(recent) - 1 - places) / self._rate_hz,
-            wrench=shown[:, : self._n_axes],
-            residual=shown[:, self._n_axes :],
-            fresh_time_s=(self._time_s or 0.0) - fresh_age_s,
-            fresh_wrench=fresh[:, : self._n_axes],
-            fresh_residual=fresh[:, self._n_axes :],
-            fresh_lost=fresh_lost,
+            wrench=shown[:, :_N_AXES],
+            residual=shown[:, _N_AXES:],
             bin_edges=self._histogram.edges,
             counts=self._histogram.counts,
-            ranking_history=(
-                np.array([seconds for seconds, _ in answers]),
-                np.array([losses for _, losses in answers]).reshape(
-                    len(answers), len(self._fixed["classes"])
-                ),
-            ),
+            ranking_history=(np.array([seconds for seconds, _ in self._answers]), losses),
             decision=decision,
             history=tuple(self._history),
             lag_s=lag_s,
@@ -277,17 +251,18 @@ class SnapshotBuilder:
         if self._answers and decision.seconds == self._answers[-1][0]:
             return
         losses = dict(decision.ranking)
-        unknown = sorted(set(self._fixed["classes"]) ^ set(losses))
+        unknown = sorted(set(self._classes) ^ set(losses))
         if unknown:
             raise ValueError(f"decision ranks other materials than classes: {', '.join(unknown[:5])} differ")
-        self._answers.append((decision.seconds, tuple(losses[name] for name in self._fixed["classes"])))
+        self._answers.append((decision.seconds, [losses[name] for name in self._classes]))
         if len(self._answers) > _MOST_ANSWERS:
             del self._answers[1::2]
 
-    def _checked(self, rows: object, name: str) -> NDArray[np.float64]:
-        values = as_floats(rows, name, f"numbers of shape (k, {self._n_axes})")
-        if values.ndim != 2 or values.shape[1] != self._n_axes:
-            raise ValueError(f"{name} has shape {values.shape}, wanted (k, {self._n_axes})")
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name} holds values that are not finite, wanted N and N m of every row")
-        return values
+
+def _checked(rows: object, name: str) -> NDArray[np.float64]:
+    values = as_floats(rows, name, f"numbers of shape (k, {_N_AXES})")
+    if values.ndim != 2 or values.shape[1] != _N_AXES:
+        raise ValueError(f"{name} has shape {values.shape}, wanted (k, {_N_AXES})")
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} holds values that are not finite, wanted N and N m of every row")
+    return values

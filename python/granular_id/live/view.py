@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
+from threading import Event, Thread
 from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 from typing_extensions import Self
 
 from granular_id._checks import finite_number
-from granular_id.live.view_thread import ViewThread
 
 if TYPE_CHECKING:
     from granular_id.live.snapshot import Snapshot
@@ -43,59 +43,119 @@ class View(Protocol):
         """Show the last snapshot, then give everything back. May be called again."""
 
 
-class BackgroundView(ViewThread):
+class BackgroundView(ABC):
     """A view whose work is done by a thread of its own; `publish` only leaves the snapshot where it will look.
 
     Publishing appends to a deque of fixed length and takes no lock, so it cannot wait for anybody. When the thread
-    falls behind, the oldest snapshots are dropped and counted.
+    falls behind, the oldest snapshots are dropped and counted. Derived classes say how to `show` one.
 
     Parameters
     ----------
     name : str
-        Of the thread, and for messages.
-    max_hz : float
-        The thread looks this often.
-    waiting : int
+        Of the view, for messages.
+    max_hz : float, default 30
+        The thread looks this often, at most `MAX_HZ`.
+    waiting : int, default 1
         Snapshots that may wait. 1: only the newest is of interest.
-    patience_s : float
-        See `ViewThread`.
+    patience_s : float, default 2
+        How long `close` waits for the thread; a terminal that is stopped must not keep the program alive.
+
+    Attributes
+    ----------
+    dropped : int
+        Snapshots that came too fast for this view.
+    failure : Exception or None
+        What ended the view, if something did.
 
     Notes
     -----
     The thread starts at the end of this constructor: derived classes set what `show` uses before they call it.
+
+    Examples
+    --------
+    >>> from granular_id.live import BackgroundView, Snapshot
+    >>> class Printing(BackgroundView):
+    ...     def show(self, snapshot):
+    ...         print(snapshot.words.line)
+    >>> with Printing("printing view") as view:
+    ...     view.publish(Snapshot("armed", hint="push now"))
+    Armed: push now  |  lag -, lost 0
     """
 
     def __init__(
         self, name: str, *, max_hz: float = MAX_HZ, waiting: int = 1, patience_s: float = 2.0
     ) -> None:
-        super().__init__(name, patience_s=patience_s)
-        self.dropped = 0
-        """Snapshots that came too fast for this view."""
+        self.name, self.dropped = name, 0
+        self.failure: Exception | None = None
         self._period_s = 1.0 / checked_max_hz(max_hz)
+        self._patience_s = patience_s
         self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
-        self._handled = 0
-        self.begin()
+        self._published = self._handled = 0
+        self._closing = Event()
+        self._thread = Thread(target=self._run, name=f"granular_id {name}", daemon=True)
+        self._thread.start()
 
     @abstractmethod
     def show(self, snapshot: Snapshot) -> None:
         """Show one snapshot; in the thread of the view."""
 
-    @abstractmethod
-    def finish(self) -> None:
+    def finish(self) -> None:  # noqa: B027  # most have nothing to give back
         """Give back what `show` uses; in the thread of the view, after the last snapshot or a failure."""
 
-    def leave(self, number: int, snapshot: Snapshot) -> None:
-        """Append to what waits; when that is full, the oldest is dropped."""
-        self._waiting.append((number, snapshot))
+    def publish(self, snapshot: Snapshot) -> None:
+        """Show this from now on.
 
-    def keep(self) -> None:
-        """Show what waits, again and again, and once more at the end."""
+        Raises
+        ------
+        RuntimeError
+            The view has failed or is closed.
+        """
+        self._tell_failure()
+        if self._closing.is_set():
+            raise RuntimeError(f"the {self.name} is closed")
+        self._published += 1
+        self._waiting.append((self._published, snapshot))
+
+    def close(self) -> None:
+        """Show what waits and end the thread; one that is stuck in a write is left behind after a while.
+
+        Raises
+        ------
+        RuntimeError
+            The view has failed, or is stuck: what it had not shown yet is lost then.
+        """
+        self._closing.set()
+        self._thread.join(self._patience_s)
+        self._tell_failure()
+        if self._thread.is_alive():
+            raise RuntimeError(f"the {self.name} was stuck, and not waited for after {self._patience_s:g} s")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _tell_failure(self) -> None:
+        if self.failure is not None:
+            raise RuntimeError(f"the {self.name} has stopped: {self.failure}") from self.failure
+
+    def _run(self) -> None:
         try:
-            while not self._closing.wait(self._period_s):
-                self._show_waiting()
-            self._show_waiting()
-        finally:
+            self._keep_showing()
+        except Exception as error:  # told by publish or close
+            self.failure = error
+        try:
             self.finish()
+        except Exception as error:
+            self.failure = self.failure or error
+
+    def _keep_showing(self) -> None:
+        while not self._closing.wait(self._period_s):
+            self._show_waiting()
+        self._show_waiting()
 
     def _show_waiting(self) -> None:
         for _ in range(len(self._waiting)):
@@ -115,9 +175,14 @@ class Views:
     max_hz : float, default 30
         Snapshots wanted per second, at most `MAX_HZ`.
 
+    Attributes
+    ----------
+    complaints : tuple of str
+        What ended views. The others show it; where there are none, whoever made them has to.
+
     Examples
     --------
-    >>> from granular_id.live.view import Views
+    >>> from granular_id.live import Views
     >>> with Views([]) as views:
     ...     views.wants_snapshot()
     False
@@ -129,7 +194,6 @@ class Views:
         self._broken: list[View] = []
         self._next_s = -float("inf")
         self.complaints: tuple[str, ...] = ()
-        """What ended views. The others show it; where there are none, whoever made them has to."""
 
     def add(self, view: View) -> None:
         """Show snapshots there as well, from now on."""
@@ -146,10 +210,9 @@ class Views:
             snapshot = replace(snapshot, warnings=(*snapshot.warnings, *self.complaints))
         for view in tuple(self._views):
             if not self._does(partial(view.publish, snapshot)):
+                # closed at the end: that may take a while, and a capture is running
                 self._views.remove(view)
-                self._broken.append(
-                    view
-                )  # closed at the end: that may take a while, and a capture is running
+                self._broken.append(view)
 
     def close(self) -> None:
         """Close all of them; what fails now is among the complaints."""

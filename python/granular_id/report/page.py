@@ -76,7 +76,7 @@ def html(result: EvaluationResult) -> str:
     return str(
         template.render(
             result=result,
-            style=files(__package__).joinpath("style.css").read_text(encoding="utf-8"),
+            style=files("granular_id").joinpath("_style.css").read_text(encoding="utf-8"),
             gap=gap_of(result, space),
             space=space,
             warnings=warnings,

@@ -148,26 +148,16 @@ def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right \(\d+ %\)", out.splitlines()[-1])
 
 
-def test_a_page_is_offered_and_logs_are_whole(model, tmp_path):
-    pytest.importorskip("rerun")
-    log = tmp_path / "log.rrd"
+def test_a_page_is_offered(model):
     words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1, "--quiet")
-    out = ended_well("live", *words, "--view", "--no-browser", "--rerun", log)
-    assert "page: http://127.0.0.1:" in out
-    assert log.stat().st_size > 1000
-
-
-def test_a_recorded_folder_is_replayed(model, folder):
-    out = ended_well(
-        "live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model, "-q"
-    )
-    assert "SYNTHETIC: 12 answers, 12 right (100 %); the source came to its end" in out
+    assert "page: http://127.0.0.1:" in ended_well("live", *words, "--view", "--no-browser")
 
 
 def test_a_replay_that_is_over_ends_calmly_unless_nothing_was_answered(model, folder):
     words = ("live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model)
     out = ended_well(*words)
     assert "Ended: the source came to its end" in out
+    assert "SYNTHETIC: 12 answers, 12 right (100 %); the source came to its end" in out
     assert "Failed" not in out
     assert "the source came to its end before any push was answered" in refused(
         *words, "--trigger", "force", "--threshold-n", 1e6
@@ -216,8 +206,10 @@ def test_a_source_that_is_none_is_named(model, tmp_path):
     assert "none" in line
     line = refused("live", "--source", "sim:rice?rate_hz=100", "--model", model)
     assert "the model is for 500 Hz, simulated rice delivers 100 Hz" in line
-    line = refused("live", "--source", "sim:rice", "--model", tmp_path / "no.safetensors")
-    assert "no.safetensors" in line
+    assert "no.safetensors" in refused("live", "--source", "sim:rice", "--model", tmp_path / "no.safetensors")
+    done = run("live", "--source", "ur://1.2.3.4", "--model", model)
+    assert done.exit_code == 1
+    assert "needs granular-id-contrib, which is not installed: pip install ./contrib" in done.stderr
 
 
 def test_a_label_that_the_source_contradicts_is_told(tmp_path):
@@ -232,6 +224,9 @@ def test_options_that_do_nothing_or_harm_are_refused(model):
     assert "--port is about the page: add --view" in refused(*words, "--port", 8000)
     assert "--no-browser is about the page: add --view" in refused(*words, "--no-browser")
     assert "--port must be between 0 and 65535, got 70000" in refused(*words, "--view", "--port", 70000)
+    assert "--rerun is gone: examples/rerun_log.py in the repository" in refused(*words, "--rerun", "x.rrd")
+    assert "--robot must be one of auto, none, manual, source or a URL" in refused(*words, "--robot", "ur")
+    assert "--robot 'gantry:1' has the scheme 'gantry'; known: " in refused(*words, "--robot", "gantry:1")
     line = refused(*words, "--pre-s", 0.1)
     assert "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out" in line
 
@@ -252,17 +247,11 @@ def test_early_without_a_rule_and_unknown_materials_are_told(model):
     assert "WRONG, it was macaroni, which the model does not know" in out
 
 
-@pytest.mark.parametrize("option", ["--json", "--rerun"])
-def test_live_does_not_write_into_its_model(model, option):
+def test_live_does_not_write_into_its_model(model):
     before = Path(model).read_bytes()
-    line = refused("live", "--source", "sim:rice", "--model", model, option, model)
+    line = refused("live", "--source", "sim:rice", "--model", model, "--json", model)
     assert f"belongs to {model}, which is read" in line
     assert Path(model).read_bytes() == before
-
-
-def test_a_port_that_is_none_is_refused_before_anything_starts(model):
-    line = refused("live", "--source", "sim:rice", "--model", model, "--view", "--port", 65536)
-    assert "--port must be between 0 and 65535, got 65536" in line
 
 
 def test_more_answers_than_a_replay_has_is_an_error(model, folder):

@@ -75,14 +75,6 @@ def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, mo
     assert {path.name for path in tmp_path.iterdir()} == {"other.npz", name}
 
 
-def test_a_log_of_a_session_replaces_nothing_else(tmp_path):
-    for name in ("other.npz", "log.rrd"):
-        (tmp_path / name).write_bytes(ARCHIVE)
-        words = ("live", "--source", "sim:", "--model", "nowhere", "--rerun", tmp_path / name)
-        assert name in refused(*words)
-        assert (tmp_path / name).read_bytes() == ARCHIVE
-
-
 @pytest.mark.parametrize(
     ("words", "name"),
     [

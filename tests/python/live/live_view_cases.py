@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from granular_id.live.push import Push
-from granular_id.live.snapshot_builder import SnapshotBuilder
+from granular_id.live import Push, SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
 CLASSES = tuple(material.name for material in PAPER_MATERIALS)

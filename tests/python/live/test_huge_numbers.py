@@ -15,8 +15,7 @@ from granular_id.live.capture import Capture
 from granular_id.live.lag import LagWatch
 from granular_id.live.rows import Rows
 from granular_id.live.runs import runs
-from granular_id.live.terminal import line_of
-from granular_id.live.terminal_screen import screen
+from granular_id.live.terminal import screen
 from granular_id.recording import Dataset
 from granular_id.signal import butter
 from granular_id.synthetic import Rig
@@ -84,7 +83,7 @@ def test_forces_and_losses_of_any_size_fit_a_screen():
     console = Console(file=io.StringIO(), width=100, height=40, color_system=None)
     console.print(screen(shown, 100, 40))
     text = console.file.getvalue()
-    for drawn in (text, line_of(shown), str(gid.Decision("rice", ranking, 1e300, seconds=1e300))):
+    for drawn in (text, shown.words.line, str(gid.Decision("rice", ranking, 1e300, seconds=1e300))):
         assert "1e+300" in drawn
         assert not re.search(r"\d{18}", drawn)
     assert text.count("1e+300 N") == 6

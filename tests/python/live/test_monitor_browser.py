@@ -1,16 +1,14 @@
 """The monitor's page in a real browser: quiet, true to what was published, readable everywhere."""
 
 from dataclasses import replace
+from socket import SHUT_RDWR
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
 from browser_cases import CONTRAST, watch
-from granular_id.live.capture_state import FailureReason
-from granular_id.live.monitor import MonitorServer
-from granular_id.live.push import Push
-from granular_id.live.snapshot import Snapshot
+from granular_id.live import FailureReason, MonitorServer, Push, Snapshot
 from live_view_cases import CLASSES, answer, listening
 
 HOSTILE = (
@@ -97,18 +95,13 @@ def test_the_page_is_quiet_and_breaks_no_rule(opened, monitor, snapshot):
 
 
 def test_axis_values_are_those_published(opened, monitor):
-    snapshot = CASES["listening"]
-    page = opened(snapshot)
-    sent = [float(v) for v in page.eval_on_selector_all(".axis data", "all => all.map((d) => d.value)")]
-    assert sent == snapshot.latest.tolist()  # all digits
-    seen = page.locator(".axis data").all_inner_texts()
-    digits = [3, 3, 3, 4, 4, 4]
-    wanted = [f"{value:.{n}f}" for value, n in zip(snapshot.latest, digits, strict=True)]
-    assert [text.replace("\u2212", "-") for text in seen] == wanted
-    monitor.publish(CASES["finished"])
-    shows(page, 2)
-    sent = [float(v) for v in page.eval_on_selector_all(".axis data", "all => all.map((d) => d.value)")]
-    assert sent == CASES["finished"].latest.tolist()
+    page = opened(CASES["listening"])
+    for number, case in enumerate(("listening", "finished"), 1):
+        monitor.publish(CASES[case])
+        shows(page, number + 1)
+        seen = page.locator(".axis .value").all_inner_texts()
+        wanted = [f"{value:.{3 + i // 3}f}" for i, value in enumerate(CASES[case].latest)]
+        assert [text.replace("\u2212", "-") for text in seen] == wanted
 
 
 def test_the_ranking_is_that_published(opened):
@@ -189,7 +182,7 @@ def test_long_names_leave_room_for_their_values_and_for_the_rest_of_the_page(ope
 def test_text_stands_out_from_its_ground(opened, scheme, case):
     page = opened(CASES[case], scheme=scheme)
     page.wait_for_selector("#axes .axis")
-    assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, data, dt'")) == []
+    assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, dt'")) == []
 
 
 SPOKEN = """() => { window.spoken = [];
@@ -274,8 +267,8 @@ def test_a_lost_connection_is_shown_and_made_again(browser, monitor, opened):
     page = opened(CASES["listening"])
     path = urlsplit(monitor.url).path
     # As if the program had been killed: no farewell, and the same address later.
-    for writer in tuple(monitor._streams):
-        writer.transport.abort()
+    for connection in tuple(monitor._server.connections):
+        connection.shutdown(SHUT_RDWR)
     page.wait_for_selector("#trouble:not([hidden])")
     assert "lost" in page.inner_text("#trouble")
     assert page.inner_text("#title") == CASES["listening"].decision.label

@@ -7,12 +7,9 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from granular_id.live.capture_state import FailureReason
-from granular_id.live.push import Push
-from granular_id.live.snapshot import Snapshot
-from granular_id.live.terminal import TerminalView, line_of
-from granular_id.live.terminal_screen import screen
-from granular_id.live.wording import answer_of, state_of
+from granular_id._core import AXES, UNITS
+from granular_id.live import FailureReason, Push, Snapshot, TerminalView
+from granular_id.live.terminal import screen
 from live_view_cases import CLASSES, answer, listening
 
 MIDDLE = listening(1.7)[1]
@@ -45,9 +42,7 @@ def test_what_matters_is_on_the_screen_at_any_size(snapshot, width, height):
     assert f"lag {1e3 * snapshot.lag_s:.1f} ms" in text
     assert f"lost {snapshot.lost}" in text
     assert "12 of 12 right" in text
-    for axis, unit, value, digits in zip(
-        snapshot.axes, snapshot.units, snapshot.latest, (3, 3, 3, 4, 4, 4), strict=True
-    ):
+    for axis, unit, value, digits in zip(AXES, UNITS, snapshot.latest, (3, 3, 3, 4, 4, 4), strict=True):
         line = next(line for line in lines if line.startswith(axis))
         assert f"{value:.{digits}f} {unit} " in line
         assert any(block in line for block in "▁▂▃▄▅▆▇█")
@@ -103,7 +98,7 @@ def test_names_cannot_steer_the_terminal():
     classes = ("\x1b[2Jrice", "oats\r\n[bold]", "[red]peas[/red]")
     bad = listening(3.2, classes=classes)[1]
     bad = replace(bad, source="\x1b]0;owned\x07", hint="\x1b[1A", warnings=("\x1b[31m",))
-    for text in (drawn(bad), line_of(bad)):
+    for text in (drawn(bad), bad.words.line):
         assert "\x1b" not in text
         assert "\x07" not in text
     assert "[red]peas[/red]" in drawn(bad)
@@ -151,7 +146,7 @@ def test_a_pipe_gets_a_line_per_change_and_one_a_second():
     ],
 )
 def test_how_sure_it_is_is_told(options, words):
-    assert words in line_of(replace(MIDDLE, decision=answer(1.7, **options)))
+    assert words in replace(MIDDLE, decision=answer(1.7, **options)).words.line
 
 
 @pytest.mark.parametrize("width", [40, 100])
@@ -161,17 +156,17 @@ def test_what_is_like_no_known_material_is_not_called_by_the_nearest_name(width)
     text = " ".join(drawn(stranger, width).replace("┃", " ").split())
     assert "LIKE NO KNOWN MATERIAL" in text
     assert "FINE SUGAR" not in text
-    for said in (text, line_of(stranger)):
+    for said in (text, stranger.words.line):
         assert "nearest: fine sugar, margin" in said
         assert "may be fine sugar or cat litter" in said
-    assert "Done: like no known material (final, after 3.20 s, nearest: fine sugar" in line_of(stranger)
-    assert "may be" not in line_of(replace(END, decision=replace(decision, candidates=("fine sugar",))))
+    assert "Done: like no known material (final, after 3.20 s, nearest: fine sugar" in stranger.words.line
+    assert "may be" not in replace(END, decision=replace(decision, candidates=("fine sugar",))).words.line
 
 
 def test_an_early_answer_that_was_given_is_not_called_provisional():
-    given = answer_of(replace(MIDDLE, state="complete", decision=answer(1.7, sure=True)))
+    given = replace(MIDDLE, state="complete", decision=answer(1.7, sure=True)).words.answer
     assert (given.kind, given.stage) == ("final", "early, 1.70 s of 3.20 s, sure enough to stop")
-    still = answer_of(replace(MIDDLE, state="triggered", decision=answer(1.7, sure=True)))
+    still = replace(MIDDLE, state="triggered", decision=answer(1.7, sure=True)).words.answer
     assert (still.kind, still.stage) == ("provisional", "provisional, 1.70 s of 3.20 s, sure enough to stop")
 
 
@@ -204,7 +199,7 @@ def test_what_came_of_a_push_stays_and_the_hint_is_seen_too(state, n, title, det
     text = drawn(session(n).build(state, hint="push now"))
     assert title in text
     assert detail in text
-    assert f"{state_of(Snapshot(state))}: push now" in text
+    assert f"{Snapshot(state).words.state}: push now" in text
     assert ("! gap: missing rows" in text.partition("last seconds")[0]) == (n != 4)
 
 
@@ -234,5 +229,5 @@ def test_names_of_any_script_leave_room_for_numbers():
 
 
 def test_a_crowd_of_candidates_is_cut():
-    text = line_of(replace(END, decision=replace(END.decision, candidates=CLASSES)))
+    text = replace(END, decision=replace(END.decision, candidates=CLASSES)).words.line
     assert f"or {CLASSES[5]} or {len(CLASSES) - 6} more" in text

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from granular_id.live.snapshot import Snapshot
-from granular_id.live.view import MAX_HZ, BackgroundView, Views
+from granular_id.live import BackgroundView, Snapshot, Views
+from granular_id.live.view import MAX_HZ
 
 
 class Remembering(BackgroundView):
@@ -32,14 +32,16 @@ def snapshots(n):
     return [Snapshot("triggered", time_s=float(i)) for i in range(n)]
 
 
-def test_the_last_snapshot_is_shown_before_closing():
-    with Remembering() as view:
-        for snapshot in snapshots(5):
+def test_the_last_snapshot_is_shown_before_closing_and_none_after_it():
+    with Remembering(waiting=2000) as view:
+        for snapshot in snapshots(1000):
             view.publish(snapshot)
-    assert view.shown[-1].time_s == 4.0
-    assert view.finished == 1
+    assert [snapshot.time_s for snapshot in view.shown] == list(range(1000))
+    assert (view.finished, view.dropped) == (1, 0)
     view.close()
     assert view.finished == 1
+    with pytest.raises(RuntimeError, match="is closed"):
+        view.publish(Snapshot("idle"))
 
 
 def test_a_stuck_view_takes_nothing_of_the_publisher_and_drops_are_counted():
@@ -66,14 +68,6 @@ def test_a_view_that_stays_stuck_is_left_behind_and_told():
     view.released.set()
     view._thread.join(10)
     assert view.finished == 1
-
-
-def test_a_view_that_wants_all_gets_all():
-    with Remembering(waiting=2000) as view:
-        for snapshot in snapshots(1000):
-            view.publish(snapshot)
-    assert [snapshot.time_s for snapshot in view.shown] == list(range(1000))
-    assert view.dropped == 0
 
 
 def test_a_broken_view_is_left_out_and_the_others_say_so():
@@ -115,13 +109,6 @@ def test_what_breaks_at_the_end_is_told():
     assert views.complaints == ("the remembering view has stopped: the disk is full",)
     with pytest.raises(RuntimeError, match="the disk is full"):
         view.close()
-
-
-def test_a_closed_view_shows_nothing_more():
-    view = Remembering()
-    view.close()
-    with pytest.raises(RuntimeError, match="is closed"):
-        view.publish(Snapshot("idle"))
 
 
 def test_snapshots_are_wanted_at_most_thirty_times_a_second(monkeypatch):

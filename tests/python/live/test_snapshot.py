@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from granular_id import FeatureSpec, extract_features
-from granular_id.live.push import Push
+from granular_id.live import Push, SnapshotBuilder
 from granular_id.live.recent_rows import RecentRows, outline
-from granular_id.live.snapshot import Snapshot
-from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from live_view_cases import CLASSES, answer, block, listening, push
 
@@ -138,36 +136,11 @@ def test_rows_that_were_overwritten_are_a_gap_and_not_missing():
     assert np.isnan(seen.wrench[100:140]).all()
     assert np.isfinite(np.delete(seen.wrench, slice(100, 140), axis=0)).all()
     assert abs(seen.residual[140:]).max() < 1e-9
-    assert np.allclose(seen.fresh_time_s, np.arange(190) / 500)
     assert (seen.counters["missing"], seen.counters["missed"], seen.counters["rows"]) == (0, 40, 150)
     builder.rows(block(ROWS[:5], epoch=1, missed=9))
-    assert len(builder.build("armed").wrench) == 5, "those were of the epoch before"
-
-
-def test_a_new_epoch_clears_the_traces():
-    builder = SnapshotBuilder(500.0, view_s=1.0)
-    builder.rows(block(ROWS[:200], epoch=0))
-    builder.rows(block(ROWS[:5], epoch=1))
     seen = builder.build("armed")
-    assert len(seen.wrench) == 5
+    assert len(seen.wrench) == 5, "those were of the epoch before"
     assert seen.counters["epochs"] == 2
-
-
-def test_fresh_rows_of_all_snapshots_are_all_rows():
-    builder = SnapshotBuilder(500.0, view_s=1.0)
-    times, rows = [], []
-    for start in range(0, len(ROWS), 37):
-        builder.rows(block(ROWS[start : start + 37], start))
-        if start % 2:
-            seen = builder.build("armed")
-            assert seen.fresh_lost == 0
-            times.append(seen.fresh_time_s)
-            rows.append(seen.fresh_wrench)
-    n = len(np.concatenate(rows))
-    assert np.array_equal(np.concatenate(rows), ROWS[:n])
-    assert np.allclose(np.concatenate(times), np.arange(n) / 500)
-    builder.rows(block(ROWS, 0, epoch=1))
-    assert builder.build("armed").fresh_lost == len(ROWS) - 500
 
 
 def test_histogram_and_ranking_stand_until_rows_of_the_next_capture_come():
@@ -224,7 +197,6 @@ def test_the_history_is_short_and_counts_all():
             "rows holds values that are not finite",
         ),
         (lambda: SnapshotBuilder(500.0, classes=["a"]).build("armed", answer(1.0)), "ranks other materials"),
-        (lambda: Snapshot("idle", wrench=np.zeros((3, 6))), r"wrench has shape \(3, 6\), wanted \(0, 6\)"),
     ],
 )
 def test_what_does_not_fit_is_refused(make, message):
