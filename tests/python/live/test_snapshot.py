@@ -1,11 +1,13 @@
-"""Snapshots tell the truth about the rows they were made of."""
+"""Snapshots tell the truth about the rows they were made of, and say it in words once for all views."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from granular_id import FeatureSpec, extract_features
-from granular_id.live import Push, SnapshotBuilder
+from granular_id.live import FailureReason, Push, Snapshot, SnapshotBuilder
 from granular_id.live.recent_rows import RecentRows, outline
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from live_view_cases import CLASSES, answer, block, listening, push
@@ -206,3 +208,95 @@ def test_what_does_not_fit_is_refused(make, message):
 
 def test_a_slow_source_has_a_lower_cutoff():
     assert SnapshotBuilder(40.0).build("idle").cutoff_hz == 10.0
+
+
+MIDDLE, END = listening(1.7)[1], listening(3.2)[1]
+PROVISIONAL = "provisional, 1.70 s of 3.20 s"
+LEAD = rf"margin {END.decision.margin:.3f} ahead of cat litter"
+
+
+def middle(state="triggered", **options):
+    return replace(MIDDLE, state=state, decision=answer(1.7, **options))
+
+
+def end(**options):
+    return replace(END, decision=answer(3.2, final=True, **options))
+
+
+@pytest.mark.parametrize(
+    ("snapshot", "kind", "title", "stage", "detail"),
+    [
+        (Snapshot("idle", hint="press Enter"), "none", "no answer yet", "press Enter", ""),
+        (Snapshot("armed"), "none", "no answer yet", "armed", ""),
+        (Snapshot("complete"), "none", "recorded", "done", ""),
+        (Snapshot("ended", hint="it is over"), "none", "no more pushes", "it is over", ""),
+        (Snapshot("failed", hint="a gap"), "failed", "no answer", "the capture failed", "a gap"),
+        (middle(), "provisional", "fine sugar", PROVISIONAL, "margin"),
+        (middle(sure=True), "provisional", "fine sugar", f"{PROVISIONAL}, sure enough to stop", "margin"),
+        (
+            middle(settled=True),
+            "provisional",
+            "fine sugar",
+            f"{PROVISIONAL}, can no longer change (forces as in training)",
+            "margin",
+        ),
+        (
+            middle("complete", sure=True),
+            "final",
+            "fine sugar",
+            "early, 1.70 s of 3.20 s, sure enough to stop",
+            "margin",
+        ),
+        (end(), "final", "fine sugar", "final, after 3.20 s", LEAD),
+        (end(probability=0.934), "final", "fine sugar", "final, after 3.20 s", f"{LEAD}, probability 93 %"),
+        (end(candidates=("rice",)), "final", "fine sugar", "final, after 3.20 s", LEAD),
+        (end(candidates=("a", "b")), "final", "fine sugar", "final, after 3.20 s", f"{LEAD}, may be a or b"),
+        (
+            end(candidates=CLASSES),
+            "final",
+            "fine sugar",
+            "final, after 3.20 s",
+            f"{LEAD}, may be {' or '.join(CLASSES[:6])} or {len(CLASSES) - 6} more",
+        ),
+        (
+            end(unknown=True),
+            "unknown",
+            "like no known material",
+            "final, after 3.20 s",
+            f"nearest: fine sugar, {LEAD}",
+        ),
+    ],
+)
+def test_answers_in_words(snapshot, kind, title, stage, detail):
+    words = snapshot.words
+    assert words.answer[:3] == (kind, title, stage)
+    assert words.answer.detail == detail or (detail == "margin" and words.answer.detail.startswith("margin"))
+    given = f"{words.state}: {title} ({stage}, {words.answer.detail})"
+    hint = f"{words.state}: {snapshot.hint}" if snapshot.hint else words.state
+    assert (hint if kind in ("none", "failed") else given) in words.line
+
+
+def test_a_line_has_all_that_matters():
+    seen = replace(END, time_s=2.1, lag_s=0.03, counters={"missing": 3}, warnings=("gap", "the tool slipped"))
+    assert seen.words.line == (
+        f"SYNTHETIC  2.100 s  Done: fine sugar (final, after 3.20 s, {LEAD})  |  lag 30.0 ms (!), lost 3 (!)"
+        "  |  12 of 12 right  |  warning: gap: missing rows were filled in  |  warning: the tool slipped"
+    )
+    assert replace(seen, n_correct=None).words.score == "12 captures"
+
+
+def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
+    builder, _ = listening(1.0)
+    builder.end_capture(Push(answer(3.2, final=True, warnings=("gap",)), truth="rice"))
+    words = builder.build("armed", hint="push now").words
+    assert words.answer[:2] == ("final", "fine sugar")
+    assert words.state == "Armed: push now"
+    assert words.warnings == ("gap: missing rows were filled in",)
+    assert words.ranking[0][0] == "fine sugar"
+    begin = f"wrong, it was rice, {LEAD}"
+    assert words.spoken == f"Push 1. Final answer: fine sugar, {begin}, gap: missing rows were filled in"
+    assert "Armed: push now  |" in words.line
+    builder.end_capture(Push(None, FailureReason.GAP, "12 rows are missing"))
+    words = builder.build("triggered", answer(1.0)).words
+    assert (words.answer.kind, words.state, words.warnings) == ("provisional", "Listening", ())
+    assert words.spoken == "Push 2. no answer, 12 rows are missing"
