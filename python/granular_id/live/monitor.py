@@ -8,8 +8,8 @@ import secrets
 import socket
 import sys
 import time
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -38,7 +38,6 @@ _REQUEST_S = 5.0  # a browser needs milliseconds
 _STALLED_S = 30.0  # a browser that has not taken a frame for so long is dropped
 _QUIET_S = 1.0  # after this long without a snapshot, pages are told so
 _END_S = 0.5  # at the end; who has not taken the last frame by then is not waited for
-_MOST_CONNECTIONS, _MOST_STREAMS = 64, 16
 # A few frames: a browser that comes back must not first see old ones for seconds.
 _SEND_BUFFER_BYTES = 256 * 1024
 
@@ -128,14 +127,13 @@ class _Server(ThreadingHTTPServer):
     """One thread a connection; what all of them share is the newest frame."""
 
     daemon_threads = True
-    request_queue_size = _MOST_CONNECTIONS
+    request_queue_size = 64
 
     def __init__(self, port: int) -> None:
         self.token = secrets.token_urlsafe(24)
-        self.connections: set[Any] = set()
-        self.last = b""
         self._changed = Condition()
-        self._number, self._frame, self._since_s, self._ended = 0, b"", time.monotonic(), False
+        self._number, self._frame, self._since_s = 0, b"", time.monotonic()
+        self._farewell: bytes | None = None
         self._streams = 0
         super().__init__((_LOOPBACK, port), _Handler)
 
@@ -147,53 +145,36 @@ class _Server(ThreadingHTTPServer):
             self._number, self._frame, self._since_s = number, data, time.monotonic()
             self._changed.notify_all()
 
-    def newer(self, seen: int) -> tuple[int, bytes, bool]:
-        """Wait for another frame than the one seen, but not long; return its number, it, and whether it is the last."""
+    def end(self, farewell: bytes) -> None:
+        """Send the last frame, and this after it, to all that take them soon; then close."""
         with self._changed:
-            self._changed.wait_for(lambda: self._number != seen or self._ended, _QUIET_S)
-            if self._number == seen:
-                return (
-                    seen,
-                    _event("quiet", {"for_s": round(time.monotonic() - self._since_s, 1)}),
-                    self._ended,
-                )
-            return self._number, self._frame, self._ended
-
-    def enter(self) -> bool:
-        """Count another stream, if there is room for one."""
-        with self._changed:
-            if self._streams == _MOST_STREAMS:
-                return False
-            self._streams += 1
-            return True
-
-    def leave(self) -> None:
-        with self._changed:
-            self._streams -= 1
-            self._changed.notify_all()
-
-    def end(self, last: bytes) -> None:
-        """Send the last frame and these words after it to all that take it, and close."""
-        with self._changed:
-            self.last, self._ended = last, True
+            self._farewell = farewell
             self._changed.notify_all()
             self._changed.wait_for(lambda: not self._streams, _END_S)
         self.shutdown()
         self.server_close()
-        for connection in tuple(self.connections):  # their threads wake up, and close them
-            with suppress(OSError):
-                connection.shutdown(socket.SHUT_RDWR)
 
-    def verify_request(self, request: Any, client_address: Any) -> bool:  # noqa: ARG002
-        return len(self.connections) < _MOST_CONNECTIONS
+    def frames(self) -> Generator[bytes, None, None]:
+        """Yield the newest frame whenever there is another, until the end; now and then, that there is none."""
+        seen, farewell = 0, None
+        with self._changed:
+            self._streams += 1
+        try:
+            while farewell is None:
+                with self._changed:
+                    self._changed.wait_for(self._has_news(seen), _QUIET_S)
+                    number, data, farewell = self._number, self._frame, self._farewell
+                if number == seen:
+                    data = _event("quiet", {"for_s": round(time.monotonic() - self._since_s, 1)})
+                seen = number
+                yield data + (farewell or b"")
+        finally:
+            with self._changed:
+                self._streams -= 1
+                self._changed.notify_all()
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        self.connections.add(request)
-        super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        self.connections.discard(request)
-        super().shutdown_request(request)
+    def _has_news(self, seen: int) -> Callable[[], bool]:
+        return lambda: self._number != seen or self._farewell is not None
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         if not isinstance(sys.exc_info()[1], OSError):  # a browser that goes away is none
@@ -230,21 +211,14 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET  # noqa: N815
 
     def _stream(self) -> None:
-        server = self.server
-        if not server.enter():
-            why = "Too many pages are open: close one."
-            self._refuse(HTTPStatus.SERVICE_UNAVAILABLE, why, **{"Retry-After": "5"})
+        self.connection.settimeout(_STALLED_S)
+        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        self._answer(HTTPStatus.OK, "text/event-stream")
+        if self.command == "HEAD":
             return
-        try:
-            self.connection.settimeout(_STALLED_S)
-            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-            self._answer(HTTPStatus.OK, "text/event-stream")
-            seen, ended = 0, self.command == "HEAD"
-            while not ended:
-                seen, data, ended = server.newer(seen)
-                self.wfile.write(data + server.last * ended)
-        finally:
-            server.leave()
+        with closing(self.server.frames()) as frames:
+            for data in frames:
+                self.wfile.write(data)
 
     def _refuse(self, status: HTTPStatus, why: str, **headers: str) -> None:
         self._answer(status, "text/plain", f"{why}\n".encode(), **headers)

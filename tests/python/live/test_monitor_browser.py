@@ -1,7 +1,6 @@
 """The monitor's page in a real browser: quiet, true to what was published, readable everywhere."""
 
 from dataclasses import replace
-from socket import SHUT_RDWR
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -263,14 +262,16 @@ def test_reduced_motion_is_respected(opened, monitor):
     )
 
 
-def test_a_lost_connection_is_shown_and_made_again(browser, monitor, opened):
+def test_a_lost_connection_is_shown_and_made_again(monitor, opened, monkeypatch):
+    def broken(*_):
+        raise ConnectionResetError
+
     page = opened(CASES["listening"])
     path = urlsplit(monitor.url).path
-    # As if the program had been killed: no farewell, and the same address later.
-    for connection in tuple(monitor._server.connections):
-        connection.shutdown(SHUT_RDWR)
+    monkeypatch.setattr("granular_id.live.monitor._event", broken)
     page.wait_for_selector("#trouble:not([hidden])")
     assert "lost" in page.inner_text("#trouble")
+    monkeypatch.undo()
     assert page.inner_text("#title") == CASES["listening"].decision.label
     page.wait_for_selector("#trouble", state="hidden", timeout=15_000)
     monitor.publish(CASES["finished"])
