@@ -133,7 +133,7 @@ class Words(NamedTuple):
     score : str
         How many captures there were, or how many of them were named rightly where that is known.
     source : str
-        Where the rows come from, and their rate.
+        Where the rows come from, whether they are simulated, and their rate.
     values : tuple of str
         The newest value of each axis.
     ranking : tuple of (str, str)
@@ -294,7 +294,7 @@ class Snapshot:
             decision=then.decision,
             figures=figures,
             score=score,
-            source=" · ".join(filter(None, (printable(self.source), f"{self.rate_hz:g} Hz"))),
+            source=" · ".join(filter(None, (printable(self.source), *mark, f"{self.rate_hz:g} Hz"))),
             values=tuple(
                 "-" if math.isnan(value) else fixed(value, 3 if unit == "N" else 4)
                 for value, unit in zip(self.latest.tolist(), UNITS, strict=True)

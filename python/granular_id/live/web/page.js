@@ -97,11 +97,10 @@ function tell(frame, now) {
   $("top").dataset.kind = kind;
   $("title").classList.toggle("long", title.length > LONG);
   $("synthetic").hidden = !frame.synthetic;
-  const mark = frame.synthetic ? "SYNTHETIC" : "";
-  const source = ["granular_id live", mark, frame.source].filter(Boolean).join(" \u00b7 ");
+  const source = `granular_id live \u00b7 ${frame.source}`;
   const all = { title, stage, detail, source, state: frame.state, score: frame.score, synthetic: frame.synthetic };
   for (const [id, text] of Object.entries(all)) write($(id), text);
-  document.title = `${mark && `${mark}: `}${title}${provisional ? " so far" : ""} \u00b7 granular_id live`;
+  document.title = `${frame.synthetic ? "SYNTHETIC: " : ""}${title}${provisional ? " so far" : ""} \u00b7 granular_id live`;
   const seen = frame.history_s.at(-1) ?? 0;
   $("progress").style.transform = `scaleX(${provisional ? Math.min(1, seen / frame.capture_s) : Number(frame.complete)})`;
   figures(frame.figures);
