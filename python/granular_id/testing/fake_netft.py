@@ -378,19 +378,14 @@ def _box(options: argparse.Namespace) -> FakeNetft:
     elif options.material is not None:  # four pushes, again and again
         data = synthesize(options.material, 4, rate_hz=rate_hz, seed=options.seed)
         signal = np.concatenate([recording.wrench for recording in data])
+    passed_on = ("tick_hz", "force_unit", "torque_unit", "product", "seed", "port", "http_port")
     return FakeNetft(
         signal,
         rate_hz=rate_hz,
-        tick_hz=options.tick_hz,
-        force_unit=options.force_unit,
-        torque_unit=options.torque_unit,
         faults=Faults.parse(options.fault),
         n_records=options.records,
-        product=options.product,
         synthetic=synthetic,
-        seed=options.seed,
-        port=options.port,
-        http_port=options.http_port,
+        **{name: getattr(options, name) for name in passed_on},
     )
 
 

@@ -34,63 +34,55 @@ class FakeUR:
         base = 100.0 if self.restarted_s is None else self.restarted_s
         return base + 0.002 * int((time.monotonic() - self._start_s) / 0.002)
 
+    def _receive(self, hostname, frequency=-1.0):
+        assert isinstance(hostname, str)
+        self.calls.append(("receive", hostname, frequency))
+        return SimpleNamespace(
+            isConnected=lambda: self.connected,
+            getTimestamp=self.now_s,
+            getActualTCPForce=lambda: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
+            getActualTCPPose=lambda: [0.4, -0.1, 0.2, 0.0, 3.1, 0.0],
+            disconnect=lambda: self.calls.append(("receive disconnect",)),
+        )
+
+    def _control(self, hostname, frequency=-1.0):
+        self.calls.append(("control", hostname))
+        return SimpleNamespace(
+            moveL=self._move,
+            getAsyncOperationProgressEx=lambda: SimpleNamespace(isAsyncOperationRunning=lambda: self.moving),
+            stopL=self._stop,
+            stopScript=lambda: self.calls.append(("stopScript",)),
+            disconnect=lambda: self.calls.append(("control disconnect",)),
+        )
+
+    def _move(self, pose, speed=0.25, acceleration=1.2, asynchronous=False):
+        self.calls.append(("moveL", [float(p) for p in pose], speed, acceleration, asynchronous))
+        self.moving = not self.refuse
+        return not self.refuse
+
+    def _stop(self, a=10.0, asynchronous=False):
+        self.calls.append(("stopL", a))
+        self.moving = False
+
     def modules(self):
-        fake = self
-
-        class RTDEReceiveInterface:
-            def __init__(
-                self,
-                hostname,
-                frequency=-1.0,
-                variables=(),
-                verbose=False,
-                use_upper_range_registers=False,
-                rt_priority=0,
-            ):
-                assert isinstance(hostname, str)
-                fake.calls.append(("receive", hostname, frequency))
-
-            def isConnected(self):  # noqa: N802
-                return fake.connected
-
-            def getTimestamp(self):  # noqa: N802
-                return fake.now_s()
-
-            def getActualTCPForce(self):  # noqa: N802
-                return [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-
-            def getActualTCPPose(self):  # noqa: N802
-                return [0.4, -0.1, 0.2, 0.0, 3.1, 0.0]
-
-            def disconnect(self):
-                fake.calls.append(("receive disconnect",))
-
-        class RTDEControlInterface:
-            def __init__(self, hostname, frequency=-1.0, flags=1, ur_cap_port=50002, rt_priority=0):
-                fake.calls.append(("control", hostname))
-
-            def moveL(self, pose, speed=0.25, acceleration=1.2, asynchronous=False):  # noqa: N802
-                fake.calls.append(("moveL", [float(p) for p in pose], speed, acceleration, asynchronous))
-                fake.moving = not fake.refuse
-                return not fake.refuse
-
-            def getAsyncOperationProgressEx(self):  # noqa: N802
-                return SimpleNamespace(isAsyncOperationRunning=lambda: fake.moving)
-
-            def stopL(self, a=10.0, asynchronous=False):  # noqa: N802
-                fake.calls.append(("stopL", a))
-                fake.moving = False
-
-            def stopScript(self):  # noqa: N802
-                fake.calls.append(("stopScript",))
-
-            def disconnect(self):
-                fake.calls.append(("control disconnect",))
-
         return {
-            "rtde_receive": module("rtde_receive", RTDEReceiveInterface=RTDEReceiveInterface),
-            "rtde_control": module("rtde_control", RTDEControlInterface=RTDEControlInterface),
+            "rtde_receive": module("rtde_receive", RTDEReceiveInterface=self._receive),
+            "rtde_control": module("rtde_control", RTDEControlInterface=self._control),
         }
+
+
+class Duration:
+    """Of franky: whole milliseconds."""
+
+    def __init__(self, milliseconds=0):
+        assert isinstance(milliseconds, int)
+        self._ms = milliseconds
+
+    def to_sec(self):
+        return self._ms / 1000
+
+    def to_msec(self):
+        return self._ms
 
 
 class FakeFranka:
@@ -104,26 +96,6 @@ class FakeFranka:
 
     def modules(self):
         fake = self
-
-        class Duration:
-            def __init__(self, milliseconds=0):
-                assert isinstance(milliseconds, int)
-                self._ms = milliseconds
-
-            def to_sec(self):
-                return self._ms / 1000
-
-            def to_msec(self):
-                return self._ms
-
-        class Twist:
-            def __init__(self, linear_velocity=None, angular_velocity=None):
-                self.linear = np.asarray(linear_velocity, dtype=float)
-                self.angular = np.asarray(angular_velocity, dtype=float)
-
-        class CartesianVelocityMotion:
-            def __init__(self, target, duration=None, relative_dynamics_factor=1.0, ee_frame=None):
-                self.target, self.duration = target, duration
 
         class Robot:
             def __init__(self, fci_hostname, relative_dynamics_factor=1.0):
@@ -155,15 +127,14 @@ class FakeFranka:
                 fake.calls.append(("stop",))
                 fake.moving = False
 
-        return {
-            "franky": module(
-                "franky",
-                Robot=Robot,
-                Twist=Twist,
-                Duration=Duration,
-                CartesianVelocityMotion=CartesianVelocityMotion,
-            )
-        }
+        def twist(linear_velocity=None, angular_velocity=None):
+            return SimpleNamespace(linear=np.array(linear_velocity), angular=np.array(angular_velocity))
+
+        def velocity_motion(target, duration=None, relative_dynamics_factor=1.0, ee_frame=None):
+            return SimpleNamespace(target=target, duration=duration)
+
+        content = {"Twist": twist, "Duration": Duration, "CartesianVelocityMotion": velocity_motion}
+        return {"franky": module("franky", Robot=Robot, **content)}
 
 
 class FakeBota:
@@ -172,50 +143,45 @@ class FakeBota:
     def __init__(self, configures=True, activates=True):
         self.calls = []
         self.configures, self.activates = configures, activates
+        self._frames = itertools.count()
+
+    def _called(self, name, answer=True):
+        self.calls.append((name,))
+        return answer
+
+    def _frame(self):
+        time.sleep(0.0005)
+        n = next(self._frames)
+        status = SimpleNamespace(
+            invalid=int(n % 70 == 69), overrange=int(n % 50 == 49), throttled=int(n == 3)
+        )
+        stamp_us = 5_000_000 + 1000 * n
+        return SimpleNamespace(
+            force=[1.0, 2.0, float(n)], torque=[0.1, 0.2, 0.3], timestamp=stamp_us, status=status
+        )
+
+    def _driver(self, config):
+        self.calls.append(("config", config))
+        return SimpleNamespace(
+            configure=lambda: self.configures,
+            activate=lambda: self._called("activate", self.activates),
+            deactivate=lambda: self._called("deactivate"),
+            shutdown=lambda: self._called("shutdown"),
+            get_expected_timestep_us=lambda: 1000,
+            get_driver_version_string=lambda: "V1.1.16",
+            read_frame_blocking=self._frame,
+        )
 
     def modules(self):
-        fake = self
+        return {"bota_driver": module("bota_driver", BotaDriver=self._driver)}
 
-        class BotaDriver:
-            def __init__(self, config):
-                fake.calls.append(("config", config))
-                self._frames = itertools.count()
 
-            def configure(self):
-                return fake.configures
+class WrenchStamped:
+    """Of geometry_msgs."""
 
-            def activate(self):
-                fake.calls.append(("activate",))
-                return fake.activates
 
-            def deactivate(self):
-                fake.calls.append(("deactivate",))
-                return True
-
-            def shutdown(self):
-                fake.calls.append(("shutdown",))
-                return True
-
-            def get_expected_timestep_us(self):
-                return 1000
-
-            def get_driver_version_string(self):
-                return "V1.1.16"
-
-            def read_frame_blocking(self):
-                time.sleep(0.0005)
-                n = next(self._frames)
-                status = SimpleNamespace(
-                    invalid=int(n % 70 == 69), overrange=int(n % 50 == 49), throttled=int(n == 3)
-                )
-                return SimpleNamespace(
-                    force=[1.0, 2.0, float(n)],
-                    torque=[0.1, 0.2, 0.3],
-                    timestamp=5_000_000 + 1000 * n,
-                    status=status,
-                )
-
-        return {"bota_driver": module("bota_driver", BotaDriver=BotaDriver)}
+class Context:
+    """Of rclpy."""
 
 
 class FakeRos2:
@@ -224,68 +190,47 @@ class FakeRos2:
     def __init__(self):
         self.calls = []
         self.subscriptions = []
+        self._n = itertools.count()
+
+    def _subscribe(self, msg_type, topic, callback, qos_profile):
+        assert msg_type is WrenchStamped
+        assert qos_profile == "best effort"
+        self.subscriptions.append((topic, callback))
+
+    def _spin(self, timeout_sec=None):
+        time.sleep(0.001)
+        stamp = SimpleNamespace(sec=1_700_000_000, nanosec=2_000_000 * next(self._n))
+        wrench = SimpleNamespace(
+            force=SimpleNamespace(x=1.0, y=2.0, z=3.0), torque=SimpleNamespace(x=0.1, y=0.2, z=0.3)
+        )
+        for _, callback in self.subscriptions:
+            callback(SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id="ft"), wrench=wrench))
+
+    def _executor(self, *, context=None):
+        assert isinstance(context, Context)
+        return SimpleNamespace(
+            add_node=lambda node: None,
+            spin_once=self._spin,
+            shutdown=lambda: self.calls.append(("executor shutdown",)),
+        )
+
+    def _node(self, name, *, context):
+        return SimpleNamespace(
+            create_subscription=self._subscribe,
+            destroy_node=lambda: self.calls.append(("destroy_node", threading.current_thread().name)),
+        )
 
     def modules(self):
-        fake = self
-
-        class WrenchStamped:
-            pass
-
-        class Context:
-            pass
-
-        class Node:
-            def create_subscription(self, msg_type, topic, callback, qos_profile):
-                assert msg_type is WrenchStamped
-                assert qos_profile == "best effort"
-                fake.subscriptions.append((topic, callback))
-
-            def destroy_node(self):
-                fake.calls.append(("destroy_node", threading.current_thread().name))
-
-        class SingleThreadedExecutor:
-            def __init__(self, *, context=None):
-                assert isinstance(context, Context)
-                self._n = 0
-
-            def add_node(self, node):
-                assert isinstance(node, Node)
-
-            def spin_once(self, timeout_sec=None):
-                time.sleep(0.001)
-                message = SimpleNamespace(
-                    header=SimpleNamespace(
-                        stamp=SimpleNamespace(sec=1_700_000_000, nanosec=2_000_000 * self._n), frame_id="ft"
-                    ),
-                    wrench=SimpleNamespace(
-                        force=SimpleNamespace(x=1.0, y=2.0, z=3.0),
-                        torque=SimpleNamespace(x=0.1, y=0.2, z=0.3),
-                    ),
-                )
-                self._n += 1
-                for _, callback in fake.subscriptions:
-                    callback(message)
-
-            def shutdown(self):
-                fake.calls.append(("executor shutdown",))
-
         def init(*, args=None, context=None):
-            fake.calls.append(("init", type(context).__name__))
+            self.calls.append(("init", type(context).__name__))
 
         def shutdown(*, context=None):
-            fake.calls.append(("shutdown", type(context).__name__))
+            self.calls.append(("shutdown", type(context).__name__))
 
-        rclpy = module(
-            "rclpy",
-            Context=Context,
-            init=init,
-            shutdown=shutdown,
-            create_node=lambda name, *, context: Node(),
-        )
         return {
-            "rclpy": rclpy,
+            "rclpy": module("rclpy", Context=Context, init=init, shutdown=shutdown, create_node=self._node),
             "rclpy.qos": module("rclpy.qos", qos_profile_sensor_data="best effort"),
-            "rclpy.executors": module("rclpy.executors", SingleThreadedExecutor=SingleThreadedExecutor),
+            "rclpy.executors": module("rclpy.executors", SingleThreadedExecutor=self._executor),
             "geometry_msgs": module("geometry_msgs"),
             "geometry_msgs.msg": module("geometry_msgs.msg", WrenchStamped=WrenchStamped),
         }
