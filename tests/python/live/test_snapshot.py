@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id import FeatureSpec, extract_features
+from granular_id import Decision, FeatureSpec, extract_features
 from granular_id.live import FailureReason, Push, Snapshot, SnapshotBuilder
 from granular_id.live.recent_rows import RecentRows, outline
 from granular_id.signal import butter, sosfilt, sosfilt_zi
@@ -300,3 +300,36 @@ def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
     words = builder.build("triggered", answer(1.0)).words
     assert (words.answer.kind, words.state, words.warnings) == ("provisional", "Listening", ())
     assert words.spoken == "Push 2. no answer, 12 rows are missing"
+
+
+def decided(**options):
+    return Decision("rice", (("rice", 0.1), ("salt", 0.3)), 0.2, seconds=3.2, final=True, **options)
+
+
+@pytest.mark.parametrize(
+    ("push", "said"),
+    [
+        (Push(decided()), ""),
+        (Push(decided(), truth="rice"), "  right"),
+        (Push(decided(), truth="salt"), "  WRONG, it was salt"),
+        (Push(decided(), truth="macaroni"), "  WRONG, it was macaroni, which the model does not know"),
+        (
+            Push(decided(unknown=True), truth="macaroni"),
+            "  right, it was macaroni, which the model does not know",
+        ),
+        (Push(decided(unknown=True), truth="rice"), "  WRONG, it was rice"),
+    ],
+)
+def test_a_push_in_one_line(push, said):
+    assert str(push) == f"{push.decision}{said}"
+    assert push.to_dict() == {"decision": push.decision.to_dict(), "failure": None, "truth": push.truth}
+
+
+def test_a_push_without_an_answer():
+    push = Push(None, FailureReason.GAP, "12 rows are missing")
+    assert str(push) == "no answer: 12 rows are missing"
+    assert push.to_dict() == {
+        "decision": None,
+        "failure": {"reason": "gap", "text": push.text},
+        "truth": None,
+    }
