@@ -13,9 +13,8 @@ import numpy as np
 from granular_id._checks import argument_error, as_floats, finite_number, whole_number
 from granular_id._core import AXES
 from granular_id.features import FeatureSpec
-from granular_id.live.high_pass import GrowingHistogram, HighPass
-from granular_id.live.recent_rows import RecentRows, outline
 from granular_id.live.snapshot import Outcome, Snapshot
+from granular_id.live.traces import GrowingHistogram, HighPass, RecentRows, outline
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
