@@ -21,10 +21,9 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.read import read_parquet
 from granular_id.io.parquet.save import save_parquet
-from granular_id.io.ros.bag2 import is_bag_folder
 from granular_id.io.ros.echo import is_echo, read_echo
 from granular_id.io.ros.mcap_save import save_mcap
-from granular_id.io.ros.read import read_ros
+from granular_id.io.ros.read import is_bag_folder, read_ros
 from granular_id.io.source import FileContent, FileSource
 
 __all__ = ["FORMATS", "FileFormat", "format_of", "writer"]

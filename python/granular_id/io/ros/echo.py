@@ -20,7 +20,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import open_bounded, read_text_bounded
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.clock import recording_of
-from granular_id.io.ros.wrench import LARGEST_MESSAGE, WRENCH_TYPES, Wrenches
+from granular_id.io.ros.wrench import WRENCH_TYPES, Wrenches
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 
@@ -31,6 +31,7 @@ _SEC, _NANOSEC = "header.stamp.sec", "header.stamp.nanosec"
 _ROS2 = (_SEC, _NANOSEC, _FRAME, *AXES)
 
 _WHOLE = re.compile(rb"[0-9]{1,19}")
+_LONGEST_LINE = 64 * 1024
 _MOST_NS = 2**63 - 1
 _MOST_S = _MOST_NS // 10**9 - 1
 
@@ -41,7 +42,7 @@ def is_echo(path: Path) -> bool:
     """Tell from the first line of a CSV file whether ROS has printed it."""
     try:
         with open_bounded(path, path.parent, sys.maxsize) as (file, _):
-            line = file.readline(LARGEST_MESSAGE)
+            line = file.readline(_LONGEST_LINE)
     except RecordingFileError:
         return False
     return line.startswith(_LOGGED.encode() + b",") or _ROS2_LINE.fullmatch(line) is not None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -19,15 +19,16 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, finite_number, thaw
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat_checks import checked_history
-from granular_id.io.json_text import check_parts
-from granular_id.io.options import MAX_TEXT_BYTES, LoadOptions
-from granular_id.io.ros.mcap_file import OWN_NAME, OwnRecords
+from granular_id.io.options import LoadOptions
 from granular_id.io.ros.wrench import Wrenches
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.recording import Recording, StepReport
 
-__all__ = ["CHANGED_NOTE", "own_records", "restored", "wire_stamps"]
+__all__ = ["CHANGED_NOTE", "OWN_NAME", "OwnRecords", "own_records", "restored", "wire_stamps"]
+
+OWN_NAME = "granular_id"
+"""Name of the metadata record, and beginning of the names of attachments."""
 
 CHANGED_NOTE = (
     "the messages are not those that granular-id wrote (cut or merged since?): stamps are taken from them, and label, "
@@ -38,6 +39,15 @@ _VERSION = "1"
 _TIME_S, _FLAGS = f"{OWN_NAME}/time_s", f"{OWN_NAME}/flags"
 _LAST_S = 2**31
 """Seconds that fit ``builtin_interfaces/Time``: until 2038 where they count from 1970."""
+
+
+@dataclass
+class OwnRecords:
+    """What this library writes beside the messages."""
+
+    metadata: dict[str, str] = field(default_factory=dict)
+    n_metadata: int = 0
+    attachments: dict[str, bytes] = field(default_factory=dict)
 
 
 def wire_stamps(times: FloatArray, start_time: float | None) -> NDArray[np.int64]:
@@ -163,12 +173,6 @@ def restored(
 
 def _parsed(own: OwnRecords, n_samples: int) -> _Known:
     texts = own.metadata
-    too_long = next((key for key, text in texts.items() if len(text) > MAX_TEXT_BYTES), None)
-    if too_long is not None:
-        raise ValueError(
-            f"{too_long[:40]!r} has {len(texts[too_long])} characters; at most {MAX_TEXT_BYTES} are read"
-        )
-    check_parts([texts.get("meta", ""), texts.get("history", "")], "meta and history", 1)
     if texts.get("version") != _VERSION:
         raise ValueError(f"version is {texts.get('version', 'missing')[:40]!r}; wanted {_VERSION!r}")
     rate_hz = _number(texts, "rate_hz")

@@ -1,45 +1,48 @@
 """Recordings in the formats of ROS: .bag of ROS 1, bag folders, .mcap and .db3 of ROS 2.
 
-One topic of one bag is one recording. The walks through the containers stand in files of their own; here the
-topic is chosen, its messages are decoded and its clock is settled.
+One topic of one bag is one recording. The libraries rosbags and mcap read the containers; here the topic is chosen, its
+messages are decoded and its clock is settled.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import NoReturn, cast
+from typing import Any, BinaryIO, NoReturn
+from urllib.parse import quote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
-from granular_id.io.files import check_file, open_bounded
+from granular_id.io.files import check_file, list_folder, open_bounded, refuse_outside
 from granular_id.io.options import LoadOptions
-from granular_id.io.ros.bag1 import walk_bag1
-from granular_id.io.ros.bag2 import read_bag_folder
 from granular_id.io.ros.clock import recording_of
-from granular_id.io.ros.db3 import walk_db3
-from granular_id.io.ros.mcap_file import OwnRecords, walk_mcap
-from granular_id.io.ros.mcap_own import CHANGED_NOTE, restored
-from granular_id.io.ros.topics import Topic, Topics, shown
-from granular_id.io.ros.unpack import Unpacker, unpack_zstd
-from granular_id.io.ros.wrench import (
-    LARGEST_MESSAGE,
-    Encoding,
-    Refuse,
-    Wrenches,
-    decode_wrenches,
-    foreign_definition,
-)
+from granular_id.io.ros.mcap_own import CHANGED_NOTE, OWN_NAME, OwnRecords, restored
+from granular_id.io.ros.topics import Topic, chosen_topic
 from granular_id.io.source import FileContent, FileSource
 
-__all__ = ["read_ros"]
+__all__ = ["is_bag_folder", "read_ros"]
 
-_PIECE = 1 << 20
+_METADATA_NAME = "metadata.yaml"
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass
+class _Bag:
+    """The topics of a bag, and what else is taken from it."""
+
+    topics: list[Topic]
+    distro: str | None = None
+    own: OwnRecords = field(default_factory=OwnRecords)
+
+
+def is_bag_folder(folder: Path) -> bool:
+    """Tell whether a folder is a ROS 2 bag."""
+    return os.path.isfile(folder / _METADATA_NAME)  # noqa: PTH113 (says False where is_file raises: no permission)
 
 
 def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
@@ -61,138 +64,162 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     Raises
     ------
     RecordingFileError
-        A damaged file, no topic or several to choose from, forces that are not finite, a frame that changes,
-        stamps that run back.
+        No topic or several to choose from, forces that are not finite, a frame that changes, stamps that run back.
     ImportError
         The libraries of the extra ``ros`` are missing.
     """
-    topics = Topics(source.path, options.topic)
-    bag = _walked(source, options, topics)
-    topic, field, notes = topics.chosen()
+    with _opened(source, options) as bag:
+        topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)
+        log_ns, messages = zip(*topic.messages, strict=True)
+
+    def place_of(index: int) -> dict[str, Any]:
+        return {"place": f"message {index + 1} of {topic.name[:80]}"}
 
     def refuse(index: int, problem: str) -> NoReturn:
-        raise RecordingFileError(source.path, problem, place=f"message {index + 1} of {shown(topic.name)}")
+        raise RecordingFileError(source.path, problem, **place_of(index))
 
-    wrenches = _decoded(topic, field, bag, refuse)
+    wrenches = topic.message_type.decode(messages, inner, refuse)
     if bag.own.metadata:
         content = restored(bag.own, wrenches, source, options)
         if content is not None:
             return content
         notes.append(CHANGED_NOTE)
     about = {
-        "topic": topic.name + (field and f".{field}"),
+        "topic": topic.name + (inner and f".{inner}"),
         "message_type": topic.type_name,
         "frame": wrenches.frame_id,
         "node": topic.node,
         "ros_distro": bag.distro,
     }
-    log_ns = _log_times(topic, refuse)
-    return recording_of(
-        wrenches,
-        log_ns,
-        source,
-        options,
-        about,
-        lambda i: {"place": f"message {i + 1} of {shown(topic.name)}"},
-        notes,
-    )
-
-
-class _Bag:
-    """What a walk learnt beside the topics."""
-
-    def __init__(self, path: Path, n_bytes: int) -> None:
-        self.unpacker = Unpacker(path, n_bytes)
-        self.own = OwnRecords()
-        self.distro: str | None = None
-        self.zstd_messages = False
-
-
-def _walked(source: FileSource, options: LoadOptions, topics: Topics) -> _Bag:
-    """Collect the topics of whatever the source is."""
-    path, root, most = source.path, source.root, options.max_binary_bytes
-    if not path.is_dir():
-        bag = _Bag(path, check_file(path, root, most))
-        _walk_file(path, path, root, topics, bag)
-        return bag
-    folder = read_bag_folder(path, root, options)
-    bag = _Bag(path, folder.n_bytes)
-    bag.distro = folder.distro
-    bag.zstd_messages = folder.compression == "message"
-    for file in folder.files:
-        if folder.compression != "file":
-            _walk_file(file, file, path, topics, bag)
-            continue
-        with _expanded(file, path, most, bag.unpacker) as whole:
-            _walk_file(whole, file, whole.parent, topics, bag)
-    if len(folder.files) > 1:
-        bag.own = OwnRecords()
-    return bag
-
-
-def _walk_file(file: Path, shown: Path, root: Path, topics: Topics, bag: _Bag) -> None:
-    suffix = file.suffix.lower()
-    if suffix == ".db3":
-        walk_db3(file, shown, topics, bag.unpacker)
-        return
-    if suffix not in (".mcap", ".bag"):
-        raise RecordingFileError(shown, "is of no kind that a ROS 2 bag has; wanted .mcap or .db3")
-    with open_bounded(file, root, file.stat().st_size) as (opened, n_bytes):
-        if suffix == ".bag":
-            walk_bag1(opened, n_bytes, shown, topics, bag.unpacker)
-        else:
-            bag.own = walk_mcap(opened, n_bytes, shown, topics, bag.unpacker)
+    return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes)
 
 
 @contextmanager
-def _expanded(file: Path, root: Path, most: int, unpacker: Unpacker) -> Iterator[Path]:
-    """Expand a file compressed as a whole into a temporary folder."""
-    zstandard = need("zstandard", extra="ros", why="to read compressed bags")
-    with TemporaryDirectory() as folder, open_bounded(file, root, most) as (packed, _):
-        whole = Path(folder) / file.stem
-        try:
-            with whole.open("wb") as target:
-                reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-                while piece := reader.read(_PIECE):
-                    unpacker.spend(len(piece), file.name)
-                    target.write(piece)
-        except zstandard.ZstdError as error:
-            raise RecordingFileError(file, f"cannot be decompressed (zstd: {error})") from error
-        yield whole
+def _opened(source: FileSource, options: LoadOptions) -> Iterator[_Bag]:
+    path, root, most = source.path, source.root, options.max_binary_bytes
+    if path.is_dir():
+        _check_folder(path, root, most)
+        with _rosbag2(path) as reader:
+            yield _Bag(_topics_of(reader), reader.ros_distro)
+    elif path.suffix.lower() == ".mcap":
+        with open_bounded(path, root, most) as (file, _):
+            yield _mcap(file, path)
+    else:
+        check_file(path, root, most)
+        if path.suffix.lower() == ".bag":
+            library = need("rosbags.rosbag1", extra="ros", why="to read ROS 1 bags")
+            opened = library.Reader(path)
+        else:
+            _refuse_unclosed(path)
+            opened = _rosbag2(path)
+        with opened as reader:
+            yield _Bag(_topics_of(reader))
 
 
-def _decoded(topic: Topic, field: str, bag: _Bag, refuse: Refuse) -> Wrenches:
-    checked = bool(field) or not topic.definition
-    foreign = None if checked else foreign_definition(topic.definition, topic.type_name)
-    if foreign is not None:
-        refuse(0, foreign)
-    lengths = np.frombuffer(topic.lengths, np.int64)
-    data: bytes | bytearray = topic.data
-    if bag.zstd_messages:
-        ends = np.cumsum(lengths).tolist()
-        spans = map(slice, [0, *ends], ends)
-        messages = [_expanded_message(bytes(data[span]), i, refuse) for i, span in enumerate(spans)]
-        data, lengths = b"".join(messages), np.array([len(message) for message in messages], np.int64)
-        bag.unpacker.spend(len(data), shown(topic.name))
-    type_name = topic.type_name
-    if field:
-        data, lengths, type_name = topic.inside.plain(data, lengths, field, refuse)
-    return decode_wrenches(data, lengths, cast(Encoding, topic.encoding), type_name, refuse)
+def _check_folder(folder: Path, root: Path, most: int) -> None:
+    """Refuse links out, what is no regular file, and too many bytes, before anything is opened."""
+    refuse_outside(folder, root)
+    files = [file for file in list_folder(folder)[0] if file.suffix in (".db3", ".mcap", ".yaml", ".zstd")]
+    n_bytes = sum(check_file(file, folder, most) for file in files)
+    if n_bytes > most:
+        problem = f"the files have {n_bytes} bytes together, more than max_file_bytes={most}"
+        raise RecordingFileError(folder, f"{problem}; raise max_file_bytes to read them")
+    for file in files:
+        _refuse_unclosed(file)
 
 
-def _expanded_message(message: bytes, index: int, refuse: Refuse) -> bytes:
-    try:
-        return unpack_zstd(message, LARGEST_MESSAGE)
-    except ImportError:
-        raise
-    except Exception as error:  # the library's own kind, or the size
-        refuse(index, f"cannot be decompressed (zstd: {error})")
+def _refuse_unclosed(file: Path) -> None:
+    log = file.with_name(file.name + "-wal")
+    if log.is_file() and log.stat().st_size:  # rosbags would pass over the messages in it
+        problem = f"was not closed: {log.name} holds messages that are not in it yet; run `ros2 bag reindex`"
+        raise RecordingFileError(file, problem)
 
 
-def _log_times(topic: Topic, refuse: Refuse) -> NDArray[np.int64]:
-    log_ns = np.frombuffer(topic.log_ns, np.uint64)
-    late = log_ns >= 1 << 63
-    if late.any():
-        first = int(late.argmax())
-        refuse(first, f"has the log time {log_ns[first]} ns; wanted less than 2^63 (the year 2262)")
-    return log_ns.astype(np.int64)
+def _rosbag2(path: Path) -> Any:
+    """Return the reader of a bag folder or a .db3 file; SQLite is given names as it takes them, parts of an address."""
+    library = need("rosbags.rosbag2", extra="ros", why="to read ROS 2 bags")
+    sqlite = library.Reader.STORAGE_PLUGINS[".db3"]
+
+    def quoted(file: Path) -> Any:
+        return sqlite(Path(quote(os.fspath(file))) if set("?#%") & set(os.fspath(file)) else file)
+
+    reader = library.Reader(path)
+    if path.is_dir():
+        reader.storage.STORAGE_PLUGINS = {**reader.storage.STORAGE_PLUGINS, "sqlite3": quoted}
+    else:
+        reader.storage = quoted(path)
+    return reader
+
+
+def _topics_of(reader: Any) -> list[Topic]:
+    """Return the topics that rosbags finds; connections of one topic and type, of several nodes, are one."""
+    groups: dict[tuple[str, str, str], list[Any]] = {}
+    for connection in reader.connections:
+        encoding = getattr(connection.ext, "serialization_format", "ros1")
+        groups.setdefault((connection.topic, connection.msgtype, encoding), []).append(connection)
+    return [
+        Topic(
+            name,
+            type_name.replace("/msg/", "/"),
+            encoding,
+            same[0].msgdef.data if same[0].msgdef.format.name == "MSG" else "",
+            getattr(same[0].ext, "callerid", None),
+            _messages_of(reader, same),
+            sum(connection.msgcount for connection in same),
+            last_ns=reader.duration,
+        )
+        for (name, type_name, encoding), same in groups.items()
+    ]
+
+
+def _messages_of(reader: Any, connections: list[Any]) -> Iterable[tuple[int, bytes]]:
+    yield from ((log_ns, message) for _, log_ns, message in reader.messages(connections))
+
+
+def _mcap(file: BinaryIO, path: Path) -> _Bag:
+    """Read a file from its first record to its last: an index at the end may be missing."""
+    reader = need("mcap.stream_reader", extra="ros", why="to read .mcap files").StreamReader
+    if file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC:
+        file.seek(-len(_MCAP_MAGIC), os.SEEK_END)
+        if file.read() != _MCAP_MAGIC:
+            way_out = f"`mcap recover {path.name} -o whole.mcap` keeps what there is"
+            raise RecordingFileError(path, f"is cut off, the recording was not closed; {way_out}")
+    file.seek(0)
+    found = _McapRecords()
+    for record in reader(file, validate_crcs=True).records:
+        found.add(record)
+    return _Bag(list(found.topics.values()), own=found.own)
+
+
+class _McapRecords:
+    """What is kept of the records of an MCAP file."""
+
+    def __init__(self) -> None:
+        self.own = OwnRecords()
+        self.topics: dict[tuple[str, str, str], Topic] = {}
+        self._kept: dict[tuple[str, str, str], list[tuple[int, bytes]]] = {}
+        self._schemas: dict[int, tuple[str, str]] = {0: ("", "")}
+        self._channels: dict[int, tuple[Topic, list[tuple[int, bytes]] | None]] = {}
+
+    def add(self, record: Any) -> None:
+        kind = type(record).__name__
+        if kind == "Message":
+            topic, kept = self._channels[record.channel_id]
+            topic.seen(record.log_time)
+            if kept is not None:
+                kept.append((record.log_time, record.data))
+        elif kind == "Schema":
+            is_text = record.encoding in ("ros1msg", "ros2msg")
+            self._schemas[record.id] = record.name, record.data.decode() if is_text else ""
+        elif kind == "Channel":
+            type_name, definition = self._schemas[record.schema_id]
+            key = (record.topic, type_name.replace("/msg/", "/"), record.message_encoding)
+            kept = self._kept.setdefault(key, [])
+            new = Topic(*key, definition, record.metadata.get("callerid"), kept)
+            topic = self.topics.setdefault(key, new)
+            self._channels[record.id] = topic, kept if topic.may_hold_wrench else None
+        elif kind == "Metadata" and record.name == OWN_NAME:
+            self.own.n_metadata += 1
+            self.own.metadata = record.metadata
+        elif kind == "Attachment" and record.name.startswith(OWN_NAME):
+            self.own.attachments[record.name] = record.data

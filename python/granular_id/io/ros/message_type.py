@@ -1,0 +1,190 @@
+"""Types of messages by the definition that a bag keeps of them, and the wrenches inside.
+
+A sensor's driver may publish a type of its maker, with a ``geometry_msgs/WrenchStamped`` or ``Wrench`` as one of its
+fields; a plain message is a wrench as a whole. rosbags reads both by the definition, a few thousand a second. Where
+messages differ in numbers only, these lie at the same bytes in all of them, and are taken from there at once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.extras import need
+from granular_id.io.ros.wrench import DEFINITION, STAMPED, Refuse, Wrenches
+
+__all__ = ["MessageType", "may_hold_wrench", "message_type"]
+
+_HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
+_TIME = "builtin_interfaces/Time stamp"
+_FORCES = tuple((part, axis) for part in ("force", "torque") for axis in "xyz")
+_SIZED_AS = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
+_FILL_BYTES = 3
+"""By which a message in CDR may be filled up at its end."""
+
+_Path = tuple[str, ...]
+
+
+def may_hold_wrench(definition: str) -> bool:
+    """Tell quickly whether a definition is worth parsing."""
+    return re.search(r"\bgeometry_msgs/(msg/)?Wrench(Stamped)?\b", definition) is not None
+
+
+@dataclass(frozen=True)
+class _Place:
+    """The fields that lead to a wrench, and to the header that stamps it."""
+
+    wrench: _Path
+    header: _Path | None
+
+
+class MessageType:
+    """A type of message.
+
+    Parameters
+    ----------
+    name : str
+        Like ``rokubimini_msgs/Reading``.
+    definition : str
+        In the language of ``.msg`` files, with all it is made of; may be empty for the plain types.
+    encoding : {"cdr", "ros1"}
+
+    Raises
+    ------
+    ValueError
+        A definition that cannot be parsed.
+    ImportError
+        rosbags is missing.
+    """
+
+    def __init__(self, name: str, definition: str, encoding: str) -> None:
+        library = need("rosbags.typesys", extra="ros", why="to read the messages of bags")
+        self._ros1 = encoding == "ros1"
+        self._name = _ros2_name(name)
+        standard = DEFINITION.replace(_TIME, f"uint32 seq\n{_TIME}") if self._ros1 else DEFINITION
+        self._store = library.get_typestore(library.Stores.EMPTY)
+        try:
+            types = library.get_types_from_msg(standard, _ros2_name(STAMPED))
+            types |= library.get_types_from_msg(definition, self._name) if definition else {}
+            self._store.register(types)
+        except Exception as error:  # of the parser, or the code that rosbags makes of what it has parsed
+            reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
+            raise ValueError(f"the definition of {name} cannot be parsed ({reason})") from error
+
+    @cached_property
+    def wrenches(self) -> dict[str, _Place]:
+        """Where a message has wrenches, by the dotted name of their field; those in lists are not counted."""
+        return dict(self._found(self._name, (), None))
+
+    def _found(self, name: str, path: _Path, header: _Path | None) -> Iterator[tuple[str, _Place]]:
+        if name == _WRENCH:
+            yield ".".join(path), _Place(path, header)
+            return
+        known = self._store.get_msgdef(name).fields
+        structs = {(*path, field): what for field, (node, what) in known if node.name == "NAME"}
+        own = next((inner for inner, kind in structs.items() if kind == _HEADER), header)
+        if name == _ros2_name(STAMPED):  # named as a whole, not by the field inside
+            yield ".".join(path), _Place((*path, "wrench"), own)
+            return
+        for inner, kind in structs.items():
+            yield from self._found(kind, inner, own)
+
+    def decode(self, messages: Sequence[bytes], field: str, refuse: Refuse) -> Wrenches:
+        """Return one wrench of each message, with its header if it has one."""
+        place = self.wrenches[field]
+        first = self._value(messages[0], 0, refuse)
+        return self._at_once(messages, first, place, refuse) or self._one_by_one(messages, place, refuse)
+
+    def _value(self, message: bytes, index: int, refuse: Refuse) -> Any:
+        read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
+        try:
+            return read(message, self._name)
+        except Exception as error:  # of many kinds: the code is made of the definition
+            refuse(index, f"does not fit its type ({error or type(error).__name__})")
+
+    def _one_by_one(self, messages: Sequence[bytes], place: _Place, refuse: Refuse) -> Wrenches:
+        values = [self._value(message, i, refuse) for i, message in enumerate(messages)]
+        forces = attrgetter(*map(".".join, _FORCES))
+        wrench = np.array([forces(_part(value, place.wrench)) for value in values], np.float64)
+        if place.header is None:
+            return Wrenches.checked(wrench, None, None, refuse)
+        headers = [_part(value, place.header) for value in values]
+        stamps = np.array([(header.stamp.sec, header.stamp.nanosec) for header in headers], np.int64)
+        return Wrenches.checked(wrench, stamps, [header.frame_id for header in headers], refuse)
+
+    def _at_once(
+        self, messages: Sequence[bytes], first: Any, place: _Place, refuse: Refuse
+    ) -> Wrenches | None:
+        """Take the numbers from where they lie in the first message; None where others are laid out otherwise.
+
+        Bytes that depend on no number hold lengths and texts. Where they are the same, so is the layout.
+        """
+        size = len(messages[0])
+        order = "<" if self._ros1 or messages[0][1] else ">"
+        zeros = self._filled_bytes(first, None, order)
+        if any(len(message) != size for message in messages) or not 0 <= size - len(zeros) <= _FILL_BYTES:
+            return None
+        table = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), size)[:, : len(zeros)]
+        fixed = table[:, zeros == self._filled_bytes(first, (), order)]
+        if (fixed != fixed[0]).any():
+            return None
+
+        def numbers(kind: str, *paths: _Path) -> NDArray[Any]:
+            found = [np.flatnonzero(zeros != self._filled_bytes(first, path, order)) for path in paths]
+            return np.ascontiguousarray(table[:, np.concatenate(found)]).view(order + kind)
+
+        wrench = numbers("f8", *((*place.wrench, *names) for names in _FORCES)).astype(np.float64)
+        if place.header is None:
+            return Wrenches.checked(wrench, None, None, refuse)
+        parts = [
+            numbers(kind, (*place.header, "stamp", name)) for kind, name in (("i4", "sec"), ("u4", "nanosec"))
+        ]
+        frame = _part(first, place.header).frame_id
+        return Wrenches.checked(wrench, np.hstack(parts).astype(np.int64), [frame], refuse)
+
+    def _filled_bytes(self, value: Any, chosen: _Path | None, order: str) -> NDArray[np.uint8]:
+        """Return a message whose numbers are all bytes 1 below a field, and zero elsewhere."""
+        filled = self._filled(value, (None, self._name), (), chosen)
+        if self._ros1:
+            data = self._store.serialize_ros1(filled, self._name)
+        else:
+            data = self._store.serialize_cdr(filled, self._name, little_endian=order == "<")
+        return np.frombuffer(data, np.uint8)
+
+    def _filled(self, value: Any, kind: Any, path: _Path, chosen: _Path | None) -> Any:
+        what = kind[1]
+        if isinstance(what, str):  # the name of a struct
+            known = self._store.get_msgdef(what).fields
+            parts = [self._filled(getattr(value, name), kind, (*path, name), chosen) for name, kind in known]
+            return type(value)(*parts)
+        if isinstance(value, list):
+            return [self._filled(item, what[0], path, chosen) for item in value]
+        if isinstance(value, str):
+            return value
+        base = what[0] if isinstance(what[0], str) else what[0][1][0]
+        size = np.dtype(_SIZED_AS.get(base, base))
+        byte = b"\1" if chosen is not None and path[: len(chosen)] == chosen else b"\0"
+        number = np.frombuffer(byte * size.itemsize, size)[0]
+        return np.full_like(value, number) if isinstance(value, np.ndarray) else number
+
+
+message_type = lru_cache(16)(MessageType)
+"""All bags of a folder have the same definition, which takes some time to parse."""
+
+
+def _part(value: Any, path: _Path) -> Any:
+    for name in path:
+        value = getattr(value, name)
+    return value
+
+
+def _ros2_name(type_name: str) -> str:
+    package, _, name = type_name.rpartition("/")
+    return f"{package}/msg/{name}"
