@@ -19,8 +19,8 @@ from granular_id.io.npz.npy import read_npy
 from granular_id.io.npz.npz import read_npz, save_npz
 from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.layout import is_parquet_archive
-from granular_id.io.parquet.read import read_parquet
 from granular_id.io.parquet.save import save_parquet
+from granular_id.io.parquet.table import read_parquet
 from granular_id.io.ros.echo import is_echo, read_echo
 from granular_id.io.ros.mcap_save import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import accumulate, groupby
+from dataclasses import dataclass
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +15,38 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
 from granular_id._core import interleave
-from granular_id._parallel import spread
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import check_expansion, check_file, read_bounded
-from granular_id.io.flat import RECORDING_BYTES, FlatRecordings, unflatten
+from granular_id.io.files import check_file, read_bounded
+from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.folder_save import HISTORY_NAME
-from granular_id.io.options import MAX_BINARY_BYTES, MAX_TEXT_BYTES
-from granular_id.io.parquet.file import CheckedParquet, open_parquet
-from granular_id.io.parquet.index import Partition, floats, integers, partitions, read_index, texts
-from granular_id.io.parquet.layout import FLAGS, INDEX_COLUMNS, INDEX_FILE, INDEX_TEXTS, TIME, read_mark
+from granular_id.io.options import MAX_BINARY_BYTES
+from granular_id.io.parquet.file import coded_texts, labels_of, open_parquet
+from granular_id.io.parquet.layout import (
+    FLAGS,
+    INDEX_COLUMNS,
+    INDEX_FILE,
+    INDEX_TEXTS,
+    TIME,
+    Mark,
+    is_part_name,
+    read_mark,
+)
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
-__all__ = ["ParquetArchive"]
+__all__ = ["ParquetArchive", "Partition"]
+
+
+@dataclass(frozen=True)
+class Partition:
+    """A row group of a file of samples, and the rows of the index (`start` to `stop`) that describe it."""
+
+    file: str
+    row_group: int
+    start: int
+    stop: int
+    n_samples: int
 
 
 class ParquetArchive:
@@ -73,14 +93,18 @@ class ParquetArchive:
         self.folder = Path(folder)
         self._max_file_bytes = max_file_bytes
         path = self.folder / INDEX_FILE
-        with open_parquet(path, self.folder, max_file_bytes, texts=INDEX_TEXTS) as parquet:
-            mark = read_mark(parquet.labels, "recordings", path)
-            self.axes = mark.axes
-            self._mark = mark
-            self.index = read_index(parquet)
-            self._unread = [name for name in parquet.columns if name not in INDEX_COLUMNS]
-        self.partitions = partitions(self.index, path)
-        self._groups = Counter(part.file for part in self.partitions)
+        with open_parquet(path, self.folder, max_file_bytes, INDEX_TEXTS) as opened:
+            names = opened.schema_arrow.names
+            self._mark = read_mark(labels_of(opened), "recordings", path)
+            self._unread = [name for name in names if name not in INDEX_COLUMNS]
+            missing = [name for name in INDEX_COLUMNS if name not in names]
+            if missing:
+                problem = f"column {missing[0]!r} is missing; wanted {', '.join(INDEX_COLUMNS)}"
+                raise RecordingFileError(path, problem)
+            self.index = opened.read(list(INDEX_COLUMNS)).unify_dictionaries()
+            self.index.validate(full=True)
+            self.partitions = _partitions(self.index, path)
+        self.axes = self._mark.axes
 
     def __len__(self) -> int:
         return len(self.partitions)
@@ -103,133 +127,124 @@ class ParquetArchive:
 
     def content(self, source: FileSource) -> FileContent:
         """Read everything, into one block of samples, and the history."""
-        content = self._content(self.partitions, source, self._history())
+        path, history = self.folder / HISTORY_NAME, b"[]"
+        if path.is_file():
+            history = read_bounded(path, self.folder, self._max_file_bytes)
+        try:
+            content = self._content(self.partitions, source, history.decode())
+        except UnicodeDecodeError as error:
+            raise RecordingFileError(path, f"is not UTF-8 text: {error}") from error
         if self._unread:
-            content.notes.append(
-                f"columns of {INDEX_FILE} that are not read: {', '.join(self._unread)[:200]}"
-            )
+            unread = ", ".join(self._unread)[:200]
+            content.notes.append(f"columns of {INDEX_FILE} that are not read: {unread}")
         return content
 
     def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
-        block = _Block(sum(part.n_samples for part in parts), self._mark.columns)
-        files = {part.file: self.folder / part.file for part in parts}
-        read = [self.folder / INDEX_FILE, *files.values()]
-        n_bytes = sum(check_file(path, self.folder, self._max_file_bytes) for path in read)
-        n_recordings = parts[-1].stop - parts[0].start
-        expanded = block.n_bytes + RECORDING_BYTES * n_recordings
-        check_expansion(self.folder / INDEX_FILE, n_bytes, expanded, place="column n_samples")
-        filled, finite = 0, True
-        for file, group in groupby(parts, key=lambda part: part.file):
-            some = list(group)
-            with open_parquet(files[file], self.folder, self._max_file_bytes) as parquet:
-                finite = self._fill(block, parquet, some, filled) and finite
-            filled += sum(part.n_samples for part in some)
-        rows = self.index.slice(parts[0].start, n_recordings)
+        block = _Block(sum(part.n_samples for part in parts), self._mark)
+        groups = Counter(part.file for part in self.partitions)
+        for file, some in groupby(parts, key=lambda part: part.file):
+            path = self.folder / file
+            check_file(path, self.folder, self._max_file_bytes)
+            with open_parquet(path, self.folder, self._max_file_bytes) as opened:
+                if read_mark(labels_of(opened), "samples", path) != self._mark:
+                    raise RecordingFileError(path, f"holds other axes than {INDEX_FILE} says", place="footer")
+                if opened.num_row_groups != groups[file]:
+                    problem = f"holds {opened.num_row_groups} row groups; {INDEX_FILE} lists {groups[file]}"
+                    raise RecordingFileError(path, problem)
+                for part in some:
+                    block.add(opened, part, path)
+        rows = self.index.slice(parts[0].start, parts[-1].stop - parts[0].start)
         flat = FlatRecordings(
             axes=self.axes,
             wrench=block.wrench,
-            n_samples=integers(rows, "n_samples"),
-            rate_hz=floats(rows, "rate_hz"),
-            start_time=floats(rows, "start_time"),
-            trigger_index=integers(rows, "trigger_index"),
-            label=texts(rows, "label"),
-            session=texts(rows, "session"),
-            name=texts(rows, "name"),
-            meta_json=texts(rows, "meta"),
+            n_samples=_integers(rows, "n_samples"),
+            rate_hz=rows["rate_hz"].to_numpy(),
+            start_time=rows["start_time"].to_numpy(),
+            trigger_index=_integers(rows, "trigger_index"),
+            label=_texts(rows, "label"),
+            session=_texts(rows, "session"),
+            name=_texts(rows, "name"),
+            meta_json=_texts(rows, "meta"),
             time_s=block.time_s,
             flags=block.flags,
             history_json=history_json,
         )
-        return unflatten(flat, self.folder, source, finite=finite)
-
-    def _history(self) -> str:
-        path = self.folder / HISTORY_NAME
-        if not path.is_file():
-            return "[]"
-        # text becomes objects of many times its size: as much as a CSV file, or a line for each recording
-        most = max(MAX_TEXT_BYTES, RECORDING_BYTES * self.index.num_rows)
-        data = read_bounded(path, self.folder, min(most, self._max_file_bytes))
-        try:
-            return data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise RecordingFileError(path, f"is not UTF-8 text: {error}") from error
-
-    def _fill(self, block: _Block, parquet: CheckedParquet, parts: Sequence[Partition], filled: int) -> bool:
-        """Put in the samples of one file, behind those that are filled; tell whether they are finite."""
-        self._check_groups(parquet, parts)
-        columns = _sample_columns(parquet, self._mark.columns)
-        parquet.check(columns)
-        block.make(columns)
-        starts = accumulate((part.n_samples for part in parts[:-1]), initial=filled)
-
-        def fill(item: tuple[Partition, int]) -> bool:
-            part, start = item
-            table = parquet.read(part.row_group, columns)
-            return block.put(table, start, parquet.path, f"row group {part.row_group}")
-
-        return all(spread(fill, zip(parts, starts, strict=True), parquet.most_threads))
-
-    def _check_groups(self, parquet: CheckedParquet, parts: Sequence[Partition]) -> None:
-        path = parquet.path
-        if read_mark(parquet.labels, "samples", path) != self._mark:
-            raise RecordingFileError(path, f"holds other axes than {INDEX_FILE} says", place="footer")
-        listed = self._groups[parts[0].file]
-        if len(parquet.rows) != listed:
-            raise RecordingFileError(
-                path, f"holds {len(parquet.rows)} row groups; {INDEX_FILE} lists {listed}"
-            )
-        for part in parts:
-            rows = parquet.rows[part.row_group]
-            if rows != part.n_samples:
-                problem = f"holds {rows} samples; by {INDEX_FILE} its recordings have {part.n_samples}"
-                raise RecordingFileError(path, problem, place=f"row group {part.row_group}")
+        return unflatten(flat, self.folder, source, finite=block.finite)
 
 
 class _Block:
     """The samples of neighbouring partitions, put in row group by row group."""
 
-    def __init__(self, n_rows: int, axes: Sequence[str]) -> None:
-        self.n_rows = n_rows
-        self.axes = axes
-        self.n_bytes = 8 * n_rows * len(axes)
-        self.wrench: FloatArray = np.empty((0, len(axes)))
+    def __init__(self, n_rows: int, mark: Mark) -> None:
+        self.n_rows, self._columns, self._filled = n_rows, mark.columns, 0
+        self.wrench: FloatArray = np.empty((n_rows, len(mark.columns)))
         self.time_s: FloatArray | None = None
         self.flags: NDArray[np.uint8] | None = None
+        self.finite = True
 
-    def make(self, columns: Sequence[str]) -> None:
-        """Take the memory, when sizes are checked."""
-        if not len(self.wrench):
-            self.wrench = np.empty((self.n_rows, len(self.axes)))
-        if TIME in columns and self.time_s is None:
-            self.time_s = np.full(self.n_rows, np.nan)
-        if FLAGS in columns and self.flags is None:
-            self.flags = np.zeros(self.n_rows, np.uint8)
+    def add(self, opened: Any, part: Partition, path: Path) -> None:
+        """Read the next row group."""
+        place = f"row group {part.row_group}"
+        n_samples = opened.metadata.row_group(part.row_group).num_rows
+        if n_samples != part.n_samples:
+            problem = f"holds {n_samples} samples; by {INDEX_FILE} its recordings have {part.n_samples}"
+            raise RecordingFileError(path, problem, place=place)
+        try:
+            table = opened.read_row_group(part.row_group, [*self._columns, TIME, FLAGS])
+            columns = [np.asarray(table[name].to_numpy(), np.float64) for name in self._columns]
+        except (
+            Exception
+        ) as error:  # of many kinds: checksums, columns that are missing or hold something else
+            raise RecordingFileError(path, f"cannot be decoded: {error}"[:300], place=place) from error
+        rows = slice(self._filled, self._filled + n_samples)
+        self._filled = rows.stop
+        self.finite = interleave(columns, self.wrench[rows]) and self.finite
+        if TIME in table.column_names:
+            self.time_s = np.full(self.n_rows, np.nan) if self.time_s is None else self.time_s
+            self.time_s[rows] = table[TIME].to_numpy()
+        if FLAGS in table.column_names:
+            self.flags = np.zeros(self.n_rows, np.uint8) if self.flags is None else self.flags
+            self.flags[rows] = table[FLAGS].to_numpy()
 
-    def put(self, table: Any, start: int, path: Path, place: str) -> bool:
-        """Put in one row group, and tell whether its samples are finite; several threads may, for rows of their own."""
-        for name in table.column_names:
-            if table.column(name).null_count:
-                raise RecordingFileError(path, "holds empty cells; wanted numbers", place=place, column=name)
-        rows = slice(start, start + table.num_rows)
-        columns = [table.column(name).to_numpy() for name in self.axes]
-        finite = interleave(columns, self.wrench[rows])
-        for name, values in ((TIME, self.time_s), (FLAGS, self.flags)):
-            if name in table.column_names and values is not None:
-                values[rows] = table.column(name).to_numpy()
-        return finite
+
+def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:
+    """Return the row groups that the index names: every one in order, of files that are the archive's."""
+    lengths, groups, files = (
+        _integers(index, "n_samples"),
+        _integers(index, "row_group"),
+        _texts(index, "file"),
+    )
+    if not index.num_rows:
+        raise RecordingFileError(path, "lists no recordings")
+    for column, wrong, wanted in (
+        ("id", _integers(index, "id") != np.arange(len(files)), "0, 1, 2 ... in order"),
+        ("n_samples", lengths < 1, "at least 1"),
+        ("file", np.array([not is_part_name(file) for file in files]), "samples/part-00000.parquet ..."),
+    ):
+        if wrong.any():
+            row = int(wrong.argmax())
+            problem = f"row {row} holds {index[column][row].as_py()!r:.80}; wanted {wanted}"
+            raise RecordingFileError(path, problem, column=column)
+    names = np.array(files, dtype=object)
+    changes = np.flatnonzero((names[1:] != names[:-1]) | (groups[1:] != groups[:-1])) + 1
+    found: list[Partition] = []
+    counts: Counter[str] = Counter()
+    for start, stop in pairwise([0, *changes.tolist(), len(files)]):
+        file, group = str(files[start]), int(groups[start])
+        if group != counts[file] or (group and found[-1].file != file):
+            problem = f"row {start} is said to lie in row group {group} of {file}; wanted every one in order"
+            raise RecordingFileError(path, problem, column="row_group")
+        counts[file] += 1
+        found.append(Partition(file, group, start, stop, int(lengths[start:stop].sum())))
+    return tuple(found)
 
 
-def _sample_columns(parquet: CheckedParquet, axes: Sequence[str]) -> list[str]:
-    """Return the columns to read, their types checked."""
-    wanted = {**dict.fromkeys(axes, "double"), TIME: "double", FLAGS: "uint8"}
-    for name, kind in wanted.items():
-        if name not in parquet.columns:
-            if name in axes:
-                raise RecordingFileError(
-                    parquet.path, f"column {name!r} is missing; wanted {', '.join(axes)}"
-                )
-        elif str(parquet.columns[name]) != kind:
-            raise RecordingFileError(
-                parquet.path, f"holds {parquet.columns[name]}; wanted {kind}", column=name
-            )
-    return [name for name in wanted if name in parquet.columns]
+def _integers(table: Any, name: str) -> NDArray[np.int64]:
+    """Return a column of whole numbers; -1 where a cell is empty."""
+    return np.asarray(table[name].fill_null(NO_TRIGGER).to_numpy(), np.int64)
+
+
+def _texts(table: Any, name: str) -> list[str | None]:
+    """Return a column of texts, equal ones being one object, so that a long one is held once."""
+    codes, values = coded_texts(table[name])
+    return [values[code] for code in codes.tolist()]

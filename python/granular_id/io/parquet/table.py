@@ -1,4 +1,4 @@
-"""A single Parquet file that somebody else wrote: one table of samples, of one recording or of many."""
+"""Parquet of others: one table of samples in a file, of one recording or of many."""
 
 from __future__ import annotations
 
@@ -25,54 +25,54 @@ from granular_id.io.columns import (
 )
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.extras import need
+from granular_id.io.files import refuse_outside
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.file import TEXTS, CheckedParquet, is_list, open_parquet
-from granular_id.io.parquet.index import coded_texts
+from granular_id.io.parquet.archive import ParquetArchive
+from granular_id.io.parquet.file import coded_texts, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES, KNOWN_FLAGS
 
-__all__ = ["read_parquet_table"]
+__all__ = ["read_parquet"]
 
 _PANDAS_INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
 
-_MOST_TEXT = 1 << 20
-"""Characters of an entry of the footer that is looked into."""
-
 _WANTED_NAMES = "wanted whole numbers or texts that name recordings"
 
 
-def read_parquet_table(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read a table with columns fx fy fz tx ty tz, and optionally time, flags, recording, label and session.
+def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
+    """Read an archive that ``save_parquet`` wrote, or a table with columns fx fy fz tx ty tz.
 
-    Rows with the same value in the column ``recording`` make a recording, in the order of the file; without that
-    column the whole file is one. Where the columns hold lists, each row is a recording. A recording has one label and
-    one session. Columns that mean nothing here are not read, and a note says so.
+    A table may have columns time, flags, recording, label and session. Rows with the same value in the column
+    ``recording`` make a recording, in the order of the file; without that column the whole file is one. Where the
+    columns hold lists, each row is a recording. Columns that mean nothing here are not read, and a note says so.
 
     Raises
     ------
     RecordingFileError
-        A column is missing, stands there twice, or has cells that are empty or of another kind; a recording with
-        two labels; what `stamped_recording` says of the clock.
+        With file and row group: what is damaged. Of a table: a column is missing, stands there twice, or has cells
+        that are empty or of another kind; a recording with two labels; what `stamped_recording` says of the clock.
+    ImportError
+        pyarrow is missing.
     """
-    path, root, most = source.path, source.root, options.max_binary_bytes
-    with open_parquet(path, root, most) as parquet:
-        columns = _columns(parquet, options.label)
-        about = _metadata(parquet.labels)
-        stated = Stated.of(columns, path, options, about=about, units_of_columns=parquet.units)
-        text = [name for name in columns.values() if str(parquet.columns[name]) in TEXTS]
-    with open_parquet(path, root, most, texts=text) as parquet:
-        if not sum(parquet.rows):
-            raise RecordingFileError(path, "holds no samples")
-        parquet.check(list(columns.values()))
-        arrow = need("pyarrow", extra="app", why="to read Parquet files")
-        parts = [parquet.read(group, list(columns.values())) for group in range(len(parquet.rows))]
-        whole = arrow.concat_tables(parts).unify_dictionaries()
-        table = _decoded(_Columns(whole, columns, path), stated)
-        unread = [name for name in parquet.columns if name not in columns.values()]
-    notes = [*stated.notes, *([f"columns that are not read: {', '.join(unread)[:200]}"] if unread else [])]
-    found, remarked = recordings_of(table, source, options)
+    path, most = source.path, options.max_binary_bytes
+    refuse_outside(path, source.root)
+    if path.is_dir():
+        return ParquetArchive(path, max_file_bytes=most).content(source)
+    with open_parquet(path, source.root, most) as opened:
+        schema = opened.schema_arrow
+        columns = _columns(schema, path, options.label)
+        units = {field.name: unit for field in schema if (unit := _unit_of(field))}
+        about = _metadata(labels_of(opened))
+        stated = Stated.of(columns, path, options, about=about, units_of_columns=units)
+        table = opened.read(list(columns.values()))
+        table.validate(full=True)
+    if not table.num_rows:
+        raise RecordingFileError(path, "holds no samples")
+    found, remarked = recordings_of(_Columns(table, columns, path).decoded(stated), source, options)
+    unread = ", ".join(name for name in schema.names if name not in columns.values())[:200]
+    notes = [*stated.notes, *([f"columns that are not read: {unread}"] if unread else [])]
     return FileContent(recordings=found, rows=remarked, notes=notes)
 
 
@@ -81,8 +81,8 @@ def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:
     about: dict[str, Any] = {}
     for key, text in labels.items():
         try:
-            value = json.loads(text) if len(text) <= _MOST_TEXT else None
-        except (ValueError, RecursionError):
+            value = json.loads(text)
+        except ValueError:
             value = text
         if key == "PANDAS_ATTRS" and isinstance(value, dict):
             about |= value
@@ -94,155 +94,155 @@ def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _columns(parquet: CheckedParquet, label: str | None) -> dict[str, str]:
+def _unit_of(field: Any) -> str | None:
+    """Return what the metadata of a column say of its unit."""
+    about = {key.lower(): value for key, value in (field.metadata or {}).items()}
+    said = about.get(b"units", about.get(b"unit", b""))
+    return said.decode("utf-8", "replace").strip() or None
+
+
+def _columns(schema: Any, path: Path, label: str | None) -> dict[str, str]:
     """Return the name of the column that holds each axis, the time, the flags, the recording ..."""
-    names = list(parquet.columns)
-    dated = str(parquet.columns.get(_PANDAS_INDEX)).startswith(("timestamp", "duration"))
+    names, kinds = schema.names, schema.types
+    dated = {
+        name: TIME
+        for name, kind in zip(names, kinds, strict=True)
+        if name == _PANDAS_INDEX and str(kind).startswith(("timestamp", "duration"))
+    }
     try:
-        found = columns_of(names, label=label, known={_PANDAS_INDEX: TIME} if dated else None)
+        found = columns_of(names, label=label, known=dated)
     except ColumnError as error:
-        lists = (name for name, kind in parquet.columns.items() if is_list(kind))
+        lists = (name for name, kind in zip(names, kinds, strict=True) if _is_list(kind))
         six = next((name for name in lists if split_unit(name)[0] is None), None)
         wide = f"frame[{list(AXES)}] = frame[{six!r:.60}].tolist()"
         split = f"; if {six!r:.60} holds a wrench in each row, with pandas: {wide}"
-        raise RecordingFileError(parquet.path, error.problem + (split if six else "")) from error
+        raise RecordingFileError(path, error.problem + (split if six else "")) from error
     return {meaning: names[i] for meaning, i in found.items()}
 
 
-def _decoded(columns: _Columns, stated: Stated) -> LongTable:
-    known = columns.names
-    if MASK in known:
-        refuse_mask(columns.kinds(MASK), known[MASK], columns.path)
-    nanoseconds = columns.nanoseconds() if TIME in known else None
-    keys, names = columns.keys() if RECORDING in known else (columns.lists, None)
-
-    def place(recording: str, row: int | None) -> dict[str, Any]:
-        said = f"recording {recording!r:.60}"
-        return {"place": said if row is None else f"{said}, row {row}"}
-
-    return LongTable(
-        np.stack([columns.numbers(axis) for axis in AXES], axis=1),
-        known,
-        stated,
-        place,
-        stamps=columns.numbers(TIME) if TIME in known and nanoseconds is None else None,
-        nanoseconds=nanoseconds,
-        flags=columns.flags() if FLAGS in known else None,
-        rates=columns.numbers(RATE) if RATE in known else None,
-        keys=keys,
-        names=names,
-        texts={name: columns.coded(name) for name in (LABEL, SESSION) if name in known},
-    )
+def _is_list(kind: Any) -> bool:
+    return str(kind).startswith(("list<", "large_list<", "fixed_size_list<"))
 
 
 class _Columns:
-    """A decoded table, its columns called by what they mean.
-
-    Attributes
-    ----------
-    lists : ndarray of int, or None
-        Which row of the file each sample lies in, where a row is a recording and its columns hold lists.
-    """
+    """A table that was read, its columns called by what they mean: categories decoded, lists as long columns."""
 
     def __init__(self, table: Any, names: Mapping[str, str], path: Path) -> None:
-        self.names = names
-        self.lists: NDArray[np.intp] | None = None
-        self._table = table
-        self.path = path
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
-        listed = {name: meaning for meaning, name in names.items() if is_list(table.column(name).type)}
-        if listed:
-            self._expand(listed)
+        self._names, self._path = names, path
+        types = self._arrow.types
+        self._table = {}
+        for meaning, name in names.items():
+            column = table.column(name)
+            if types.is_dictionary(column.type):  # its indices may be of any width
+                column = column.cast(column.type.value_type)
+            self._table[meaning] = column
+        self._row_of_sample = self._expanded()
 
-    def _expand(self, listed: Mapping[str, str]) -> None:
-        """Make a row of each sample."""
-        compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
-        for meaning in (*AXES, *({TIME, FLAGS} & set(self.names))):
-            if self.names[meaning] not in listed:
-                self._refuse(
-                    meaning, f"holds a value a row, {next(iter(listed))!r} a list; wanted lists in both"
-                )
-        lengths = {}
-        for name, meaning in listed.items():
-            lengths[name] = compute.list_value_length(self._filled(meaning)[1]).to_numpy()
-        first = next(iter(lengths.values()))
-        for name, own in lengths.items():
-            wrong = np.flatnonzero((own != first) | (own < 1))
-            if len(wrong):
-                wanted = f"as many as {self.names['fx']!r}, and at least one"
-                problem = f"row {wrong[0]} has {own[wrong[0]]} values; wanted {wanted}"
-                self._refuse(listed[name], problem)
-        rows = np.repeat(np.arange(len(first)), first)
-        self.lists = rows
-        whole = {name: self._table.column(name) for name in self.names.values()}
-        self._table = self._arrow.table(
-            {
-                name: compute.list_flatten(column) if name in listed else column.take(rows)
-                for name, column in whole.items()
-            }
+    def decoded(self, stated: Stated) -> LongTable:
+        names = self._names
+        if MASK in names:
+            refuse_mask(self._filled(MASK).unique().to_pylist(), names[MASK], self._path)
+        nanoseconds = self._nanoseconds() if TIME in names else None
+        keys, values = self._keys() if RECORDING in names else (self._row_of_sample, None)
+
+        def place(recording: str, row: int | None) -> dict[str, Any]:
+            said = f"recording {recording!r:.60}"
+            return {"place": said if row is None else f"{said}, row {row}"}
+
+        return LongTable(
+            np.stack([self._numbers(axis) for axis in AXES], axis=1),
+            names,
+            stated,
+            place,
+            stamps=self._numbers(TIME) if TIME in names and nanoseconds is None else None,
+            nanoseconds=nanoseconds,
+            flags=self._flags() if FLAGS in names else None,
+            rates=self._numbers(RATE) if RATE in names else None,
+            keys=keys,
+            names=values,
+            texts={meaning: self._coded(meaning) for meaning in (LABEL, SESSION) if meaning in names},
         )
 
-    def keys(self) -> tuple[NDArray[Any], list[str | None] | None]:
+    def _expanded(self) -> NDArray[np.intp] | None:
+        """Make a row of each sample where a row is a recording; return the row that each was in."""
+        listed = {meaning for meaning, column in self._table.items() if _is_list(column.type)}
+        if not listed:
+            return None
+        compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
+        for meaning in (*AXES, *({TIME, FLAGS} & set(self._names))):
+            if meaning not in listed:
+                other = self._names[min(listed)]
+                self._refuse(meaning, f"holds a value a row, {other!r} a list; wanted lists in both")
+        lengths = {
+            m: compute.list_value_length(self._filled(m)).to_numpy() for m in self._table if m in listed
+        }
+        first = lengths[AXES[0]]
+        for meaning, own in lengths.items():
+            wrong = np.flatnonzero((own != first) | (own < 1))
+            if len(wrong):
+                wanted = f"as many as {self._names[AXES[0]]!r}, and at least one"
+                self._refuse(meaning, f"row {wrong[0]} has {own[wrong[0]]} values; wanted {wanted}")
+        rows = np.repeat(np.arange(len(first)), first)
+        for meaning, column in self._table.items():
+            self._table[meaning] = compute.list_flatten(column) if meaning in listed else column.take(rows)
+        return rows
+
+    def _keys(self) -> tuple[NDArray[Any], list[str | None] | None]:
         """Return which recording each row belongs to, and what the keys are called if they are no numbers."""
-        name, column = self._filled(RECORDING)
-        if self._arrow.types.is_dictionary(column.type):
-            return coded_texts(self._table, name)
+        column = self._filled(RECORDING)
+        if self._is_text(column):
+            return self._coded(RECORDING)
         keys = column.to_numpy()
         if keys.dtype.kind not in "iu":
             self._refuse(RECORDING, f"holds {column.type}; {_WANTED_NAMES}")
         return keys, None
 
-    def kinds(self, meaning: str) -> list[Any]:
-        """Return the values that stand in a column, each once."""
-        found: list[Any] = self._filled(meaning)[1].unique().to_pylist()
-        return found
-
-    def numbers(self, meaning: str) -> FloatArray:
-        name, column = self._filled(meaning)
+    def _numbers(self, meaning: str) -> FloatArray:
+        column = self._filled(meaning)
         values = column.to_numpy()
         if values.dtype.kind not in "iuf":
             wanted = "seconds as numbers, or dates and times" if meaning == TIME else "numbers"
             self._refuse(meaning, f"holds {column.type}; wanted {wanted}")
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
-            place = f"row {bad[0]}"
             problem = f"is {values[bad[0]]}; wanted a finite number"
-            raise RecordingFileError(self.path, problem, place=place, column=name)
+            raise RecordingFileError(self._path, problem, place=f"row {bad[0]}", column=self._names[meaning])
         return np.asarray(values, np.float64)
 
-    def flags(self) -> NDArray[np.uint8]:
-        values = self.numbers(FLAGS)
+    def _flags(self) -> NDArray[np.uint8]:
+        values = self._numbers(FLAGS)
         wrong = np.flatnonzero((values != np.floor(values)) | (values < 0) | (values > KNOWN_FLAGS))
         if len(wrong):
             said = f"row {wrong[0]} holds {values[wrong[0]]:g}"
             self._refuse(FLAGS, f"{said}; wanted a sum of SampleFlag bits (0 to {KNOWN_FLAGS})")
         return values.astype(np.uint8)
 
-    def nanoseconds(self) -> NDArray[np.int64] | None:
+    def _nanoseconds(self) -> NDArray[np.int64] | None:
         """Return dates and times as nanoseconds since 1970; None where the clock is one of numbers."""
-        kind = self._table.column(self.names[TIME]).type
+        kind = self._table[TIME].type
         if not self._arrow.types.is_timestamp(kind):
             return None
-        _, column = self._filled(TIME)
         try:
-            column = column.cast(self._arrow.timestamp("ns", kind.tz))
+            column = self._filled(TIME).cast(self._arrow.timestamp("ns", kind.tz))
         except self._arrow.ArrowInvalid:
             self._refuse(TIME, "holds dates that no 64-bit count of nanoseconds reaches; wanted 1678 to 2261")
         return np.asarray(column.cast(self._arrow.int64()).to_numpy())
 
-    def coded(self, meaning: str) -> tuple[NDArray[np.int64], list[str | None]]:
-        name = self.names[meaning]
-        kind = self._table.column(name).type
-        if not self._arrow.types.is_dictionary(kind):
-            self._refuse(meaning, f"holds {kind}; wanted texts")
-        return coded_texts(self._table, name)
+    def _coded(self, meaning: str) -> tuple[NDArray[np.int64], list[str | None]]:
+        column = self._table[meaning]
+        if not self._is_text(column):
+            self._refuse(meaning, f"holds {column.type}; wanted texts")
+        return coded_texts(column.cast(self._arrow.large_string()).dictionary_encode())
 
-    def _filled(self, meaning: str) -> tuple[str, Any]:
-        name = self.names[meaning]
-        column = self._table.column(name)
+    def _is_text(self, column: Any) -> bool:
+        return str(column.type) in ("string", "large_string", "string_view")
+
+    def _filled(self, meaning: str) -> Any:
+        column = self._table[meaning]
         if column.null_count:
             self._refuse(meaning, f"has {column.null_count} empty cells; wanted a value in every row")
-        return name, column
+        return column
 
     def _refuse(self, meaning: str, problem: str) -> NoReturn:
-        raise RecordingFileError(self.path, problem, column=self.names[meaning])
+        raise RecordingFileError(self._path, problem, column=self._names[meaning])
