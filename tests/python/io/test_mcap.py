@@ -212,10 +212,9 @@ def test_a_copy_with_other_stamps_is_read_by_them(tmp_path):
     ("change", "problem"),
     [
         ({"version": "2"}, r"version is '2'; wanted '1'"),
-        ({"rate_hz": "0"}, "rate_hz must be positive"),
-        ({"start_time": "nan"}, "start_time"),
+        ({"rate_hz": "fast"}, "could not convert"),
         ({"trigger_index": "99"}, "trigger_index"),
-        ({"meta": "[1]"}, "meta must be a mapping"),
+        ({"meta": "[1]"}, "a JSON list; wanted"),
         ({"history": "{}"}, "history is a JSON dict; wanted a list"),
         ({"label": " rice"}, "label"),
     ],
@@ -226,11 +225,13 @@ def test_own_metadata_that_we_did_not_write(tmp_path, change, problem):
         load(rewritten(path, tmp_path / "b.mcap", metadata=lambda data: {**data, **change}))
 
 
-@pytest.mark.parametrize("data", [b"", b"\0" * 39, b"\xff" * 40 * 8, b"\0" * 40 * 8])
-def test_own_attachments_that_we_did_not_write(tmp_path, data):
+def test_own_attachments_that_we_did_not_write(tmp_path):
     path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
-    with pytest.raises(RecordingFileError, match=r"metadata granular_id|stamp|message"):
-        load(rewritten(path, tmp_path / "b.mcap", attachment=lambda _: data))
+    for i, data in enumerate((b"", b"\0" * 39, b"\xff" * 40 * 8)):
+        with pytest.raises(RecordingFileError, match="metadata granular_id"):
+            load(rewritten(path, tmp_path / f"{i}.mcap", attachment=lambda _, data=data: data))
+    other = rewritten(path, tmp_path / "b.mcap", attachment=lambda _: b"\0" * 40 * 8)
+    assert CHANGED_NOTE in load(other).history[-1].notes
 
 
 def test_a_changed_byte_is_found_by_the_checksums(tmp_path):

@@ -8,22 +8,21 @@ irregular recording as little-endian float64, and ``granular_id/flags``, a byte 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, finite_number, thaw
+from granular_id._checks import FloatArray, thaw
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.flat_checks import checked_history
-from granular_id.io.options import LoadOptions
+from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.ros.wrench import Wrenches
 from granular_id.io.source import FileContent, FileSource
-from granular_id.io.stamped import stamped_recording
-from granular_id.recording import Recording, StepReport
+from granular_id.recording import AXES, Recording
 
 __all__ = ["CHANGED_NOTE", "OWN_NAME", "OwnRecords", "own_records", "restored", "wire_stamps"]
 
@@ -46,7 +45,6 @@ class OwnRecords:
     """What this library writes beside the messages."""
 
     metadata: dict[str, str] = field(default_factory=dict)
-    n_metadata: int = 0
     attachments: dict[str, bytes] = field(default_factory=dict)
 
 
@@ -60,7 +58,7 @@ def wire_stamps(times: FloatArray, start_time: float | None) -> NDArray[np.int64
     times : ndarray, shape (T,)
         Seconds from the first sample.
     start_time : float or None
-        Of the first sample, seconds since 1970.
+        Of the first sample, seconds since 1970; NaN as None.
 
     Returns
     -------
@@ -108,25 +106,10 @@ def own_records(recording: Recording, history_json: str) -> OwnRecords:
         attachments[_TIME_S] = recording.time_s.astype("<f8").tobytes()
     if recording.flags is not None:
         attachments[_FLAGS] = recording.flags.tobytes()
-    return OwnRecords(texts, 1, attachments)
+    return OwnRecords(texts, attachments)
 
 
-@dataclass(frozen=True)
-class _Known:
-    """The metadata record, parsed."""
-
-    rate_hz: float | None
-    start_time: float | None
-    trigger_index: int | None
-    meta: Mapping[str, Any]
-    history: tuple[StepReport, ...]
-    time_s: FloatArray
-    flags: NDArray[np.uint8] | None
-
-
-def restored(
-    own: OwnRecords, wrenches: Wrenches, source: FileSource, options: LoadOptions
-) -> FileContent | None:
+def restored(own: OwnRecords, wrenches: Wrenches, source: FileSource) -> FileContent | None:
     """Make the recording that was written, bit for bit; None where the messages are no longer the same.
 
     Raises
@@ -134,75 +117,38 @@ def restored(
     RecordingFileError
         Metadata or attachments that this library did not write.
     """
-    n_samples = len(wrenches.wrench)
-    texts = own.metadata
-    if own.n_metadata != 1 or texts.get("n_samples") != str(n_samples) or wrenches.stamps_ns is None:
+    texts, n_samples = own.metadata, len(wrenches.wrench)
+    if texts.get("n_samples") != str(n_samples) or wrenches.stamps_ns is None:
         return None
-    try:
-        known = _parsed(own, n_samples)
-        if not np.array_equal(wire_stamps(known.time_s, known.start_time), wrenches.stamps_ns):
-            return None
-        name = texts.get("name", source.name)
-        if not source.path.as_posix().endswith(source.name):
-            name = source.name  # index.csv says so
-        source = replace(
-            source,
-            name=name,
-            irregular=source.irregular or (known.rate_hz is None and options.rate_hz is None),
-            rate_hz=known.rate_hz if source.rate_hz is None and options.rate_hz is None else source.rate_hz,
-        )
-        recording, remarks = stamped_recording(
-            wrenches.wrench,
-            source,
-            options,
-            stamps=known.time_s,
-            start_time=known.start_time,
-            flags=known.flags,
-            trigger=known.trigger_index,
-            meta=known.meta,
-            time_unit="s",
-        )
-        recording = replace(recording, label=texts.get("label"), session=texts.get("session"))
-    except RecordingFileError:
-        raise
-    except (TypeError, ValueError, OverflowError, RecursionError, KeyError) as error:
-        raise RecordingFileError(source.path, str(error), place=f"metadata {OWN_NAME}") from error
-    rows = [{"name": recording.name, **remarks}] if remarks else []
-    return FileContent([recording], rows, history=known.history)
-
-
-def _parsed(own: OwnRecords, n_samples: int) -> _Known:
-    texts = own.metadata
+    place = f"metadata {OWN_NAME}"
     if texts.get("version") != _VERSION:
-        raise ValueError(f"version is {texts.get('version', 'missing')[:40]!r}; wanted {_VERSION!r}")
-    rate_hz = _number(texts, "rate_hz")
-    if rate_hz is not None:
-        time_s = np.arange(n_samples) / finite_number("rate_hz", rate_hz, positive=True)
-    else:
-        time_s = _attached(own, _TIME_S, n_samples, np.dtype("<f8")).astype(np.float64)
-        if not (
-            time_s[0] == 0 and (time_s[1:] > time_s[:-1]).all()
-        ):  # what is not even a number is not greater
-            raise ValueError(f"attachment {_TIME_S} does not ascend from 0")
-    flags = _attached(own, _FLAGS, n_samples, np.dtype(np.uint8)) if _FLAGS in own.attachments else None
-    trigger = texts.get("trigger_index")
-    return _Known(
-        rate_hz=rate_hz,
-        start_time=_number(texts, "start_time"),
-        trigger_index=None if trigger is None else int(trigger),
-        meta=json.loads(texts.get("meta", "{}")),
-        history=checked_history(texts.get("history", "[]"), 1),
-        time_s=time_s,
+        problem = f"version is {texts.get('version', 'missing')!r:.40}; wanted {_VERSION!r}"
+        raise RecordingFileError(source.path, problem, place=place)
+    try:
+        rate_hz, start_time = (float(texts.get(name, "nan")) for name in ("rate_hz", "start_time"))
+        trigger = int(texts.get("trigger_index", NO_TRIGGER))
+        times = np.frombuffer(own.attachments.get(_TIME_S, b""), "<f8") if math.isnan(rate_hz) else None
+        flags = np.frombuffer(own.attachments[_FLAGS], np.uint8) if _FLAGS in own.attachments else None
+        clock = np.arange(n_samples) / rate_hz if times is None else times
+        stamps_ns = wire_stamps(clock, start_time)
+    except (ValueError, IndexError, ZeroDivisionError) as error:
+        raise RecordingFileError(source.path, str(error), place=place) from error
+    if not np.array_equal(stamps_ns, wrenches.stamps_ns):
+        return None
+    said_elsewhere = not source.path.as_posix().endswith(source.name)  # in index.csv
+    flat = FlatRecordings(
+        axes=AXES,
+        wrench=wrenches.wrench,
+        n_samples=np.array([n_samples]),
+        rate_hz=np.array([rate_hz]),
+        start_time=np.array([start_time]),
+        trigger_index=np.array([trigger]),
+        label=[texts.get("label")],
+        session=[texts.get("session")],
+        name=[None if said_elsewhere else texts.get("name")],
+        meta_json=[texts.get("meta")],
+        time_s=times,
         flags=flags,
+        history_json=texts.get("history", "[]"),
     )
-
-
-def _number(texts: Mapping[str, str], key: str) -> float | None:
-    return finite_number(key, float(texts[key])) if key in texts else None
-
-
-def _attached(own: OwnRecords, name: str, n_samples: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    data = own.attachments.get(name, b"")
-    if len(data) != n_samples * dtype.itemsize:
-        raise ValueError(f"attachment {name} has {len(data)} bytes; wanted {n_samples * dtype.itemsize}")
-    return np.frombuffer(data, dtype)
+    return unflatten(flat, source.path, source, finite=True)

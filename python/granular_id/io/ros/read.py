@@ -80,7 +80,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
 
     wrenches = topic.message_type.decode(messages, inner, refuse)
     if bag.own.metadata:
-        content = restored(bag.own, wrenches, source, options)
+        content = restored(bag.own, wrenches, source)
         if content is not None:
             return content
         notes.append(CHANGED_NOTE)
@@ -130,7 +130,8 @@ def _check_folder(folder: Path, root: Path, most: int) -> None:
 
 def _refuse_unclosed(file: Path) -> None:
     log = file.with_name(file.name + "-wal")
-    if log.is_file() and log.stat().st_size:  # rosbags would pass over the messages in it
+    # rosbags would pass over the messages in it; Path.is_file raises where the name is too long to be one
+    if os.path.isfile(log) and log.stat().st_size:  # noqa: PTH113
         problem = f"was not closed: {log.name} holds messages that are not in it yet; run `ros2 bag reindex`"
         raise RecordingFileError(file, problem)
 
@@ -219,7 +220,6 @@ class _McapRecords:
             topic = self.topics.setdefault(key, new)
             self._channels[record.id] = topic, kept if topic.may_hold_wrench else None
         elif kind == "Metadata" and record.name == OWN_NAME:
-            self.own.n_metadata += 1
             self.own.metadata = record.metadata
         elif kind == "Attachment" and record.name.startswith(OWN_NAME):
             self.own.attachments[record.name] = record.data
