@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
 from granular_id._core import interleave
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import check_file, read_bounded
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.files import read_bounded
 from granular_id.io.flat import FlatRecordings, unflatten
 from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.folder_save import HISTORY_NAME
@@ -127,24 +127,24 @@ class ParquetArchive:
 
     def content(self, source: FileSource) -> FileContent:
         """Read everything, into one block of samples, and the history."""
-        path, history = self.folder / HISTORY_NAME, b"[]"
-        if path.is_file():
-            history = read_bounded(path, self.folder, self._max_file_bytes)
-        try:
-            content = self._content(self.partitions, source, history.decode())
-        except UnicodeDecodeError as error:
-            raise RecordingFileError(path, f"is not UTF-8 text: {error}") from error
+        content = self._content(self.partitions, source, self._history())
         if self._unread:
             unread = ", ".join(self._unread)[:200]
             content.notes.append(f"columns of {INDEX_FILE} that are not read: {unread}")
         return content
+
+    def _history(self) -> str:
+        path = self.folder / HISTORY_NAME
+        if not path.is_file():
+            return "[]"
+        with naming(path, "reading the history"):
+            return read_bounded(path, self.folder, self._max_file_bytes).decode()
 
     def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
         block = _Block(sum(part.n_samples for part in parts), self._mark)
         groups = Counter(part.file for part in self.partitions)
         for file, some in groupby(parts, key=lambda part: part.file):
             path = self.folder / file
-            check_file(path, self.folder, self._max_file_bytes)
             with open_parquet(path, self.folder, self._max_file_bytes) as opened:
                 if read_mark(labels_of(opened), "samples", path) != self._mark:
                     raise RecordingFileError(path, f"holds other axes than {INDEX_FILE} says", place="footer")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,20 +22,8 @@ SAMPLES_FOLDER = "samples"
 VERSION = 1
 MARK = "granular_id"
 TIME, FLAGS = "time_s", "flags"
-INDEX_COLUMNS: dict[str, type] = {
-    "id": int,
-    "name": str,
-    "label": str,
-    "session": str,
-    "start_time": float,
-    "rate_hz": float,
-    "n_samples": int,
-    "trigger_index": int,
-    "file": str,
-    "row_group": int,
-    "meta": str,
-}
-INDEX_TEXTS = tuple(name for name, kind in INDEX_COLUMNS.items() if kind is str)
+INDEX_TEXTS = ("name", "label", "session", "file", "meta")
+INDEX_COLUMNS = (*INDEX_TEXTS, "id", "start_time", "rate_hz", "n_samples", "trigger_index", "row_group")
 
 _PART = re.compile(SAMPLES_FOLDER + r"/part-[0-9]{5,9}\.parquet")
 
@@ -72,7 +60,7 @@ class Mark:
         return json.dumps({**text, "units": units}, ensure_ascii=False)
 
 
-def read_mark(labels: dict[str, str], what: str, path: Path) -> Mark:
+def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
     """Return what a footer says of an archive.
 
     Raises
@@ -80,32 +68,34 @@ def read_mark(labels: dict[str, str], what: str, path: Path) -> Mark:
     RecordingFileError
         Not written by granular_id, another version, or not what is wanted.
     """
+
+    def refusal(problem: str) -> RecordingFileError:
+        return RecordingFileError(path, problem, place="footer")
+
     if MARK not in labels:
-        raise RecordingFileError(
-            path, f"is not part of an archive: its footer has no entry {MARK!r}", place="footer"
-        )
+        raise refusal(f"is not part of an archive: its footer has no entry {MARK!r}")
     try:
         said = json.loads(labels[MARK])
-    except ValueError as error:
-        raise RecordingFileError(path, f"the entry {MARK!r} is not JSON: {error}", place="footer") from error
+    except (ValueError, RecursionError) as error:
+        raise refusal(f"the entry {MARK!r} is not JSON: {error}") from error
     if not isinstance(said, dict) or said.get("format") != what:
-        raise RecordingFileError(
-            path, f"the entry {MARK!r} does not say that these are {what}", place="footer"
-        )
+        raise refusal(f"the entry {MARK!r} does not say that these are {what}")
     if said.get("version") != VERSION:
-        problem = f"is of version {said.get('version')!r}; this granular_id reads version {VERSION}"
-        raise RecordingFileError(path, problem, place="footer")
-    axes, columns = _names(said.get("axes")), _names(said.get("columns"))
-    if not axes or len(axes) != len(columns):
-        problem = f"the entry {MARK!r} names the axes {said.get('axes')!r:.80} and columns {said.get('columns')!r:.80}"
-        raise RecordingFileError(path, f"{problem}; wanted two lists of different names", place="footer")
-    units = said.get("units")
-    if units is not None and units != [unit_of(axis) for axis in axes]:
-        problem = (
-            f"the entry {MARK!r} names the units {units!r:.80}; wanted {[unit_of(axis) for axis in axes]}"
-        )
-        raise RecordingFileError(path, problem, place="footer")
-    return Mark(axes, columns)
+        raise refusal(f"is of version {said.get('version')!r}; this granular_id reads version {VERSION}")
+    lists: list[Any] = [said.get(name) for name in ("axes", "columns")]
+    if not all(_different_texts(one) for one in lists) or len(lists[0]) != len(lists[1]):
+        names = f"the axes {lists[0]!r:.80} and columns {lists[1]!r:.80}"
+        raise refusal(f"the entry {MARK!r} names {names}; wanted two lists of different names")
+    units = [unit_of(axis) for axis in lists[0]]
+    if said.get("units") not in (None, units):
+        raise refusal(f"the entry {MARK!r} names the units {said['units']!r:.80}; wanted {units}")
+    return Mark(tuple(lists[0]), tuple(lists[1]))
+
+
+def _different_texts(value: Any) -> bool:
+    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
+        return False
+    return 0 < len(set(value)) == len(value)
 
 
 def part_name(number: int) -> str:
@@ -121,10 +111,3 @@ def is_part_name(text: object) -> bool:
 def is_parquet_archive(folder: Path) -> bool:
     """Tell whether a folder is a native archive: a file ``recordings.parquet`` lies in it."""
     return os.path.isfile(folder / INDEX_FILE)  # noqa: PTH113 (says False where is_file raises: no permission)
-
-
-def _names(value: object) -> tuple[str, ...]:
-    """Return a list of different texts as a tuple; an empty one for anything else."""
-    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        return ()
-    return tuple(value) if len(set(value)) == len(value) else ()

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +29,8 @@ __all__ = ["is_echo", "read_echo"]
 _LOGGED, _SEQ, _STAMP, _FRAME = "%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"
 _SEC, _NANOSEC = "header.stamp.sec", "header.stamp.nanosec"
 _ROS2 = (_SEC, _NANOSEC, _FRAME, *AXES)
-
-_WHOLE = re.compile(rb"[0-9]{1,19}")
-_LONGEST_LINE = 64 * 1024
-_MOST_NS = 2**63 - 1
-_MOST_S = _MOST_NS // 10**9 - 1
-
 _ROS2_LINE = re.compile(rb"[0-9]{1,10},[0-9]{1,9},(?![-+.0-9eE]+,)[^,]*(?:,[^,]*){6}")
+_LONGEST_LINE, _LONGEST_NUMBER = 64 * 1024, 24
 
 
 def is_echo(path: Path) -> bool:
@@ -56,30 +51,48 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
     RecordingFileError
         With line and column: other fields than those of a wrench, what is no number, a frame that changes.
     """
-    lines = read_text_bounded(source.path, source.root, options.max_text_bytes).splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
+    path = source.path
+    lines = read_text_bounded(path, source.root, options.max_text_bytes).rstrip().splitlines()
     named = lines[0].startswith(_LOGGED.encode())
-    names = _names(lines[0], source.path) if named else _ROS2
-    table = _Table(source.path, names, lines[1:] if named else lines, 2 if named else 1)
-    stamps_ns = table.whole(_STAMP)
-    if not named:
-        seconds, rest = table.whole(_SEC, _MOST_S), table.whole(_NANOSEC, 10**9 - 1)
-        stamps_ns = None if seconds is None or rest is None else seconds * 10**9 + rest
-    frame = table.frame()
-    wrenches = Wrenches(table.axes(), stamps_ns, frame)
-    return recording_of(
-        wrenches,
-        table.whole(_LOGGED),
-        source,
-        options,
-        {
-            "frame": frame,
-            "message_type": WRENCH_TYPES[stamps_ns is None],
-        },
-        lambda message: {"line": message + table.first_line},
-        [],
-    )
+    names = _names(lines[0], path) if named else _ROS2
+    first_line = 2 if named else 1
+    rows = [line.split(b",") for line in lines[first_line - 1 :]]
+    if not rows:
+        raise RecordingFileError(path, "holds no messages", line=1)
+
+    def place_of(index: int) -> dict[str, Any]:
+        return {"line": index + first_line}
+
+    def refuse(index: int, problem: str) -> NoReturn:
+        raise RecordingFileError(path, problem, **place_of(index))
+
+    for i, row in enumerate(rows):
+        if len(row) != len(names):
+            refuse(i, f"{len(row)} cells; wanted {len(names)}, as many as the fields of the message")
+    cells = dict(zip(names, zip(*rows, strict=True), strict=True))
+
+    def whole(name: str, most: int = 2**63 - 1) -> NDArray[np.int64]:
+        for i, cell in enumerate(cells[name]):
+            if not cell.strip().isdigit() or len(cell) > _LONGEST_NUMBER or int(cell) > most:
+                problem = f"{cell.decode('utf-8', 'replace')[:40]!r} is not a whole number up to {most}"
+                raise RecordingFileError(path, problem, column=name, **place_of(i))
+        return np.array([int(cell) for cell in cells[name]], np.int64)
+
+    text = b"\n".join(b",".join(row) for row in zip(*(cells[axis] for axis in AXES), strict=True))
+    wrench = parse_numbers(text, 0, AXES, path, first_line=first_line)
+    stamps = None
+    if _STAMP in names:
+        stamps = np.stack(np.divmod(whole(_STAMP), 10**9), axis=1)
+    elif _SEC in names:
+        stamps = np.stack([whole(_SEC, 2**31 - 1), whole(_NANOSEC)], axis=1)
+    try:
+        frames = [cell.strip().decode() for cell in cells[_FRAME]] if _FRAME in names else [""]
+    except UnicodeDecodeError:
+        refuse(0, "frame_id is not UTF-8 text")
+    wrenches = Wrenches.checked(wrench, stamps, frames, refuse)
+    about = {"frame": wrenches.frame_id, "message_type": WRENCH_TYPES[stamps is None]}
+    log_ns = whole(_LOGGED) if named else None
+    return recording_of(wrenches, log_ns, source, options, about, place_of, [])
 
 
 def _names(line: bytes, path: Path) -> tuple[str, ...]:
@@ -99,55 +112,3 @@ def _names(line: bytes, path: Path) -> tuple[str, ...]:
     if missing:
         raise RecordingFileError(path, f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}", line=1)
     return tuple(names)
-
-
-class _Table:
-    """Cells of all lines."""
-
-    def __init__(self, path: Path, names: Sequence[str], lines: Sequence[bytes], first_line: int) -> None:
-        self.path, self.names, self.first_line = path, names, first_line
-        if not lines:
-            raise RecordingFileError(path, "holds no messages", line=1)
-        self.rows = [line.split(b",") for line in lines]
-        for number, row in enumerate(self.rows):
-            if len(row) != len(names):
-                problem = f"{len(row)} cells; wanted {len(names)}, as many as the fields of the message"
-                raise RecordingFileError(path, problem, line=number + first_line)
-
-    def whole(self, name: str, most: int = _MOST_NS) -> NDArray[np.int64] | None:
-        """Return the whole numbers of a column; None where it is not there."""
-        if name not in self.names:
-            return None
-        cells = self._cells(name)
-        for number, cell in enumerate(cells):
-            if not _WHOLE.fullmatch(cell) or int(cell) > most:
-                problem = f"{cell.decode('utf-8', 'replace')[:40]!r} is not a whole number up to {most}"
-                raise RecordingFileError(self.path, problem, line=number + self.first_line, column=name)
-        return np.array([int(cell) for cell in cells], np.int64)
-
-    def frame(self) -> str | None:
-        """Return the one frame of all messages; None where they have none."""
-        if _FRAME not in self.names:
-            return None
-        cells = self._cells(_FRAME)
-        for number, cell in enumerate(cells):
-            if cell != cells[0]:
-                before, after = (text.decode("utf-8", "replace")[:80] for text in (cells[number - 1], cell))
-                problem = (
-                    f"frame_id changes from {before!r} to {after!r}; a recording has its forces in one frame"
-                )
-                raise RecordingFileError(self.path, problem, line=number + self.first_line)
-        try:
-            return cells[0].decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise RecordingFileError(self.path, "frame_id is not UTF-8 text", line=self.first_line) from error
-
-    def axes(self) -> NDArray[np.float64]:
-        """Return the samples, shape (T, 6)."""
-        places = [self.names.index(axis) for axis in AXES]
-        text = b"\n".join(b",".join([row[place] for place in places]) for row in self.rows)
-        return parse_numbers(text, 0, AXES, self.path, first_line=self.first_line)
-
-    def _cells(self, name: str) -> list[bytes]:
-        place = self.names.index(name)
-        return [row[place].strip() for row in self.rows]

@@ -91,9 +91,8 @@ def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tupl
         None, or several; which there are.
     """
     every = [topic for topic in topics if topic.count]
-    named = [
-        topic for topic in every if topic.field_asked(asked) == ""
-    ]  # MCAP may have dots in names of topics
+    # the name itself first: MCAP may have dots in names of topics
+    named = [topic for topic in every if topic.field_asked(asked) == ""]
     named = named or [topic for topic in every if topic.field_asked(asked) and not topic.is_wrench]
     holding = [topic for topic in named if topic.may_hold_wrench]
     if asked is not None and (len(named) != 1 or not holding):
@@ -104,13 +103,10 @@ def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tupl
     if len(plain) > 1:
         problem = f"has {len(plain)} topics with wrenches: {_listed(plain)}; choose by topic="
         raise RecordingFileError(path, problem)
-    if plain:
-        return (
-            plain[0],
-            "",
-            [f"wrenches in {_listed(others)} are not read; topic= chooses them"] if others else [],
-        )
-    return _chosen_inside(others, every, path, asked)
+    if not plain:
+        return _chosen_inside(others, every, path, asked)
+    beside = [f"wrenches in {_listed(others)} are not read; topic= chooses them"] if others else []
+    return plain[0], "", beside
 
 
 def _chosen_inside(
