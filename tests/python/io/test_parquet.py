@@ -45,25 +45,18 @@ def table(path):
 
 @each_example_anew
 @given(dataset=datasets(), per_group=st.integers(1, 4))
-def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path_factory, dataset, per_group):
-    folder = tmp_path_factory.mktemp("archive")
-    read = load(save_parquet(dataset, folder, recordings_per_group=per_group))
-    assert_same_bits(read, dataset)
-    assert read == dataset
-    assert read.history[:-1] == dataset.history
-
-
-@each_example_anew
-@given(dataset=datasets(), per_group=st.integers(1, 4))
-def test_row_groups_one_by_one_are_the_whole(tmp_path_factory, dataset, per_group):
-    archive = ParquetArchive(
-        save_parquet(dataset, tmp_path_factory.mktemp("archive"), recordings_per_group=per_group)
-    )
+def test_what_is_saved_is_loaded_to_the_last_bit_at_once_or_by_row_groups(
+    tmp_path_factory, dataset, per_group
+):
+    folder = save_parquet(dataset, tmp_path_factory.mktemp("archive"), recordings_per_group=per_group)
+    read, archive = load(folder), ParquetArchive(folder)
     parts = list(archive)
     assert [len(part) for part in parts[:-1]] == [per_group] * (len(parts) - 1)
-    assert_same_bits(Dataset([r for part in parts for r in part], dataset.history), dataset)
-    assert archive.axes == dataset.axes
-    assert archive.index.num_rows == len(dataset)
+    for whole in (read, Dataset([r for part in parts for r in part], dataset.history)):
+        assert_same_bits(whole, dataset)
+    assert read == dataset
+    assert read.history[:-1] == dataset.history
+    assert (archive.axes, archive.index.num_rows) == (dataset.axes, len(dataset))
 
 
 def test_plain_pyarrow_reads_what_is_saved(tmp_path):
@@ -102,37 +95,16 @@ def test_plain_pyarrow_reads_what_is_saved(tmp_path):
 
 
 def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):
-    wrench = np.random.default_rng(0).standard_normal((5, 6))
-    mark = {"version": 1, "axes": AXES, "columns": AXES}
-    samples = pa.table({axis: wrench[:, j] for j, axis in enumerate(AXES)})
-    samples = samples.replace_schema_metadata({"granular_id": json.dumps({**mark, "format": "samples"})})
-    index = pa.table(
-        {
-            "id": [0, 1],
-            "name": ["a", "b"],
-            "label": ["rice", "peas"],
-            "session": pa.array([None, None], pa.string()),
-            "start_time": pa.array([None, None], pa.float64()),
-            "rate_hz": [500.0, 250.0],
-            "n_samples": [2, 3],
-            "trigger_index": pa.array([None, 2], pa.int64()),
-            "file": ["samples/part-00000.parquet"] * 2,
-            "row_group": pa.array([0, 0], pa.int32()),
-            "meta": pa.array([None, '{"fill_mm": 80}'], pa.string()),
-            "operator": ["x", "y"],
-        }
-    ).replace_schema_metadata({"granular_id": json.dumps({**mark, "format": "recordings"})})
-    (tmp_path / "samples").mkdir()
-    pq.write_table(index, tmp_path / "recordings.parquet", compression="snappy")
-    pq.write_table(
-        samples, tmp_path / "samples" / "part-00000.parquet", compression="gzip", use_dictionary=False
-    )
-    expected = [
-        Recording(wrench[:2], rate_hz=500, label="rice", name="a"),
-        Recording(wrench[2:], rate_hz=250, label="peas", name="b", trigger_index=2, meta={"fill_mm": 80}),
-    ]
-    data = load(tmp_path)
-    assert data == Dataset(expected)
+    folder = save(small(), tmp_path / "archive", "parquet")
+    path, part = folder / "recordings.parquet", folder / "samples" / "part-00000.parquet"
+    labels = pq.read_metadata(path).metadata, pq.read_metadata(part).metadata
+    index = table(path).append_column("operator", pa.array(["x", "y"]))
+    index = index.set_column(2, "label", index["label"].cast(pa.large_string()))
+    pq.write_table(index.replace_schema_metadata(labels[0]), path, compression="snappy")
+    samples = table(part).replace_schema_metadata(labels[1])
+    pq.write_table(samples, part, compression="gzip", use_dictionary=False)
+    data = load(folder)
+    assert data == small()
     assert "columns of recordings.parquet that are not read: operator" in data.history[-1].notes
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from granular_id.io import RecordingFileError, load, save
+from granular_id.io import RecordingFileError, load
 from granular_id.io.parquet.save import save_parquet
 from granular_id.recording import Dataset, Recording
 
@@ -155,16 +155,6 @@ def test_samples_with_wrong_columns(archive, change, message):
     refused(archive, message)
 
 
-def test_too_large_a_file(archive):
-    with pytest.raises(RecordingFileError, match="more than max_file_bytes=100"):
-        load(archive, max_file_bytes=100)
-
-
 def test_other_folders_are_not_taken_for_archives(tmp_path):
     (tmp_path / "recordings.parquet").mkdir()
     refused(tmp_path, "holds no")
-
-
-def test_save_refuses_before_it_writes(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such folder"):
-        save(Dataset([Recording(np.ones((2, 6)), rate_hz=5)]), tmp_path / "none" / "archive", "parquet")

@@ -76,22 +76,9 @@ def test_stamps_that_were_never_set(load):
     assert load(ros2(np.zeros(40, int)), rate_hz=500)[0].rate_hz == 500.0
 
 
-def test_a_folder_of_materials(tmp_path):
-    for label in ("rice", "salt"):
-        (tmp_path / label).mkdir()
-        (tmp_path / label / "1.csv").write_text("\n".join(ros1()))
-    assert gid.load(tmp_path).labels == ("rice", "salt")
-
-
 def test_messages_without_a_frame(load):
     (recording,) = load([line.replace("tool0", "") for line in ros2()])
-    assert recording.wrench.tobytes() == WRENCH.tobytes()
     assert recording.meta == {"message_type": "geometry_msgs/WrenchStamped"}
-
-
-def test_wrenches_of_two_lines_are_a_plain_table(load):
-    (recording,) = load(["time,fx,fy,fz,tx,ty,tz", "0,1,2,3,4,5,6", "0.002,1,2,3,4,5,6"])
-    assert recording.n_samples == 2
 
 
 def changed(lines, line, old, new):
@@ -106,16 +93,13 @@ def changed(lines, line, old, new):
     [
         (ros1()[:1], "line 1: holds no messages"),
         (changed(ros1(), 1, "header.seq", "header.temperature"), r"line 1, column 2.*no field of a wrench"),
-        (changed(ros1(), 1, "force.y", "force.x"), "line 1, column 6: 'fx' occurs twice"),
         (changed(ros1(), 1, ",field.wrench.torque.z", ""), "line 1: column 'tz' is missing"),
         (changed(ros1(), 9, "tool0", "tool1"), "line 9: frame_id changes from 'tool0' to 'tool1'"),
-        (changed(ros1(), 9, "tool0,", ""), "line 9: 9 cells; wanted 10"),
         (
             changed(ros1(), 9, "1700000000", "17000000000000"),
             r"line 9, column %time: '17\d+' is not a whole number",
         ),
         (changed(ros1(), 9, "tool0,", "tool0,nan"), "line 9, column fx"),
-        (changed(ros2(), 9, "tool0,", "tool0,nan"), "line 9, column fx"),
         (changed(ros2(), 1, "tool0,", "tool0,nan"), "line 1, column fx"),
         (changed(ros2(), 9, "1700000000", "9300000000"), "line 9, column header.stamp.sec"),
         (changed(ros2(), 9, "tool0,", ""), "line 9: 8 cells; wanted 9"),

@@ -70,7 +70,10 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     """
     with _opened(source, options) as bag:
         topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)
-        log_ns, messages = zip(*topic.messages, strict=True)
+        found = list(topic.messages)
+    if not found:
+        raise RecordingFileError(source.path, f"has no messages on topic {topic.name!r:.80}, though it lists some")
+    log_ns, messages = zip(*found, strict=True)
 
     def place_of(index: int) -> dict[str, Any]:
         return {"place": f"message {index + 1} of {topic.name[:80]}"}
