@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import inspect
+import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_index
+from granular_id._checks import FloatArray, checked_index, thaw
 from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
-from granular_id.io.flat import FlatRecordings, flatten
-from granular_id.io.flat_checks import NO_TRIGGER
+from granular_id.io.flat import flatten
 from granular_id.io.folder_save import checked_dataset, new_folder, write_history
 from granular_id.io.parquet.file import parquet_library
 from granular_id.io.parquet.layout import (
@@ -102,27 +100,17 @@ def save_parquet(
     library = parquet_library("to write Parquet files")
     mark = Mark.of_axes(dataset.axes)
     groups = _groups(recordings, most)
-    written: list[_Group] = []
+    files = [part_name(i // _GROUPS_PER_PART) for i in range(len(groups))]
     with new_folder(folder) as partial:
         (partial / SAMPLES_FOLDER).mkdir()
-        for number in range((len(groups) - 1) // _GROUPS_PER_PART + 1):
-            file = part_name(number)
-            spans = groups[number * _GROUPS_PER_PART :][:_GROUPS_PER_PART]
-            for row_group, flat in enumerate(_write_part(library, partial / file, dataset, spans, mark)):
-                written.append(_Group(file, row_group, flat))
+        for start in range(0, len(groups), _GROUPS_PER_PART):
+            spans = groups[start : start + _GROUPS_PER_PART]
+            for done in _write_part(library, partial / files[start], dataset, spans, mark):
                 if progress is not None:
-                    progress(spans[row_group][1], len(recordings), file)
-        _write_index(library, partial / INDEX_FILE, _index_table(written), mark)
+                    progress(done, len(recordings), files[start])
+        _write_index(library, partial / INDEX_FILE, _index_table(recordings, groups, files), mark)
         write_history(dataset, partial)
     return Path(folder)
-
-
-class _Group(NamedTuple):
-    """A row group that is written: where it is, and what the index has to say of its recordings."""
-
-    file: str
-    row_group: int
-    flat: FlatRecordings
 
 
 def _groups(recordings: Sequence[Recording], most: int) -> list[tuple[int, int]]:
@@ -139,8 +127,8 @@ def _groups(recordings: Sequence[Recording], most: int) -> list[tuple[int, int]]
 
 def _write_part(
     library: Any, path: Path, dataset: Dataset, spans: Sequence[tuple[int, int]], mark: Mark
-) -> Iterator[FlatRecordings]:
-    """Write one file of samples; yield after each row group what the index has to say of its recordings."""
+) -> Iterator[int]:
+    """Write one file of samples; yield after each row group how many recordings are written."""
     arrow = need("pyarrow", extra="app", why="to write Parquet files")
     fields = [arrow.field(column, arrow.float64(), nullable=False) for column in mark.columns]
     timed = any(r.time_s is not None for r in dataset)
@@ -169,7 +157,7 @@ def _write_part(
             columns += [_or_full(flat.time_s, n, np.nan)] if timed else []
             columns += [_or_full(flat.flags, n, np.uint8(0))] if flagged else []
             writer.write_table(arrow.Table.from_arrays(columns, schema=schema), row_group_size=n)
-            yield replace(flat, wrench=flat.wrench[:0], time_s=None, flags=None)
+            yield end
 
 
 def _whole_pages(library: Any) -> dict[str, int]:
@@ -203,28 +191,24 @@ def _write_index(library: Any, path: Path, index: Any, mark: Mark) -> None:
         writer.write_table(index)
 
 
-def _index_table(groups: Sequence[_Group]) -> Any:
+def _index_table(
+    recordings: Sequence[Recording], groups: Sequence[tuple[int, int]], files: Sequence[str]
+) -> Any:
     arrow = need("pyarrow", extra="app", why="to write Parquet files")
-
-    def numbers(name: str) -> NDArray[Any]:
-        return np.concatenate([getattr(group.flat, name) for group in groups])
-
-    def texts(name: str) -> Any:
-        return arrow.array([text for group in groups for text in getattr(group.flat, name)], arrow.string())
-
-    counts = [len(group.flat.n_samples) for group in groups]
-    rates, starts, triggers = numbers("rate_hz"), numbers("start_time"), numbers("trigger_index")
+    text, number, whole = arrow.string(), arrow.float64(), arrow.int64()
+    counts = [end - start for start, end in groups]
+    row_groups = [i % _GROUPS_PER_PART for i in range(len(groups))]
     columns = {
-        "id": np.arange(sum(counts)),
-        "name": texts("name"),
-        "label": texts("label"),
-        "session": texts("session"),
-        "start_time": arrow.array(starts, mask=np.isnan(starts)),
-        "rate_hz": arrow.array(rates, mask=np.isnan(rates)),
-        "n_samples": numbers("n_samples"),
-        "trigger_index": arrow.array(triggers, mask=triggers == NO_TRIGGER),
-        "file": arrow.array(np.repeat([group.file for group in groups], counts).tolist(), arrow.string()),
-        "row_group": np.repeat(np.array([group.row_group for group in groups], np.int64), counts),
-        "meta": texts("meta_json"),
+        "id": (range(len(recordings)), whole),
+        "name": ([r.name for r in recordings], text),
+        "label": ([r.label for r in recordings], text),
+        "session": ([r.session for r in recordings], text),
+        "start_time": ([r.start_time for r in recordings], number),
+        "rate_hz": ([r.rate_hz for r in recordings], number),
+        "n_samples": ([r.n_samples for r in recordings], whole),
+        "trigger_index": ([r.trigger_index for r in recordings], whole),
+        "file": (np.repeat(files, counts).tolist(), text),
+        "row_group": (np.repeat(row_groups, counts), whole),
+        "meta": ([json.dumps(thaw(r.meta)) if r.meta else None for r in recordings], text),
     }
-    return arrow.table(columns)
+    return arrow.table({name: arrow.array(values, kind) for name, (values, kind) in columns.items()})

@@ -72,7 +72,9 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)
         found = list(topic.messages)
     if not found:
-        raise RecordingFileError(source.path, f"has no messages on topic {topic.name!r:.80}, though it lists some")
+        raise RecordingFileError(
+            source.path, f"has no messages on topic {topic.name!r:.80}, though it lists some"
+        )
     log_ns, messages = zip(*found, strict=True)
 
     def place_of(index: int) -> dict[str, Any]:
