@@ -1,6 +1,5 @@
 """Archives that are cut off, damaged, or whose index lies: refused by name."""
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -78,48 +77,32 @@ def test_links_out_of_the_archive_are_not_followed(archive, tmp_path):
     refused(archive, "not a regular file")
 
 
-LIES = {
-    "n_samples": (
-        [5, 5, 5, 6],
-        "row group 1: holds 10 samples; by recordings.parquet its recordings have 11",
-    ),
-    "n_samples, none": ([0, 5, 5, 5], "n_samples: row 0 holds 0; wanted at least 1"),
-    "n_samples, too many": ([1 << 60, 5, 5, 5], None),
-    "row_group": ([0, 0, 2, 2], "row 2 is said to lie in row group 2"),
-    "row_group, back": ([1, 1, 0, 0], "row 0 is said to lie in row group 1"),
-    "row_group, missing": ([0, 0, 0, 0], "holds 2 row groups; recordings.parquet lists 1"),
-    "id": ([0, 1, 1, 3], "id: row 2 holds 1; wanted 0, 1, 2"),
-    "file": (
-        [PART, PART, "../outside.parquet", PART],
-        "file: row 2 holds '../outside.parquet'; wanted samples",
-    ),
-}
-
-
-@pytest.mark.parametrize(
-    ("column", "values", "message"), [(c, v, m) for c, (v, m) in LIES.items()], ids=list(LIES)
-)
-def test_an_index_that_lies(archive, column, values, message):
-    rewrite(archive / INDEX, with_column(column.partition(",")[0], pa.array(values)))
-    refused(archive, message)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda t: t.drop_columns(["rate_hz"]), "column 'rate_hz' is missing"),
-        (with_column("label", pa.array([1, 2, 3, 4])), None),
-        (with_column("n_samples", pa.array([5, None, 5, 5])), "n_samples: row 1 holds None"),
-        (with_column("rate_hz", pa.array([500.0, -1, 500, 500])), r"rate_hz\[1\] .*is -1.0"),
+        (
+            with_column("n_samples", pa.array([5, 5, 5, 6])),
+            "row group 1: holds 10 samples; .* recordings have 11",
+        ),
+        (
+            with_column("n_samples", pa.array([5, None, 5, 5])),
+            "n_samples: row 1 holds None; wanted at least 1",
+        ),
+        (with_column("n_samples", pa.array([1 << 60, 5, 5, 5])), None),
+        (with_column("row_group", pa.array([0, 0, 2, 2])), "row 2 is said to lie in row group 2"),
+        (with_column("row_group", pa.array([0, 0, 0, 0])), "holds 2 row groups; recordings.parquet lists 1"),
+        (with_column("id", pa.array([0, 1, 1, 3])), "id: row 2 holds 1; wanted 0, 1, 2"),
+        (
+            with_column("file", pa.array([PART, "../a.parquet"] * 2)),
+            "row 1 holds '../a.parquet'; wanted samples",
+        ),
         (with_column("rate_hz", pa.array([500.0, None, 500, 500])), "no stamps"),
-        (with_column("trigger_index", pa.array([9, 0, 0, 0])), r"trigger_index\[0\] .*is 9"),
-        (with_column("meta", pa.array(["{"] * 4)), r"meta\[0\] is not JSON"),
-        (with_column("label", pa.array(["a\nb"] * 4)), "control character"),
+        (with_column("label", pa.array([1, 2, 3, 4])), None),
+        (lambda t: t.drop_columns(["rate_hz"]), "column 'rate_hz' is missing"),
         (lambda t: t.slice(0, 0), "lists no recordings"),
-        (lambda t: t.append_column("label", t["label"]), None),
     ],
 )
-def test_an_index_with_wrong_columns(archive, change, message):
+def test_an_index_that_lies(archive, change, message):
     rewrite(archive / INDEX, change)
     refused(archive, message)
 
@@ -129,15 +112,14 @@ def test_an_index_with_wrong_columns(archive, change, message):
     [
         (None, "no entry 'granular_id'"),
         ("{", "is not JSON"),
-        ({"format": "samples"}, "does not say that these are recordings"),
-        ({"format": "recordings", "version": 2}, "is of version 2; this granular_id reads version 1"),
-        ({"format": "recordings", "version": 1, "axes": ["fx"], "columns": []}, "wanted two lists"),
-        ({"format": "recordings", "version": 1, "axes": ["fx"], "columns": ["fx"]}, "holds other axes"),
+        ('{"format": "samples"}', "does not say that these are recordings"),
+        ('{"format": "recordings", "version": 2}', "is of version 2; this granular_id reads version 1"),
+        ('{"format": "recordings", "version": 1, "axes": ["fx"], "columns": []}', "wanted two lists"),
+        ('{"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"]}', "holds other axes"),
     ],
 )
 def test_marks_in_the_footer(archive, mark, message):
-    text = mark if isinstance(mark, str) else json.dumps(mark)
-    rewrite(archive / INDEX, labels={} if mark is None else {"granular_id": text})
+    rewrite(archive / INDEX, labels={} if mark is None else {"granular_id": mark})
     refused(archive, message)
 
 
@@ -145,8 +127,7 @@ def test_marks_in_the_footer(archive, mark, message):
     ("change", "message"),
     [
         (lambda t: t.drop_columns(["tz"]), "row group 0: cannot be decoded: .*tz"),
-        (with_column("fx", pa.array([None] + [1.0] * 19)), r"wrench\[0, 0\] .* is nan"),
-        (with_column("fx", pa.array([1.0] * 17 + [np.nan] * 3)), r"\[17, 0\] .*push 3.*, sample 2.* is nan"),
+        (with_column("fx", pa.array([1.0] * 17 + [None] * 3)), r"\[17, 0\] .*push 3.*, sample 2.* is nan"),
         (with_column("fx", pa.array([[1.0]] * 20)), "row group 0: cannot be decoded"),
     ],
 )

@@ -128,13 +128,9 @@ def restored(own: OwnRecords, wrenches: Wrenches, source: FileSource) -> FileCon
         rate_hz, start_time = (float(texts.get(name, "nan")) for name in ("rate_hz", "start_time"))
         trigger = int(texts.get("trigger_index", NO_TRIGGER))
         times = np.frombuffer(own.attachments.get(_TIME_S, b""), "<f8") if math.isnan(rate_hz) else None
-        flags = np.frombuffer(own.attachments[_FLAGS], np.uint8) if _FLAGS in own.attachments else None
-        clock = np.arange(n_samples) / rate_hz if times is None else times
-        stamps_ns = wire_stamps(clock, start_time)
-    except (ValueError, IndexError, ZeroDivisionError) as error:
+    except ValueError as error:
         raise RecordingFileError(source.path, str(error), place=place) from error
-    if not np.array_equal(stamps_ns, wrenches.stamps_ns):
-        return None
+    flags = own.attachments.get(_FLAGS)
     said_elsewhere = not source.path.as_posix().endswith(source.name)  # in index.csv
     flat = FlatRecordings(
         axes=AXES,
@@ -148,7 +144,9 @@ def restored(own: OwnRecords, wrenches: Wrenches, source: FileSource) -> FileCon
         name=[None if said_elsewhere else texts.get("name")],
         meta_json=[texts.get("meta")],
         time_s=times,
-        flags=flags,
+        flags=None if flags is None else np.frombuffer(flags, np.uint8),
         history_json=texts.get("history", "[]"),
     )
-    return unflatten(flat, source.path, source, finite=True)
+    content = unflatten(flat, source.path, source, finite=True)
+    stamps_ns = wire_stamps(content.recordings[0].times(), start_time)
+    return content if np.array_equal(stamps_ns, wrenches.stamps_ns) else None
