@@ -213,7 +213,7 @@ def test_own_metadata_that_we_did_not_write(tmp_path, change, problem):
 def test_own_attachments_that_we_did_not_write(tmp_path):
     path = save_mcap(Dataset([irregular(40)]), tmp_path / "a.mcap")
     for i, data in enumerate((b"", b"\0" * 39, b"\xff" * 40 * 8, b"\0" * 40 * 8)):
-        with pytest.raises(RecordingFileError, match="metadata granular_id|column time_s"):
+        with pytest.raises(RecordingFileError, match=r"metadata granular_id|column time_s"):
             load(rewritten(path, tmp_path / f"{i}.mcap", attachment=lambda _, data=data: data))
 
 

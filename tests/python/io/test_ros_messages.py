@@ -102,8 +102,8 @@ def test_a_frame_that_changes(tmp_path, store, other):
     [
         (lambda raw: raw[:-1], "does not fit its type"),
         (lambda raw: raw + bytes(8), "does not fit its type"),
-        (lambda raw: b"", "does not fit its type"),
-        (lambda raw: b"\x00\x07" + raw[2:], "unsupported CDR"),
+        (lambda raw: b"", "begins with nothing; wanted plain CDR"),
+        (lambda raw: b"\x00\x07" + raw[2:], "begins with 00 07 00 00; wanted plain CDR"),
         (lambda raw: raw[:12] + b"\xff\xff\xff\x7f" + raw[16:], "does not fit its type"),
         (lambda raw: raw[:8] + b"\xff\xff\xff\xff" + raw[12:], "4294967295 nanosec; wanted less than 1e9"),
         (lambda raw: raw[:16] + b"\xff\xfe" + raw[18:], "does not fit its type.*utf-8"),

@@ -27,6 +27,7 @@ _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
 _TIME = "builtin_interfaces/Time stamp"
 _FORCES = tuple((part, axis) for part in ("force", "torque") for axis in "xyz")
 _SIZED_AS = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
+_PLAIN_CDR = (b"\0\0", b"\0\1")
 _FILL_BYTES = 3
 """By which a message in CDR may be filled up at its end."""
 
@@ -105,6 +106,10 @@ class MessageType:
 
     def _value(self, message: bytes, index: int, refuse: Refuse) -> Any:
         read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
+        if not self._ros1 and message[:2] not in _PLAIN_CDR:  # older rosbags would take it for plain
+            refuse(
+                index, f"begins with {message[:4].hex(' ') or 'nothing'}; wanted plain CDR (00 00 or 00 01)"
+            )
         try:
             return read(message, self._name)
         except Exception as error:  # of many kinds: the code is made of the definition
