@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from pathlib import Path
@@ -16,12 +17,12 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray
 from granular_id._core import interleave
 from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.files import read_bounded
+from granular_id.io.extras import need
+from granular_id.io.files import open_bounded, read_bounded
 from granular_id.io.flat import FlatRecordings, unflatten
 from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.options import MAX_BINARY_BYTES
-from granular_id.io.parquet.file import coded_texts, labels_of, open_parquet
 from granular_id.io.parquet.layout import (
     FLAGS,
     INDEX_COLUMNS,
@@ -35,7 +36,7 @@ from granular_id.io.parquet.layout import (
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
-__all__ = ["ParquetArchive", "Partition"]
+__all__ = ["ParquetArchive", "coded_texts", "labels_of", "open_parquet"]
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,33 @@ class _Block:
         if FLAGS in table.column_names:
             self.flags = np.zeros(self.n_rows, np.uint8) if self.flags is None else self.flags
             self.flags[rows] = table[FLAGS].to_numpy()
+
+
+@contextmanager
+def open_parquet(path: Path, root: Path, max_bytes: int, texts: Sequence[str] = ()) -> Iterator[Any]:
+    """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
+    library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
+    with open_bounded(path, root, max_bytes) as (file, _), naming(path, "reading it as Parquet"):
+        try:
+            place = os.fspath(path).encode().decode()
+        except UnicodeEncodeError:  # pyarrow cannot spell it
+            place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(file.read())
+        with library.ParquetFile(place, read_dictionary=texts, page_checksum_verification=True) as opened:
+            yield opened
+
+
+def labels_of(opened: Any) -> dict[str, str]:
+    """Return the key-value texts of a footer."""
+    found = opened.metadata.metadata or {}
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in found.items()}
+
+
+def coded_texts(column: Any) -> tuple[NDArray[np.int64], list[str | None]]:
+    """Return a dictionary-encoded column as codes and what they mean; the last one, None, is an empty cell."""
+    whole = column.unify_dictionaries().combine_chunks()
+    values: list[str | None] = whole.dictionary.to_pylist()
+    codes = whole.indices.fill_null(len(values)).to_numpy(zero_copy_only=False)
+    return codes.astype(np.int64), [*values, None]
 
 
 def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:

@@ -30,14 +30,7 @@ _PART = re.compile(SAMPLES_FOLDER + r"/part-[0-9]{5,9}\.parquet")
 
 @dataclass(frozen=True)
 class Mark:
-    """What the footer of ``recordings.parquet`` says of the whole archive.
-
-    Attributes
-    ----------
-    axes : tuple of str
-    columns : tuple of str
-        The column of the sample files that holds each axis.
-    """
+    """What the footer says of an archive: its axes, and the column of the sample files that holds each."""
 
     axes: tuple[str, ...]
     columns: tuple[str, ...]
@@ -61,13 +54,7 @@ class Mark:
 
 
 def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
-    """Return what a footer says of an archive.
-
-    Raises
-    ------
-    RecordingFileError
-        Not written by granular_id, another version, or not what is wanted.
-    """
+    """Return what a footer says of an archive; `what` is "recordings" or "samples"."""
 
     def refusal(problem: str) -> RecordingFileError:
         return RecordingFileError(path, problem, place="footer")

@@ -17,7 +17,6 @@ from granular_id._progress import ProgressCallback
 from granular_id.io.extras import need
 from granular_id.io.flat import flatten
 from granular_id.io.folder_save import checked_dataset, new_folder, write_history
-from granular_id.io.parquet.file import parquet_library
 from granular_id.io.parquet.layout import (
     FLAGS,
     INDEX_FILE,
@@ -97,7 +96,7 @@ def save_parquet(
     most = checked_index(recordings_per_group, "recordings_per_group")
     if most < 1:
         raise ValueError(f"recordings_per_group must be positive, got {most}")
-    library = parquet_library("to write Parquet files")
+    library = need("pyarrow.parquet", extra="app", why="to write Parquet files")
     mark = Mark.of_axes(dataset.axes)
     groups = _groups(recordings, most)
     files = [part_name(i // _GROUPS_PER_PART) for i in range(len(groups))]

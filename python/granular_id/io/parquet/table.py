@@ -28,8 +28,7 @@ from granular_id.io.extras import need
 from granular_id.io.files import refuse_outside
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.archive import ParquetArchive
-from granular_id.io.parquet.file import coded_texts, labels_of, open_parquet
+from granular_id.io.parquet.archive import ParquetArchive, coded_texts, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES, KNOWN_FLAGS
 
@@ -47,14 +46,6 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     A table may have columns time, flags, recording, label and session. Rows with the same value in the column
     ``recording`` make a recording, in the order of the file; without that column the whole file is one. Where the
     columns hold lists, each row is a recording. Columns that mean nothing here are not read, and a note says so.
-
-    Raises
-    ------
-    RecordingFileError
-        With file and row group: what is damaged. Of a table: a column is missing, stands there twice, or has cells
-        that are empty or of another kind; a recording with two labels; what `stamped_recording` says of the clock.
-    ImportError
-        pyarrow is missing.
     """
     path, most = source.path, options.max_binary_bytes
     refuse_outside(path, source.root)

@@ -25,22 +25,10 @@ def recording_of(
     place_of: Callable[[int], dict[str, Any]],
     notes: list[str],
 ) -> FileContent:
-    """Make one recording of messages.
+    """Make one recording of messages; what of `about` is empty is left out of its metadata.
 
-    Parameters
-    ----------
-    wrenches : Wrenches
-    log_ns : ndarray of int64, shape (T,), or None
-        When messages were logged, in nanoseconds: their order, and their clock where ``header.stamp`` was never set.
-        None where nobody knows: messages are then in order, and without stamps a rate must be stated.
-    source, options
-        As of the reader.
-    about : mapping
-        What is known of the messages; what is empty is left out of `meta`.
-    place_of : callable
-        From the number of a message, from 0, to the place that an error names.
-    notes : list of str
-        Of the content; what was decided here is added.
+    `log_ns` says when messages were logged: their order, and their clock where ``header.stamp`` was never set. None
+    where nobody knows: messages are then in order, and without stamps a rate must be stated.
     """
     # As every player does; files may hold them otherwise.
     order = np.arange(len(wrenches.wrench)) if log_ns is None else np.argsort(log_ns, kind="stable")

@@ -44,13 +44,7 @@ def is_echo(path: Path) -> bool:
 
 
 def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read one file as one recording, as a bag with these messages is read.
-
-    Raises
-    ------
-    RecordingFileError
-        With line and column: other fields than those of a wrench, what is no number, a frame that changes.
-    """
+    """Read one file as one recording, as a bag with these messages is read."""
     path = source.path
     lines = read_text_bounded(path, source.root, options.max_text_bytes).rstrip().splitlines()
     named = lines[0].startswith(_LOGGED.encode())

@@ -49,26 +49,9 @@ class OwnRecords:
 
 
 def wire_stamps(times: FloatArray, start_time: float | None) -> NDArray[np.int64]:
-    """Return the stamps that messages carry.
+    """Return the stamps that messages carry, ns; ValueError where they are more than ROS stamps can count (68 years).
 
-    They count from 1970 where the start is known and fits, and from the first sample otherwise.
-
-    Parameters
-    ----------
-    times : ndarray, shape (T,)
-        Seconds from the first sample.
-    start_time : float or None
-        Of the first sample, seconds since 1970; NaN as None.
-
-    Returns
-    -------
-    ndarray of int64, shape (T,)
-        Nanoseconds.
-
-    Raises
-    ------
-    ValueError
-        The recording lasts longer than ROS stamps can count (68 years).
+    They count from 1970 where the start (s, NaN as None) is known and fits, and from the first sample otherwise.
     """
     room = _LAST_S - 1 - float(times[-1])
     if not room > 0:
@@ -110,13 +93,7 @@ def own_records(recording: Recording, history_json: str) -> OwnRecords:
 
 
 def restored(own: OwnRecords, wrenches: Wrenches, source: FileSource) -> FileContent | None:
-    """Make the recording that was written, bit for bit; None where the messages are no longer the same.
-
-    Raises
-    ------
-    RecordingFileError
-        Metadata or attachments that this library did not write.
-    """
+    """Make the recording that was written, bit for bit; None where the messages are no longer the same."""
     texts, n_samples = own.metadata, len(wrenches.wrench)
     if texts.get("n_samples") != str(n_samples) or wrenches.stamps_ns is None:
         return None

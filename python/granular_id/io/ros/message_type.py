@@ -48,22 +48,10 @@ class _Place:
 
 
 class MessageType:
-    """A type of message.
+    """A type of message, like ``rokubimini_msgs/Reading`` in CDR ("cdr") or as of ROS 1 ("ros1").
 
-    Parameters
-    ----------
-    name : str
-        Like ``rokubimini_msgs/Reading``.
-    definition : str
-        In the language of ``.msg`` files, with all it is made of; may be empty for the plain types.
-    encoding : {"cdr", "ros1"}
-
-    Raises
-    ------
-    ValueError
-        A definition that cannot be parsed.
-    ImportError
-        rosbags is missing.
+    The definition, in the language of ``.msg`` files, has all that it is made of; it may be empty for the plain types.
+    A ValueError says where it cannot be parsed.
     """
 
     def __init__(self, name: str, definition: str, encoding: str) -> None:

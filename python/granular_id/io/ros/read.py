@@ -46,27 +46,9 @@ def is_bag_folder(folder: Path) -> bool:
 
 
 def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read the wrench messages of one bag as one recording.
+    """Read the wrench messages of one bag as one recording: a ``.bag``, ``.mcap`` or ``.db3`` file, or a folder.
 
-    Parameters
-    ----------
-    source : FileSource
-        A ``.bag``, ``.mcap`` or ``.db3`` file, or a folder with ``metadata.yaml``.
-    options : LoadOptions
-        `topic` names the topic where there are several with wrenches.
-
-    Returns
-    -------
-    FileContent
-        One recording. Its clock is ``header.stamp``, or the log time where stamps were never set; `meta` has the
-        topic, the message type, the frame, the publishing node (ROS 1) and the distribution (ROS 2).
-
-    Raises
-    ------
-    RecordingFileError
-        No topic or several to choose from, forces that are not finite, a frame that changes, stamps that run back.
-    ImportError
-        The libraries of the extra ``ros`` are missing.
+    Its clock is ``header.stamp``, or the log time where stamps were never set.
     """
     with _opened(source, options) as bag:
         topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)

@@ -18,24 +18,7 @@ _ENCODINGS = ("cdr", "ros1")
 
 @dataclass
 class Topic:
-    """One topic.
-
-    Attributes
-    ----------
-    name : str
-    type_name : str
-        Like ``geometry_msgs/WrenchStamped``, without the ``/msg/`` of ROS 2.
-    encoding : str
-        ``"cdr"``, ``"ros1"`` or what else the file says.
-    definition : str
-        The message definition in the bag, empty where there is none.
-    node : str or None
-        Who published it, where the bag says (ROS 1).
-    messages : iterable of (int, bytes)
-        Log time, ns, and bytes of each; of a topic without wrenches only where that costs nothing.
-    count, first_ns, last_ns : int
-        How many messages, and from when to when.
-    """
+    """One topic: its type without the ``/msg/`` of ROS 2; its messages (log time in ns, bytes), where they are kept."""
 
     name: str
     type_name: str
@@ -83,13 +66,7 @@ class Topic:
 
 
 def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tuple[Topic, str, list[str]]:
-    """Return the one topic to read, which field of its messages is the wrench ("" the whole), and notes.
-
-    Raises
-    ------
-    RecordingFileError
-        None, or several; which there are.
-    """
+    """Return the one topic to read, which field of its messages is the wrench ("" the whole), and notes."""
     every = [topic for topic in topics if topic.count]
     # the name itself first: MCAP may have dots in names of topics
     named = [topic for topic in every if topic.field_asked(asked) == ""]

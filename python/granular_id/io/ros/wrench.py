@@ -50,16 +50,7 @@ float64 z
 
 @dataclass(frozen=True)
 class Wrenches:
-    """Messages of one topic, in the order they were given.
-
-    Attributes
-    ----------
-    wrench : ndarray, shape (T, 6)
-        Force x y z in N, torque x y z in N m; finite.
-    stamps_ns : ndarray of int64, shape (T,), or None
-        ``header.stamp`` in nanoseconds; None for messages without a header.
-    frame_id : str or None
-    """
+    """Messages of one topic, in the order they were given: N and N m, ``header.stamp`` in ns, the frame of all."""
 
     wrench: FloatArray
     stamps_ns: NDArray[np.int64] | None
