@@ -154,7 +154,7 @@ def _topics_of(reader: Any) -> list[Topic]:
             getattr(same[0].ext, "callerid", None),
             _messages_of(reader, same),
             sum(connection.msgcount for connection in same),
-            last_ns=reader.duration,
+            reader.duration,
         )
         for (name, type_name, encoding), same in groups.items()
     ]
@@ -173,40 +173,31 @@ def _mcap(file: BinaryIO, path: Path) -> _Bag:
             way_out = f"`mcap recover {path.name} -o whole.mcap` keeps what there is"
             raise RecordingFileError(path, f"is cut off, the recording was not closed; {way_out}")
     file.seek(0)
-    found = _McapRecords()
+    own = OwnRecords()
+    schemas = {0: ("", "")}
+    topics: dict[tuple[str, str, str], Topic] = {}
+    logs: dict[tuple[str, str, str], list[tuple[int, bytes]]] = {}
+    channels: dict[int, tuple[list[tuple[int, bytes]], bool]] = {}
     for record in reader(file, validate_crcs=True).records:
-        found.add(record)
-    return _Bag(list(found.topics.values()), own=found.own)
-
-
-class _McapRecords:
-    """What is kept of the records of an MCAP file."""
-
-    def __init__(self) -> None:
-        self.own = OwnRecords()
-        self.topics: dict[tuple[str, str, str], Topic] = {}
-        self._kept: dict[tuple[str, str, str], list[tuple[int, bytes]]] = {}
-        self._schemas: dict[int, tuple[str, str]] = {0: ("", "")}
-        self._channels: dict[int, tuple[Topic, list[tuple[int, bytes]] | None]] = {}
-
-    def add(self, record: Any) -> None:
         kind = type(record).__name__
         if kind == "Message":
-            topic, kept = self._channels[record.channel_id]
-            topic.seen(record.log_time)
-            if kept is not None:
-                kept.append((record.log_time, record.data))
+            log, kept = channels[record.channel_id]
+            log.append((record.log_time, record.data if kept else b""))
         elif kind == "Schema":
             is_text = record.encoding in ("ros1msg", "ros2msg")
-            self._schemas[record.id] = record.name, record.data.decode() if is_text else ""
+            schemas[record.id] = record.name, record.data.decode() if is_text else ""
         elif kind == "Channel":
-            type_name, definition = self._schemas[record.schema_id]
+            type_name, definition = schemas[record.schema_id]
             key = (record.topic, type_name.replace("/msg/", "/"), record.message_encoding)
-            kept = self._kept.setdefault(key, [])
-            new = Topic(*key, definition, record.metadata.get("callerid"), kept)
-            topic = self.topics.setdefault(key, new)
-            self._channels[record.id] = topic, kept if topic.may_hold_wrench else None
+            log = logs.setdefault(key, [])
+            topic = topics.setdefault(key, Topic(*key, definition, record.metadata.get("callerid"), log))
+            channels[record.id] = log, topic.may_hold_wrench
         elif kind == "Metadata" and record.name == OWN_NAME:
-            self.own.metadata = record.metadata
+            own.metadata = record.metadata
         elif kind == "Attachment" and record.name.startswith(OWN_NAME):
-            self.own.attachments[record.name] = record.data
+            own.attachments[record.name] = record.data
+    for key, log in logs.items():
+        if log:
+            times = [log_ns for log_ns, _ in log]
+            topics[key].count, topics[key].span_ns = len(log), max(times) - min(times)
+    return _Bag(list(topics.values()), own=own)

@@ -27,8 +27,7 @@ class Topic:
     node: str | None = None
     messages: Iterable[tuple[int, bytes]] = ()
     count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
+    span_ns: int = 0
 
     @property
     def is_wrench(self) -> bool:
@@ -45,12 +44,6 @@ class Topic:
         """The type of the messages, by its definition; ValueError where that is no proper one."""
         return message_type(self.type_name, self.definition, self.encoding)
 
-    def seen(self, log_ns: int) -> None:
-        """Count a message."""
-        self.first_ns = min(self.first_ns, log_ns) if self.count else log_ns
-        self.last_ns = max(self.last_ns, log_ns)
-        self.count += 1
-
     def field_asked(self, asked: str | None) -> str | None:
         """Return the field of its messages that was asked for ("": any); None where another topic was."""
         name, asked = self.name.strip("/"), None if asked is None else asked.strip("/")
@@ -59,8 +52,7 @@ class Topic:
         return asked[len(name) + 1 :] or None if asked.startswith(f"{name}.") else None
 
     def __str__(self) -> str:
-        span_s = (self.last_ns - self.first_ns) / 1e9
-        rate = f", {(self.count - 1) / span_s:.4g} Hz" if span_s > 0 else ""
+        rate = f", {(self.count - 1) * 1e9 / self.span_ns:.4g} Hz" if self.span_ns > 0 else ""
         encoding = "" if self.encoding in _ENCODINGS else f" in {self.encoding[:80]}"
         return f"{self.name[:80]} ({self.type_name[:80]}{encoding}, {self.count} messages{rate})"
 
