@@ -101,12 +101,12 @@ def test_dates_and_times_give_start_and_rate(tmp_path, unit):
 
 @pytest.mark.parametrize("kind", ["string", "large_string", "string_view"])
 def test_texts_of_every_type_of_arrow(tmp_path, kind):
-    make = getattr(pa, kind, None)
-    if make is None:
-        pytest.skip(f"this pyarrow has no {kind}")
-    labels = pa.array(["rice"] * 3 + ["peas"] * 3).cast(make())
-    data = load(write(tmp_path, columns(label=labels, id=labels)), rate_hz=10)
-    assert [(r.name, r.label) for r in data] == [("rice", "rice"), ("peas", "peas")]
+    try:
+        labels = pa.array(["rice"] * 3 + ["peas"] * 3).cast(getattr(pa, kind)())
+        path = write(tmp_path, columns(label=labels, id=labels))
+    except (AttributeError, pa.ArrowNotImplementedError):
+        pytest.skip(f"this pyarrow writes no {kind}")
+    assert [(r.name, r.label) for r in load(path, rate_hz=10)] == [("rice", "rice"), ("peas", "peas")]
 
 
 @pytest.mark.parametrize(
