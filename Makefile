@@ -26,7 +26,7 @@ help:
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
-	@echo "                100,000 damaged CSV files, 20,000 damaged Parquet archives (minutes)"
+	@echo "                100,000 damaged CSV files (minutes)"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
@@ -127,7 +127,6 @@ campaign: $(TOOLS)
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
-	GRANULAR_ID_CASES=20000 $(BIN)/python -m pytest tests/python/io/test_parquet_bad_files.py -k campaign -s
 	GRANULAR_ID_CASES=20000 cargo test --test buffer_model
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 

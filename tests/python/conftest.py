@@ -1,14 +1,10 @@
 import os
 import shutil
 import signal
-import sys
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-
-# adapters of sensors and robots, which are a package of their own
-sys.path.append(str(Path(__file__).resolve().parents[2] / "contrib"))
 
 # a busy machine must not fail a test: hypothesis' limit of 200 ms per example is off
 settings.register_profile("granular_id", deadline=None)

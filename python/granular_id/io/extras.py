@@ -7,9 +7,6 @@ from types import ModuleType
 
 __all__ = ["need"]
 
-_PACKAGES = {"ruamel": "ruamel.yaml"}
-"""What is to be installed, where it is not called as the module."""
-
 
 def need(module: str, *, extra: str, why: str) -> ModuleType:
     """Import a library, or say how to install it.
@@ -32,5 +29,4 @@ def need(module: str, *, extra: str, why: str) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         library = module.partition(".")[0]
-        library = _PACKAGES.get(library, library)
         raise ImportError(f"{library} is needed {why}: pip install 'granular-id[{extra}]'") from error
