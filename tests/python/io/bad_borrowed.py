@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from functools import partial
 
 from bad_files import BadCase, written
+from bad_mat import MAT_FILES
 from bag_folder_attacks import FOLDER_ATTACKS
 from mcap_attacks import MCAP_ATTACKS
 from ros_attacks import BAG_ATTACKS, DB3_ATTACKS
 from test_csv_bad_files import BAD as CSV_FILES
-from test_mat_bad_files import BAD as MAT_FILES
 from test_npz_bad_files import NPY_FILES, NPZ_FILES
 
 FILES = {"csv": CSV_FILES, "npy": NPY_FILES, "npz": NPZ_FILES, "mat v5": MAT_FILES}

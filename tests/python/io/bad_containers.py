@@ -14,9 +14,9 @@ import numpy as np
 import mcap_attacks as mcap
 from bad_contents import HISTORIES, MANY
 from bad_files import GIB, ODD_PLACES, BadCase, outside, write_good, written
+from bad_mat import COMPRESSED, DOUBLE, DOUBLES, FUNCTION, MATRIX, OPAQUE, element, head, mat
 from good_files import WRENCH
 from granular_id.recording import AXES
-from mat_cases import COMPRESSED, DOUBLE, DOUBLES, FUNCTION, MATRIX, OPAQUE, element, head, mat
 
 MIB = 1 << 20
 BLOCK = MIB

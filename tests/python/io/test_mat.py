@@ -1,8 +1,10 @@
-"""MATLAB files as GNU Octave, scipy and MATLAB itself wrote them, against scipy's reader."""
+"""MATLAB files as GNU Octave, scipy, h5py and MATLAB itself wrote them: the same values whatever the version."""
 
 from __future__ import annotations
 
-import warnings
+import struct
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +13,48 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
+from bad_mat import CHAR, INT8, OPAQUE, UINT32, array, doubles, element, head, mat
 from effort import cases
 from granular_id.io import RecordingFileError, load
-from granular_id.io.matlab.tree import nested
-from mat_cases import GOLDEN, left_out, push, variables
+from granular_id.io.errors import attempt
+from granular_id.io.matlab.mat import read_variables
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileSource
 
+h5py = pytest.importorskip("h5py")
+
+GOLDEN = Path(__file__).parents[2] / "data" / "mat"
 NAMES = ["rice", "peas", "oat flakes"]
 SCIPY_FILES = sorted((Path(scipy.io.matlab.__file__).parent / "tests" / "data").glob("*.mat"))
+
+
+def push(i: int, n_samples: int = 24) -> np.ndarray:
+    """Recording i of the golden files: see make_mat.m."""
+    t, c = np.meshgrid(np.arange(1, n_samples + 1), np.arange(1, 7), indexing="ij")
+    return 1000.0 * i + t + c / 8
+
+
+def variables(path: Path) -> dict:
+    return read_variables(FileSource.alone(path), LoadOptions())[0]
+
+
+def left_out(path: Path) -> list[str]:
+    return read_variables(FileSource.alone(path), LoadOptions())[1].left_out
+
+
+def put(group, name: str, values, class_name: str | None = "double", **settings):
+    """A dataset of version 7.3 as MATLAB marks it; values are already in the order of HDF5."""
+    dataset = group.create_dataset(name, data=values, **settings)
+    if class_name:
+        dataset.attrs["MATLAB_class"] = np.bytes_(class_name)
+    return dataset
+
+
+def text(group, name: str, letters: str):
+    return put(group, name, np.frombuffer(letters.encode("utf-16-le"), np.uint16)[:, None], "char")
+
+
+# -- what other programs wrote
 
 
 @pytest.mark.parametrize(
@@ -26,15 +63,16 @@ SCIPY_FILES = sorted((Path(scipy.io.matlab.__file__).parent / "tests" / "data").
         ("x_y_v6", [24] * 5, [0, 1, 2, 0, 1]),
         ("x_y_v7", [24] * 5, [0, 1, 2, 0, 1]),
         ("single_t6n_v7", [24] * 5, [0, 1, 2, 0, 1]),
+        ("single_t6n_v73", [24] * 5, [0, 1, 2, 0, 1]),
         ("struct_array_v7", [25, 26, 27, 28], [0, 1, 2, 0]),
+        ("struct_array_v73", [25, 26], [0, 1]),
         ("cell_per_material_v7", [24] * 5, [0, 0, 1, 2, 2]),
         ("struct_of_materials_v7", [24] * 5, [0, 0, 1, 1, 1]),
         ("ragged_cell_v7", [25, 26, 27], [0, 1, 2]),
+        ("ragged_cell_v73", [25, 26, 27], [0, 1, 2]),
     ],
 )
-def test_what_octave_wrote_is_read_sample_for_sample(
-    name: str, lengths: list[int], labels: list[int]
-) -> None:
+def test_golden_files_are_read_sample_for_sample(name: str, lengths: list[int], labels: list[int]) -> None:
     data = load(GOLDEN / f"{name}.mat")
     assert [r.label for r in data] == [NAMES[k] for k in labels]
     for i, (recording, n_samples) in enumerate(zip(data, lengths, strict=True)):
@@ -42,19 +80,13 @@ def test_what_octave_wrote_is_read_sample_for_sample(
         np.testing.assert_array_equal(recording.wrench, push(i + 1, n_samples))
 
 
-def test_sessions_are_read() -> None:
+def test_sessions_and_labels_as_numbers_and_version_4() -> None:
     assert [r.session for r in load(GOLDEN / "x_y_v7.mat")] == ["mon", "mon", "mon", "tue", "tue"]
     assert [r.session for r in load(GOLDEN / "struct_array_v7.mat")] == ["day1", "day2", "day3", "day4"]
-
-
-def test_int16_samples_and_labels_as_numbers() -> None:
     data = load(GOLDEN / "int16_v6.mat")
     assert [r.label for r in data] == ["rice", "peas", "oat flakes", "rice", "peas"]
     t, c = np.meshgrid(np.arange(1, 25), np.arange(1, 7), indexing="ij")
     np.testing.assert_array_equal(data[4].wrench, 5000.0 + 10 * t + c)
-
-
-def test_version_4() -> None:
     (recording,) = load(GOLDEN / "one_v4.mat")
     np.testing.assert_array_equal(recording.wrench, push(1))
 
@@ -76,126 +108,19 @@ def test_text_empty_logical_and_nested_cells() -> None:
     assert (one, two, record) == (1, 2, {"a": []})
 
 
-def test_octaves_own_text_format_is_refused_with_the_way_out() -> None:
-    with pytest.raises(RecordingFileError, match=r"octave_text\.mat, header: is text .* save it with -v7"):
-        load(GOLDEN / "octave_text.mat")
-
-
-def plain(value):
-    """What scipy returns, as read_variables has it."""
-    if not isinstance(value, np.ndarray):
-        return value
-    if value.dtype.names or value.dtype == object:
-        items = [
-            {name: plain(item[name]) for name in value.dtype.names} if value.dtype.names else plain(item)
-            for item in value.ravel(order="F")
-        ]
-        return items[0] if value.dtype.names and value.size == 1 else nested(items, value.shape)
-    if value.dtype.kind == "U":
-        texts = value.ravel().tolist()
-        return "" if not texts else texts[0] if len(texts) == 1 else [text.rstrip(" \0") for text in texts]
-    return value
-
-
-def assert_same(ours, theirs) -> None:
-    assert type(ours) is type(theirs)
-    if isinstance(ours, dict):
-        assert ours.keys() == theirs.keys()
-        for key in ours:
-            assert_same(ours[key], theirs[key])
-    elif isinstance(ours, list):
-        assert len(ours) == len(theirs)
-        for one, other in zip(ours, theirs, strict=True):
-            assert_same(one, other)
-    elif isinstance(ours, np.ndarray):
-        assert ours.shape == theirs.shape
-        assert ours.dtype == theirs.dtype.newbyteorder("=")
-        np.testing.assert_array_equal(ours, theirs)
-    else:
-        assert ours == theirs
-
-
-def scipy_reads(source) -> dict:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # scipy says what it makes of damaged and doubled names
-        found = scipy.io.loadmat(source, mat_dtype=True)
-    return {key: plain(value) for key, value in found.items() if not key.startswith("__")}
-
-
-REFUSED = {  # files in scipy's tests that are damaged
-    "bad_miuint32.mat": "has the size -2147483647 x 10",
-    "corrupted_zlib_checksum.mat": "incorrect data check",
-    "corrupted_zlib_data.mat": "goes on beyond the size it states",
-    "debigged_m4.mat": "more than are left",
-    "malformed1.mat": "an array claims 658840 bytes, but 2072 are left",
-    "nasty_duplicate_fieldnames.mat": "has two fields of one name",
-}
-OTHERWISE = {  # and where scipy takes another way: unpaired bytes, an empty struct, a name that is no ASCII
-    "bad_miutf8_array_name.mat",
-    "broken_utf8.mat",
-    "test_empty_struct.mat",
-    "testhdf5_7.4_GLNX86.mat",
-}
-
-
 @pytest.mark.skipif(not SCIPY_FILES, reason="scipy came without its tests")
-def test_files_that_matlab_4_to_7_wrote_on_many_machines_read_as_scipy_reads_them() -> None:
-    compared = unread_only = 0
-    for path in SCIPY_FILES:
-        if path.name in REFUSED:
-            with pytest.raises(RecordingFileError, match=REFUSED[path.name]):
-                variables(path)
-            continue
-        if path.name in OTHERWISE:
-            continue
-        try:
-            ours, unread = variables(path), left_out(path)
-        except RecordingFileError as error:
-            unread_only += "holds no variable that can be read: variable" in str(error)
-            continue
-        theirs = scipy_reads(path)
-        inner = [text for text in unread if "." in text.split()[1]]
-        if inner:  # a field was left out: scipy has it
-            continue
-        assert_same(ours, {key: theirs[key] for key in ours})
-        assert {text.split()[1] for text in unread} == theirs.keys() - ours.keys()
-        compared += len(ours)
-    assert compared > 60
-    assert unread_only == 20  # sparse, complex, functions
-
-
-_DTYPES = ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "bool")
-_arrays = st.sampled_from(_DTYPES).flatmap(
-    lambda code: hnp.arrays(code, hnp.array_shapes(min_dims=2, max_dims=4, min_side=0, max_side=5))
-)
-_texts = st.text(
-    st.characters(exclude_categories=["Cs", "Cc"], exclude_characters="\0"), min_size=1, max_size=9
-)
-_names = st.from_regex(r"[a-z][a-z0-9_]{0,20}", fullmatch=True)
-
-
-def _cells(items):
-    column = np.empty((len(items), 1), object)
-    column[:, 0] = items
-    return column
-
-
-_values = st.recursive(
-    _arrays | _texts,
-    lambda inner: (
-        st.lists(inner, min_size=1, max_size=4).map(_cells)
-        | st.dictionaries(_names, inner, min_size=1, max_size=4)
-    ),
-    max_leaves=8,
-)
-
-
-@settings(max_examples=cases(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(st.dictionaries(_names, _values, min_size=1, max_size=4), st.booleans())
-def test_what_scipy_writes_is_read_as_scipy_reads_it(tmp_path: Path, tree: dict, compress: bool) -> None:
-    path = tmp_path / "x.mat"
-    scipy.io.savemat(path, tree, do_compression=compress)
-    assert_same(variables(path), scipy_reads(path))
+def test_files_that_matlab_wrote_on_many_machines_are_read() -> None:
+    refused: list[RecordingFileError] = []
+    read = {path.name: attempt(refused, variables, path) for path in SCIPY_FILES}
+    assert len(read) - len(refused) > 60
+    theta = np.arange(0, 2 * np.pi + 0.1, np.pi / 4)
+    for version in ("4.2c_SOL2", "6.1_SOL2", "7.1_GLNX86", "7.4_GLNX86"):  # both orders of bytes
+        np.testing.assert_allclose(read[f"testdouble_{version}.mat"]["testdouble"][0], theta, atol=1e-15)
+        assert read[f"teststring_{version}.mat"]["teststring"].startswith('"Do nine men interpret?"')
+    (first, one, *_) = read["testcell_7.1_GLNX86.mat"]["testcell"]
+    assert first == "This cell contains this string and 3 arrays of increasing length"
+    assert one.tolist() == [[1]]
+    assert read["testunicode_7.4_GLNX86.mat"]["testunicode"].startswith("Japanese: \nすべての人間は")
 
 
 @settings(max_examples=cases(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -214,8 +139,178 @@ def test_samples_keep_their_bits(tmp_path: Path, samples: np.ndarray, compress: 
     assert np.stack([r.wrench for r in data]).tobytes() == samples.tobytes()
 
 
-def test_version_4_as_scipy_writes_it(tmp_path: Path) -> None:
-    tree = {"wrench": push(1), "i": np.arange(4, dtype=np.int16).reshape(2, 2), "text": "abc"}
+@pytest.mark.parametrize("kind", [4, 16, 17])  # 16-bit numbers, UTF-8, UTF-16
+@pytest.mark.parametrize("word", ["Grieß", "Haferflocken", "小麦粉"])
+def test_text_in_any_code(tmp_path: Path, kind: int, word: str) -> None:
+    coded = word.encode("utf-8" if kind == 16 else "utf-16-le")
     path = tmp_path / "x.mat"
-    scipy.io.savemat(path, tree, format="4")
-    assert_same(variables(path), scipy_reads(path))
+    path.write_bytes(mat(array(head(CHAR, (1, len(word)), "label") + element(kind, coded))))
+    assert variables(path) == {"label": word}
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"chunks": (2, 5, 3)},
+        {"chunks": (4, 7, 2), "compression": "gzip", "shuffle": True, "fletcher32": True},
+    ],
+)
+def test_however_hdf5_stores_it(tmp_path: Path, settings: dict) -> None:
+    block = np.stack([push(i) for i in range(1, 6)])  # (n, T, 6) in MATLAB, (6, T, n) in the file
+    path = tmp_path / "x.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        put(file, "X", block.transpose(), **settings)
+        put(file, "rate_hz", np.array([[500.0]]))
+    data = load(path)
+    assert np.stack([r.wrench for r in data]).tobytes() == block.tobytes()
+
+
+def test_classes_of_version_73(tmp_path: Path) -> None:
+    path = tmp_path / "x.mat"
+    with h5py.File(path, "w") as file:
+        put(file, "on", np.ones((2, 1), np.uint8), "logical")
+        put(file, "small", np.ones((2, 3), np.int16), "int16")
+        put(file, "none", np.array([0, 3], np.uint64)).attrs["MATLAB_empty"] = np.uint8(1)
+        put(file, "no_text", np.array([0, 0], np.uint64), "char").attrs["MATLAB_empty"] = np.uint8(1)
+        put(file, "no_cells", np.array([0, 0], np.uint64), "cell").attrs["MATLAB_empty"] = np.uint8(1)
+        text(file, "word", "grün 😀")
+        put(file, "rows", np.array([list(b"ab"), list(b"c ")], np.uint16).T, "char")
+        put(file, "z", np.ones((1, 1), [("real", "f8"), ("imag", "f8")]))
+        put(file, "f", np.ones((1, 1), np.uint8), "function_handle")
+        put(file, "names", np.ones((6, 1), np.uint32), "string").attrs["MATLAB_object_decode"] = np.int32(3)
+        sparse = file.create_group("s")
+        sparse.attrs["MATLAB_class"], sparse.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(3)
+        inner = file.create_group("data")
+        inner.attrs["MATLAB_class"] = np.bytes_("struct")
+        text(inner, "label", "rice")
+    found = variables(path)
+    assert found["on"].dtype == bool
+    assert (found["small"].shape, found["small"].dtype) == ((3, 2), np.int16)
+    assert found["none"].shape == (0, 3)
+    assert (found["no_text"], found["no_cells"], found["word"]) == ("", [], "grün 😀")
+    assert found["rows"] == ["ab", "c"]
+    assert found["data"] == {"label": "rice"}
+    assert [line.split(" and was")[0] for line in left_out(path)] == [
+        "variable f is a function handle",
+        "variable names is a MATLAB string",
+        "variable s is a sparse matrix",
+        "variable z is an array of complex numbers",
+    ]
+
+
+# -- what cannot be read is said
+
+
+def opaque(name: bytes, class_name: bytes) -> bytes:
+    """An object as MATLAB stores it."""
+    flags = element(UINT32, struct.pack("<II", OPAQUE, 0))
+    names = element(INT8, name) + element(INT8, b"MCOS") + element(INT8, class_name)
+    return array(flags + names + array(doubles([1.0], (1, 1))))
+
+
+def test_objects_of_matlab_are_named_with_the_way_out(tmp_path: Path) -> None:
+    x = array(doubles(list(np.zeros(2 * 24 * 6)), (2, 24, 6), "X"))
+    rate = array(doubles([500.0], (1, 1), "rate_hz"))
+    path = tmp_path / "rice_1.mat"
+    path.write_bytes(mat(opaque(b"y", b"categorical"), x, rate, opaque(b"when", b"datetime")))
+    assert left_out(path) == [
+        "variable y is a MATLAB categorical and was left out; save cellstr(...) of it",
+        "variable when is a MATLAB datetime and was left out; save posixtime(...) of it",
+    ]
+    with pytest.raises(RecordingFileError, match="without a label, but variable y is a MATLAB categorical"):
+        load(path)
+    # where the folder says the label, nothing is missing
+    data = load(tmp_path)
+    assert [r.label for r in data] == ["rice", "rice"]
+    assert any("categorical" in note for note in data.history[-1].notes)
+
+
+def test_labels_that_only_matlab_can_read_are_no_missing_labels_in_version_73(tmp_path: Path) -> None:
+    path = tmp_path / "x.mat"
+    with h5py.File(path, "w") as file:
+        put(file, "X", np.stack([push(1), push(2)]).transpose())
+        put(file, "rate_hz", np.array([[500.0]]))
+        put(file, "y", np.ones((6, 1), np.uint32), "string").attrs["MATLAB_object_decode"] = np.int32(3)
+    with pytest.raises(RecordingFileError, match=r"y is a MATLAB string .* save cellstr\(\.\.\.\) of it"):
+        load(path)
+
+
+def test_what_is_left_out_of_a_cell_leaves_out_the_cell_and_no_imaginary_part_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "x.mat"
+    tree = {"c": np.array([1.0, 1j], object), "s": {"a": 1j, "b": 2.0}, "W": push(1) * 1j, "wrench": push(1)}
+    scipy.io.savemat(path, tree)
+    found = variables(path)
+    assert set(found) == {"s", "wrench"}
+    assert set(found["s"]) == {"b"}
+    assert [text.split(" is ")[0] for text in left_out(path)] == [
+        "variable c{2}",
+        "variable s.a",
+        "variable W",
+    ]
+
+
+def refused_links(file) -> None:
+    file["X"] = h5py.ExternalLink("other.h5", "X")
+
+
+def refused_storage(file) -> None:
+    made = file.create_dataset("X", (2, 6), "f8", external=[("/etc/hostname", 0, 96)])
+    made.attrs["MATLAB_class"] = np.bytes_("double")
+
+
+def refused_null_reference(file) -> None:
+    file.create_dataset("X", (1, 2), h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
+
+
+def refused_octave(file) -> None:
+    file.create_group("X").attrs["OCTAVE_NEW_FORMAT"] = np.uint8(1)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (refused_links, "variable X: is a link, which is not followed"),
+        (refused_storage, "variable X: keeps its values in other files"),
+        (refused_null_reference, "variable X"),
+        (refused_octave, "was written by Octave's save -hdf5; wanted save -v7"),
+        (lambda file: put(file, "X", np.zeros((1, 2)), None), "variable X: has no attribute MATLAB_class"),
+        (lambda file: put(file, "X", np.zeros((1, 2)), "quaternion"), "X: is of the class 'quaternion'"),
+    ],
+)
+def test_what_version_73_must_not_hold_is_refused(tmp_path: Path, make: Callable, message: str) -> None:
+    path = tmp_path / "bad.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        make(file)
+    with pytest.raises(RecordingFileError, match=message):
+        load(path)
+
+
+@pytest.mark.parametrize("golden", ["x_y_v7", "struct_array_v7", "int16_v6", "one_v4", "ragged_cell_v73"])
+def test_cut_off_anywhere_is_refused(tmp_path: Path, golden: str) -> None:
+    data = (GOLDEN / f"{golden}.mat").read_bytes()
+    path = tmp_path / "cut.mat"
+    whole = variables(GOLDEN / f"{golden}.mat")
+    for n_bytes in np.linspace(0, len(data) - 1, 40).astype(int):
+        path.write_bytes(data[:n_bytes])
+        try:
+            found = variables(path)
+        except RecordingFileError:
+            continue
+        assert found.keys() < whole.keys()  # cut between two variables, which leaves no trace
+
+
+def test_octaves_text_files_that_are_too_large_and_a_missing_h5py(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(RecordingFileError, match=r"octave_text\.mat, header: is text .* save it with -v7"):
+        load(GOLDEN / "octave_text.mat")
+    with pytest.raises(RecordingFileError, match="more than max_file_bytes=100"):
+        load(GOLDEN / "x_y_v7.mat", max_file_bytes=100)
+    bomb = tmp_path / "bomb.mat"
+    scipy.io.savemat(bomb, {"X": np.zeros((100, 20_000, 6))}, do_compression=True)
+    with pytest.raises(RecordingFileError, match="variable X: would expand from"):
+        load(bomb)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(ImportError, match=r"h5py is needed to read \.mat files of version 7\.3: pip install"):
+        load(GOLDEN / "ragged_cell_v73.mat")

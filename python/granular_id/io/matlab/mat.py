@@ -1,25 +1,77 @@
-"""MATLAB files of every version: which one it is, what is in it, and what that means.
+"""MATLAB files of every version, as a tree of plain values.
 
-Versions 4 and 5 (``save -v4``, ``-v6``, ``-v7``) are read here, version 7.3 through h5py. What the variables hold
-is guessed as for any other file of named arrays (see ``arrays.layouts.recordings_of``), and the guess is said.
+scipy reads versions 4 to 7, h5py version 7.3. What the variables hold is told as for any other file of named arrays
+(see ``arrays.layouts.recordings_of``), and what was guessed or could not be read is said.
 """
 
 from __future__ import annotations
 
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
+import numpy as np
+from numpy.typing import NDArray
+
 from granular_id.io.arrays.layouts import recordings_of
-from granular_id.io.errors import RecordingFileError
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.expansion import Expansion
 from granular_id.io.files import open_bounded
-from granular_id.io.matlab.tree import MatReading
-from granular_id.io.matlab.v4 import read_v4
-from granular_id.io.matlab.v5 import HEADER_BYTES, read_v5
-from granular_id.io.matlab.v73 import read_v73
+from granular_id.io.hdf5.storage import attribute, is_group, member, opened, values
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 
 _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
+_HEADER_BYTES = 128
 _HDF5_AT = 512  # behind MATLAB's own header
+
+_SPARSE = ("a sparse matrix", "save full(...) of it")
+_COMPLEX = ("an array of complex numbers", "a wrench is real: save real(...) of it")
+_FUNCTION = ("a function handle", "it holds no samples")
+_REMEDIES = {
+    "string": "save cellstr(...) of it",
+    "categorical": "save cellstr(...) of it",
+    "table": "save table2struct(..., 'ToScalar', true), with cellstr(...) of text columns",
+    "timetable": "save table2struct(timetable2table(...), 'ToScalar', true), with seconds(...) of its times",
+    "containers.Map": "save its keys and values as cells",
+    "datetime": "save posixtime(...) of it",
+    "duration": "save seconds(...) of it",
+}
+_NO_LABELS = ("datetime", "duration")
+_NUMBERS = {
+    "double": np.dtype(np.float64),
+    "single": np.dtype(np.float32),
+    "logical": np.dtype(np.bool_),
+    **{f"{sign}int{bits}": np.dtype(f"{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)},
+}
+
+
+@dataclass
+class MatReading(Expansion):
+    """The file being read, and what of it could not be read.
+
+    Attributes
+    ----------
+    left_out, may_be_labels : list of str
+        What could not be read, where, and how to save it instead; the second lists those that may name materials.
+    """
+
+    left_out: list[str] = field(default_factory=list)
+    may_be_labels: list[str] = field(default_factory=list)
+
+    def leave_out(self, place: str, what: str, remedy: str) -> None:
+        """Note that a value cannot be read."""
+        self.left_out.append(f"{place} is {what} and was left out; {remedy}")
+
+    def leave_out_object(self, place: str, class_name: str) -> None:
+        """Leave out an object of a MATLAB class, which only MATLAB itself can read."""
+        self.leave_out(
+            place, f"a MATLAB {class_name}", _REMEDIES.get(class_name, "save its values as plain arrays")
+        )
+        if class_name in _REMEDIES and class_name not in _NO_LABELS:
+            self.may_be_labels.append(self.left_out[-1])
 
 
 def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
@@ -74,33 +126,243 @@ def read_variables(source: FileSource, options: LoadOptions) -> tuple[dict[str, 
     """
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
         reading = MatReading(source.path, n_bytes)
-        version = _version(file, reading)
-        if version == 4:
-            variables = read_v4(file, reading)
-        elif version == 5:
-            variables = read_v5(file, reading)
-        else:
-            variables = read_v73(reading)
+        variables = _read_v73(reading) if _is_v73(file, reading) else _read_scipy(file, reading)
     if not variables:
         left_out = f": {'; '.join(reading.left_out)}" if reading.left_out else ""
         raise RecordingFileError(source.path, f"holds no variable that can be read{left_out}")
     return variables, reading
 
 
-def _version(file: BinaryIO, reading: MatReading) -> int:
-    """Return 4, 5 or 7 (for 7.3)."""
+def _is_v73(file: BinaryIO, reading: MatReading) -> bool:
+    """Tell version 7.3, which is HDF5, from the older ones."""
     head = file.read(_HDF5_AT + len(_HDF5_MARK))
+    file.seek(0)
     if head.startswith(_HDF5_MARK) or head[_HDF5_AT:] == _HDF5_MARK:
-        return 7
+        return True
     if not head:
         raise RecordingFileError(reading.path, "is empty")
     if head.startswith(b"# Created by Octave"):
         raise reading.fault("header", "is text as Octave's save writes it by default; save it with -v7")
     if head.startswith(b"MATLAB 7.3"):
         raise reading.fault("header", "says MATLAB 7.3, but no HDF5 file follows: it is cut off or damaged")
-    if head.startswith(b"MATLAB") or head[HEADER_BYTES - 2 : HEADER_BYTES] in (b"IM", b"MI"):
-        return 5
-    if 0 in head[:4]:  # version 4 begins with a small number, the others with text
-        return 4
-    shown = head[:20]
-    raise reading.fault("header", f"begins with {shown!r}; wanted a MATLAB file of version 4, 5 or 7.3")
+    return False
+
+
+# -- versions 4 to 7
+
+
+def _read_scipy(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
+    from scipy.io.matlab import MatlabOpaque, varmats_from_mat, whosmat  # here: it takes 0.1 s to import
+
+    settings: dict[str, Any] = {"appendmat": False}
+    with naming(reading.path, "reading its header"):
+        order = file.read(_HEADER_BYTES)[-2:]
+        file.seek(0)
+        parts: Sequence[tuple[str, Any]] = [("", file)]
+        if order in (b"IM", b"MI"):
+            # a variable at a time: scipy gives all objects of MATLAB one name
+            parts = varmats_from_mat(file)
+            # MATLAB writes text as UTF-16; by default scipy keeps one byte of each character
+            settings["uint16_codec"] = "utf-16-le" if order == b"IM" else "utf-16-be"
+    variables: dict[str, Any] = {}
+    for name, part in parts:
+        with naming(reading.path, f"reading variable {name}"):
+            if name != "None":  # an object, whose size scipy cannot tell
+                part.seek(0)
+                for listed, shape, _ in whosmat(part, appendmat=False):
+                    reading.spend(8 * math.prod(shape), f"variable {listed}")
+            found = _loaded(part, settings)
+        for key, raw in found.items():
+            if key.startswith("__"):
+                continue
+            if key in variables:
+                raise reading.fault(f"variable {key}", "occurs twice")
+            called = _text_of(raw["s0"]) if isinstance(raw, MatlabOpaque) else key
+            value = _plain(raw, f"variable {called}", reading)
+            if value is not None:
+                variables[key] = value
+    return variables
+
+
+def _loaded(part: Any, settings: dict[str, Any]) -> dict[str, Any]:
+    """Read in MATLAB's classes, unless there are complex numbers, of which scipy would leave the real part."""
+    from scipy.io.matlab import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", np.exceptions.ComplexWarning)
+        part.seek(0)
+        try:
+            return dict(loadmat(part, mat_dtype=True, **settings))
+        except np.exceptions.ComplexWarning:
+            part.seek(0)
+            return dict(loadmat(part, **settings))
+
+
+def _text_of(name: Any) -> str:
+    return bytes(name.item()).decode("utf-8", "backslashreplace")
+
+
+def _plain(raw: Any, place: str, reading: MatReading) -> Any:
+    """Return what scipy read as plain values, None where it was left out."""
+    from scipy.io.matlab import MatlabFunction, MatlabOpaque
+    from scipy.sparse import issparse
+
+    if raw is None:  # an element of a struct array without fields
+        return {}
+    if isinstance(raw, MatlabOpaque):
+        return reading.leave_out_object(place, _text_of(raw["s2"]))
+    is_function = isinstance(raw, MatlabFunction)
+    for unreadable, why in (
+        (is_function, _FUNCTION),
+        (issparse(raw), _SPARSE),
+        (np.iscomplexobj(raw), _COMPLEX),
+    ):
+        if unreadable:
+            return reading.leave_out(place, *why)
+    if isinstance(raw, str):  # scipy's word on a variable that it gave up
+        raise reading.fault(place, f"cannot be read ({raw[:200]})")
+    return _plain_array(raw, place, reading)
+
+
+def _plain_array(raw: NDArray[Any], place: str, reading: MatReading) -> Any:
+    items = raw.ravel(order="F")
+    if raw.dtype.names is not None:
+        columns = {name: list(items[name]) for name in raw.dtype.names}
+        return _structs(columns, raw.shape, place, reading, _plain)
+    if raw.dtype.kind == "O":
+        return _cells(
+            [_plain(item, f"{place}{{{i}}}", reading) for i, item in enumerate(items, 1)], raw.shape
+        )
+    if raw.dtype.kind == "U":
+        return _texts(items.tolist())
+    return raw.astype(raw.dtype.newbyteorder("="), copy=False)
+
+
+# -- version 7.3: sizes in reverse, MATLAB's classes as attributes, cells as references into ``#refs#``
+
+
+def _read_v73(reading: MatReading) -> dict[str, Any]:
+    variables: dict[str, Any] = {}
+    with opened(reading, "to read .mat files of version 7.3") as file:
+        for name in file:
+            if name.startswith("#"):  # where MATLAB keeps the contents of cells and objects
+                continue
+            place = f"variable {name}"
+            with naming(reading.path, f"reading {place}"):
+                value = _Node(file, reading).value(member(file, name, place, reading), place)
+            if value is not None:
+                variables[name] = value
+    return variables
+
+
+@dataclass
+class _Node:
+    """Goes from variables through structs and references to the values."""
+
+    file: Any
+    reading: MatReading
+
+    def value(self, item: Any, place: str) -> Any:
+        """Return one value of whatever class, None where it was left out."""
+        class_name = attribute(item, "MATLAB_class", place, self.reading)
+        if class_name == "function_handle":
+            return self.reading.leave_out(place, *_FUNCTION)
+        if "MATLAB_object_decode" in item.attrs:
+            return self.reading.leave_out_object(place, str(class_name))
+        if "MATLAB_sparse" in item.attrs:
+            return self.reading.leave_out(place, *_SPARSE)
+        if "OCTAVE_NEW_FORMAT" in item.attrs:
+            raise self.reading.fault(place, "was written by Octave's save -hdf5; wanted save -v7")
+        if class_name is None:
+            problem = "has no attribute MATLAB_class: the file is HDF5, but not as MATLAB writes it"
+            raise self.reading.fault(place, f"{problem}; save it with -v7 or -v7.3, or name it .h5")
+        if is_group(item) and class_name == "struct":
+            return self._struct(item, place)
+        if is_group(item) or class_name not in (*_NUMBERS, "char", "cell", "struct"):
+            raise self.reading.fault(place, f"is of the class {str(class_name)[:80]!r}, which cannot be read")
+        return self._dataset(item, class_name, place)
+
+    def _dataset(self, item: Any, class_name: str, place: str) -> Any:
+        raw = values(item, place, self.reading)
+        if item.attrs.get("MATLAB_empty"):  # the values are its size
+            if class_name not in _NUMBERS:
+                return "" if class_name == "char" else []
+            return np.empty([int(n) for n in raw.ravel()], _NUMBERS[class_name])
+        if raw.dtype.names is not None:
+            return self.reading.leave_out(place, *_COMPLEX)
+        if class_name == "cell":
+            return self._cell(raw, place)
+        array = raw.reshape((1,) * (2 - raw.ndim) + raw.shape).T
+        if class_name == "char":
+            wide = np.ascontiguousarray(array).astype(f"<u{max(array.dtype.itemsize, 2)}")
+            codec = f"utf-{8 * wide.itemsize}-le"
+            return _texts([row.tobytes().decode(codec, "replace") for row in wide])
+        return array.astype(_NUMBERS[class_name], copy=False)
+
+    def _cell(self, references: Any, place: str) -> Any:
+        targets = [self._target(ref, f"{place}{{{i}}}") for i, ref in enumerate(references.ravel(), 1)]
+        return _cells(targets, references.shape[::-1])
+
+    def _target(self, reference: Any, place: str) -> Any:
+        return self.value(self.file[reference], place)
+
+    def _struct(self, group: Any, place: str) -> Any:
+        members = {name: member(group, name, f"{place}.{name}", self.reading) for name in group}
+        if members and all(map(_is_column, members.values())):
+            columns = {name: values(item, place, self.reading) for name, item in members.items()}
+            shape = next(iter(columns.values())).shape[::-1]
+            listed = {name: list(column.ravel()) for name, column in columns.items()}
+            return _structs(
+                listed, shape, place, self.reading, lambda ref, where, _: self._target(ref, where)
+            )
+        record = {name: self.value(item, f"{place}.{name}") for name, item in members.items()}
+        return {name: value for name, value in record.items() if value is not None}
+
+
+def _is_column(item: Any) -> bool:
+    """Tell whether a field holds one reference per element of a struct array (a cell has a class)."""
+    return not is_group(item) and item.dtype.kind == "O" and "MATLAB_class" not in item.attrs
+
+
+# -- what both have in common
+
+
+def _texts(rows: list[str]) -> str | list[str]:
+    """Return a char array as a str; several rows as a list, without the blanks that pad them to one width."""
+    return "" if not rows else rows[0] if len(rows) == 1 else [row.rstrip(" \0") for row in rows]
+
+
+def _cells(items: list[Any], dims: Sequence[int]) -> Any:
+    if any(item is None for item in items):  # without one, the others would count wrongly
+        return None
+    return nested(items, dims)
+
+
+def _structs(
+    columns: Mapping[str, list[Any]], dims: Sequence[int], place: str, reading: MatReading, plain: Any
+) -> Any:
+    """Return a struct as a dict, a struct array as a list of them; fields that cannot be read are missing."""
+    n = math.prod(dims)
+    records: list[dict[str, Any]] = []
+    for i in range(n):
+        where = place if n == 1 else f"{place}({i + 1})"
+        record = {name: plain(column[i], f"{where}.{name}", reading) for name, column in columns.items()}
+        records.append({name: value for name, value in record.items() if value is not None})
+    return records[0] if n == 1 else nested(records, dims)
+
+
+def nested(items: list[Any], dims: Sequence[int]) -> list[Any]:
+    """Arrange what a file lists column by column: vectors as a list, matrices as lists of their rows.
+
+    Examples
+    --------
+    >>> nested([1, 2, 3, 4, 5, 6], (2, 3))
+    [[1, 3, 5], [2, 4, 6]]
+    >>> nested([1, 2], (1, 2))
+    [1, 2]
+    """
+    long = [n for n in dims if n != 1]
+    if not items or len(long) <= 1:
+        return items
+    rows = long[0]
+    return [nested(items[i::rows], long[1:]) for i in range(rows)]
