@@ -171,12 +171,11 @@ def test_attributes_as_h5py_writes_text_by_default(tmp_path, libver):
     assert not any("left out" in note for note in data.history[-1].notes)
 
 
-def test_attributes_that_cannot_be_read_are_named_with_the_remedy(tmp_path):
+def test_attributes_beyond_the_header_are_read(tmp_path):
     with h5py.File(tmp_path / "x.h5", "w", libver="latest") as file:
         file["X"], file["fs"] = X[0], 250
         file.attrs.update({f"key {i}": "so many lie elsewhere" for i in range(20)} | {"label": "rice"})
-    (note,) = [note for note in load(tmp_path / "x.h5").history[-1].notes if "left out" in note]
-    assert note.endswith("; write it as np.bytes_(...) or as a data set")
+    assert load(tmp_path / "x.h5")[0].label == "rice"
 
 
 def test_a_file_in_the_format_whose_texts_are_of_changing_length(tmp_path):
@@ -185,17 +184,6 @@ def test_a_file_in_the_format_whose_texts_are_of_changing_length(tmp_path):
         file.attrs["format"] = "granular_id recordings"
         file["wrench"].attrs["axes"] = AXES
     assert load(path).y.tolist() == ["rice", "öat flakes"]
-
-
-def test_attributes_of_a_data_set_stand_beside_it(tmp_path):
-    def write(file):
-        for i in range(2):
-            file[f"rice_{i}"] = X[i]
-            file[f"rice_{i}"].attrs["sampling_rate"] = 100
-
-    data = load(other_file(tmp_path / "x.h5", write))
-    assert data.rate_hz == 100
-    assert data.labels == ("rice",)
 
 
 @pytest.mark.parametrize("packing", [{}, {"compression": "gzip"}, {"compression": "gzip", "shuffle": True}])
@@ -211,17 +199,29 @@ def test_texts_in_chunks_of_which_some_were_never_written(tmp_path, packing):
     assert [r.session for r in data] == [None, None, "tue", "wed"]
 
 
+@pytest.mark.parametrize("dtype", ["<f8", ">f8", "<f4", "<i2"])
 @pytest.mark.parametrize(
-    "more", [{}, {"shuffle": True}, {"shuffle": True, "fletcher32": True}, {"chunks": (1, 7, 6)}]
+    "packing",
+    [
+        {},
+        {"compression": "lzf", "shuffle": True},
+        {"compression": "gzip", "chunks": (1, 7, 6), "fletcher32": True},
+    ],
 )
-def test_lzf_is_read(tmp_path, more):
-    values = np.rint(X * 10)  # repeats, so that it packs
+def test_values_are_those_that_h5py_reads(tmp_path, dtype, packing):
+    values = np.rint(X * 10).astype(dtype)
 
     def write(file):
-        file.create_dataset("X", data=values, compression="lzf", **more)
+        file.create_dataset("X", data=values, **packing)
 
-    data = load(other_file(tmp_path / "x.h5", write), rate_hz=500)
-    assert data.X.tobytes() == values.tobytes()
+    assert (values == load(other_file(tmp_path / "x.h5", write), rate_hz=500).X).all()
+
+
+def test_what_was_never_written_is_the_fill_value(tmp_path):
+    def write(file):
+        file.create_dataset("X", shape=(2, 9, 6), dtype="f8", fillvalue=2.5)
+
+    assert (load(other_file(tmp_path / "x.h5", write), rate_hz=500).X == 2.5).all()
 
 
 def test_an_attribute_with_a_name_that_is_no_text_means_nothing(tmp_path):
@@ -253,3 +253,56 @@ def test_an_interrupt_leaves_nothing_and_nothing_is_overwritten(tmp_path):
     save(small(), tmp_path / "x.h5")
     with pytest.raises(FileExistsError, match="nothing is overwritten"):
         save(small(), tmp_path / "x.h5")
+
+
+def _virtual(file):
+    layout = h5py.VirtualLayout(X.shape, "f8")
+    layout[:] = h5py.VirtualSource("elsewhere.h5", "X", X.shape)
+    file.create_virtual_dataset("X", layout)
+
+
+def _loop(file):
+    file["X"] = X
+    file.create_group("a/b")["c"] = file["a"]
+
+
+def _texts_in_another_file(file):
+    file["X"] = X
+    file.create_dataset("labels", (4,), "S4", external=[("/etc/passwd", 0, 16)])
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        (
+            lambda f: f.update({"X": h5py.ExternalLink("/etc/passwd", "/")}),
+            "X: is a link, which is not followed",
+        ),
+        (lambda f: f.update({"X": h5py.SoftLink("/X")}), "X: is a link, which is not followed"),
+        (
+            lambda f: f.create_dataset("X", X.shape, "f8", external=[("/etc/passwd", 0, X.nbytes)]),
+            "X: keeps its values in other files",
+        ),
+        (_texts_in_another_file, "labels: keeps its values in other files"),
+        (_virtual, "X: keeps its values in other files"),
+        (_loop, "a group that lies at two places"),
+        (lambda f: f.create_dataset("X", (10**6, 100, 6), "f8"), "X: would expand from"),
+        (lambda f: f.create_dataset("X", data=h5py.Empty("f8")), "no recordings"),
+        (lambda f: None, "no recordings"),
+    ],
+)
+def test_other_files_bombs_and_useless_files_are_refused(tmp_path, write, message):
+    with pytest.raises(RecordingFileError, match=message):
+        load(other_file(tmp_path / "x.h5", write), rate_hz=500)
+
+
+def test_cut_off_and_no_hdf5(tmp_path):
+    path = save(small(), tmp_path / "x.h5")
+    data = path.read_bytes()
+    parts = [data[: len(data) * tenth // 10] for tenth in range(10)]
+    for part in (*parts, b"fx,fy\n1,2\n", b"\x89HDF\r\n\x1a\n" + bytes(500)):
+        path.write_bytes(part)
+        with pytest.raises(RecordingFileError, match=r"x\.h5"):
+            load(path)
+    path.write_bytes(data)  # the same file to the operating system
+    assert load(path) == small()

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.arrays.layouts import recordings_of
+from granular_id.io.arrays.names import ROLES, role_of
+from granular_id.io.arrays.stated import orders_axes, what_has_unit
+from granular_id.io.arrays.tree import MAX_DEPTH
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.expansion import Expansion
-from granular_id.io.files import check_file
+from granular_id.io.files import open_bounded
 from granular_id.io.flat import FORMAT, NUMBERS, RECORDING_BYTES, TEXTS, VERSION, FlatRecordings, unflatten
-from granular_id.io.hdf5.guard import GuardedFile
 from granular_id.io.hdf5.save import SAMPLES, UNITS
-from granular_id.io.hdf5.tree import Hdf5Tree
+from granular_id.io.hdf5.storage import attribute, is_group, is_text, member, opened, values
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.units import factor
@@ -24,12 +27,17 @@ from granular_id.recording import unit_of
 __all__ = ["read_hdf5"]
 
 _LISTED = 3
+_ROOT = "root"
+
+_BESIDE_SAMPLES = ROLES - {"units", "scaling"}
+_CHANGES_VALUES = ("units", "scaling", "axes", "dimensions")
+"""What attributes say of the values themselves: one that cannot be read is not left out."""
 
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an HDF5 file: one of ``save_hdf5``, or groups and arrays whose layout is guessed and said.
 
-    Links, values kept in other files and filters other than gzip, lzf and shuffle are refused.
+    Links, and values kept in other files, are refused.
 
     Raises
     ------
@@ -38,13 +46,13 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     ImportError
         h5py is missing.
     """
-    n_bytes = check_file(source.path, source.root, options.max_binary_bytes)
-    expansion = Expansion(source.path, n_bytes)
-    with GuardedFile(expansion, "to read .h5 files") as file:
-        if _is_own(file):
-            return _read_own(file, source)
-        tree = Hdf5Tree(file)
-        content = recordings_of(tree.whole(), source, options, "data set")
+    with open_bounded(source.path, source.root, options.max_binary_bytes) as (_, n_bytes):
+        expansion = Expansion(source.path, n_bytes)
+        with opened(expansion, "to read .h5 files") as file:
+            if _is_own(file):
+                return _Own(file, expansion).content(source)
+            tree = _Tree(expansion)
+            content = recordings_of(tree.group(file, "", 0), source, options, "data set")
     if tree.left_out:
         more = len(tree.left_out) - _LISTED
         listed = "; ".join(tree.left_out[:_LISTED]) + (f"; and {more} more" if more > 0 else "")
@@ -52,98 +60,182 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     return content
 
 
-def _is_own(file: GuardedFile) -> bool:
-    try:
-        return bool(file.attribute(file.root, "format", "header") == FORMAT)
-    except RecordingFileError:  # an attribute of that name that is somebody else's
-        return False
+# -- files of this package
 
 
-def _read_own(file: GuardedFile, source: FileSource) -> FileContent:
-    path = source.path
-    version = file.attribute(file.root, "version", "header")
-    if not isinstance(version, np.integer) or version != VERSION:
-        problem = f"is of version {version!s:.40}; this granular_id reads version {VERSION}"
-        raise RecordingFileError(path, problem, place="header")
-    top = set(file.names(file.root, "header"))
-    group = _member(file, file.root, "recordings", "group recordings")
-    columns = {name: _values(file, group, name, f"recordings/{name}") for name in NUMBERS}
-    file.expansion.spend(columns["n_samples"].size * RECORDING_BYTES, "recordings/n_samples")
-    texts = {name: _texts(_values(file, group, name, f"recordings/{name}"), name, path) for name in TEXTS}
-    (meta,) = _texts(_values(file, group, "meta", "recordings/meta"), "meta", path)
-    (history,) = _texts(_values(file, file.root, "history", "history"), "history", path)
-    columns |= {
-        name: _values(file, file.root, name, name) for name in SAMPLES if name in top or name == "wrench"
-    }
-    wrench = _member(file, file.root, "wrench", "wrench")
-    axes = _axes(file, wrench, path)
-    _refuse_other_units(file, columns)
-    scales = _scales(file, wrench, axes)
-    if scales is not None:
-        columns["wrench"] = columns["wrench"] * scales
-    flat = FlatRecordings.of_texts(axes, texts, meta, history, columns)
-    content = unflatten(flat, path, source, finite=file.known_finite(wrench) and scales is None)
-    unknown = sorted(top - {*SAMPLES, "recordings", "history"})
-    if unknown:
-        content.notes.append(
-            f"members that are no part of the format were not read: {', '.join(unknown)[:200]}"
-        )
-    return content
+def _is_own(file: Any) -> bool:
+    mark = file.attrs.get("format")
+    return isinstance(mark, (str, bytes)) and mark in (FORMAT, FORMAT.encode())
 
 
-def _axes(file: GuardedFile, wrench: Any, path: Any) -> tuple[str, ...]:
-    axes = file.attribute(wrench, "axes", "wrench")
-    return tuple(_texts(np.asarray(axes), "attribute axes of wrench", path))
+@dataclass
+class _Own:
+    """A file in the layout of ``save_hdf5``."""
 
+    file: Any
+    expansion: Expansion
 
-def _scales(file: GuardedFile, wrench: Any, axes: tuple[str, ...]) -> tuple[float, ...] | None:
-    """Return what samples must be multiplied with to be in the units of the axes; None: nothing."""
-    if not file.has_attribute(wrench, "units", "wrench"):
-        return None
-    place = "wrench, attribute units"
-    said = _texts(np.asarray(file.attribute(wrench, "units", "wrench")), place, file.expansion.path)
-    scales = [factor(unit, unit_of(axis)) for unit, axis in zip(said, axes, strict=False)]
-    if len(said) != len(axes) or None in scales:
-        wanted = ", ".join(unit_of(axis) for axis in axes)
-        raise file.expansion.fault(place, f"names {', '.join(said)[:80]}; wanted {wanted}, or mN, mN m ...")
-    known = tuple(scale for scale in scales if scale is not None)
-    return known if any(scale != 1 for scale in known) else None
+    def content(self, source: FileSource) -> FileContent:
+        """Return its recordings."""
+        version = self._attribute(self.file, "version", "header")
+        if not isinstance(version, np.integer) or version != VERSION:
+            problem = f"is of version {version!s:.40}; this granular_id reads version {VERSION}"
+            raise self.expansion.fault("header", problem)
+        columns = {name: self._values(f"recordings/{name}") for name in NUMBERS}
+        self.expansion.spend(columns["n_samples"].size * RECORDING_BYTES, "recordings/n_samples")
+        texts = {name: self._texts(self._values(f"recordings/{name}"), name) for name in TEXTS}
+        (meta,) = self._texts(self._values("recordings/meta"), "meta")
+        (history,) = self._texts(self._values("history"), "history")
+        columns |= {name: self._values(name) for name in SAMPLES if name in self.file or name == "wrench"}
+        axes = tuple(self._texts(self._attribute(self.file["wrench"], "axes", "wrench"), "axes of wrench"))
+        self._refuse_other_units(columns)
+        scales = self._scales(axes)
+        if scales is not None:
+            columns["wrench"] = columns["wrench"] * scales
+        flat = FlatRecordings.of_texts(axes, texts, meta, history, columns)
+        content = unflatten(flat, source.path, source)
+        unknown = sorted(set(self.file) - {*SAMPLES, "recordings", "history"})
+        if unknown:
+            listed = ", ".join(unknown)[:200]
+            content.notes.append(f"members that are no part of the format were not read: {listed}")
+        return content
 
+    def _attribute(self, item: Any, name: str, place: str) -> Any:
+        return attribute(item, name, place, self.expansion)
 
-def _refuse_other_units(file: GuardedFile, columns: Mapping[str, Any]) -> None:
-    for name, unit in UNITS.items():
-        member = name.rpartition("/")[2]
-        if member not in columns:
-            continue
-        item = file.root
-        for part in name.split("/"):
-            item = _member(file, item, part, name)
-        said = file.attribute(item, "units", name)
-        if said is not None and factor(str(said), unit) != 1:
-            raise file.expansion.fault(
-                name, f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
+    def _values(self, path: str) -> NDArray[Any]:
+        item = self.file
+        for name in path.split("/"):
+            if not is_group(item) or name not in item:
+                raise self.expansion.fault(path, f"is missing; wanted what '{FORMAT} {VERSION}' has")
+            item = member(item, name, path, self.expansion)
+        if is_group(item):
+            raise self.expansion.fault(path, "is a group; wanted values")
+        return values(item, path, self.expansion)
+
+    def _texts(self, found: Any, place: str) -> list[str]:
+        array = np.asarray(found)
+        if array.dtype.kind not in "SU" or array.ndim > 1:
+            problem = f"has shape {array.shape} and type {array.dtype}; wanted texts"
+            raise self.expansion.fault(place, problem)
+        try:
+            return [t if isinstance(t, str) else t.decode("utf-8") for t in array.ravel().tolist()]
+        except UnicodeDecodeError as error:
+            raise self.expansion.fault(place, f"is not UTF-8 text: {error}") from error
+
+    def _scales(self, axes: tuple[str, ...]) -> tuple[float, ...] | None:
+        """Return what samples must be multiplied with to be in the units of the axes; None: nothing."""
+        place = "wrench, attribute units"
+        units = self._attribute(self.file["wrench"], "units", "wrench")
+        if units is None:
+            return None
+        said = self._texts(units, place)
+        scales = [factor(unit, unit_of(axis)) for unit, axis in zip(said, axes, strict=False)]
+        if len(said) != len(axes) or None in scales:
+            wanted = ", ".join(unit_of(axis) for axis in axes)
+            raise self.expansion.fault(
+                place, f"names {', '.join(said)[:80]}; wanted {wanted}, or mN, mN m ..."
             )
+        known = tuple(scale for scale in scales if scale is not None)
+        return known if any(scale != 1 for scale in known) else None
+
+    def _refuse_other_units(self, columns: Mapping[str, Any]) -> None:
+        for name, unit in UNITS.items():
+            if name.rpartition("/")[2] not in columns:
+                continue
+            said = self._attribute(self.file[name], "units", name)
+            if said is not None and factor(str(said), unit) != 1:
+                problem = f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
+                raise self.expansion.fault(name, problem)
 
 
-def _member(file: GuardedFile, group: Any, name: str, place: str) -> Any:
-    if not file.is_group(group) or name not in file.names(group, place):
-        raise file.expansion.fault(place, f"is missing; wanted what '{FORMAT} {VERSION}' has")
-    return file.member(group, name, place)
+# -- files of others
 
 
-def _values(file: GuardedFile, group: Any, name: str, place: str) -> NDArray[Any]:
-    item = _member(file, group, name, place)
-    if file.is_group(item):
-        raise file.expansion.fault(place, "is a group; wanted values")
-    return file.values(item, place)
+@dataclass
+class _Tree:
+    """Walks through the groups of a file; attributes that say what a recording is stand beside its samples.
+
+    Attributes
+    ----------
+    left_out : list of str
+        What cannot be read as numbers or texts, and why.
+    """
+
+    expansion: Expansion
+    left_out: list[str] = field(default_factory=list)
+    _groups: set[Any] = field(default_factory=set)
+
+    def group(self, group: Any, place: str, depth: int) -> dict[str, Any]:
+        """Return a mapping per group, a leaf per data set."""
+        if depth > MAX_DEPTH:
+            raise self.expansion.fault(place[:200], f"groups lie in each other deeper than {MAX_DEPTH}")
+        if group in self._groups:  # it may lie within itself
+            raise self.expansion.fault(place, "is a group that lies at two places of the file")
+        self._groups.add(group)
+        found = self._attributes(group, place or _ROOT)
+        for key in group:
+            name = key.decode("utf-8", "backslashreplace") if isinstance(key, bytes) else key
+            inner = f"{place}/{name}" if place else name
+            item = member(group, key, inner, self.expansion)
+            if is_group(item):
+                found[name] = self.group(item, inner, depth + 1)
+            else:
+                self._put(found, name, item, inner)
+        return found
+
+    def _put(self, found: dict[str, Any], name: str, item: Any, place: str) -> None:
+        """Put a data set, and beside it what its attributes say."""
+        dtype, shape = item.dtype, getattr(item, "shape", None)
+        if shape is None or (dtype.kind not in "iufbSV" and not is_text(dtype)):
+            self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
+            return
+        leaf = _Leaf(self.expansion, item, place, shape, np.dtype("U1") if is_text(dtype) else dtype)
+        about = self._attributes(item, place)
+        inside = {
+            key: value
+            for key, value in about.items()
+            if role_of(key) in _BESIDE_SAMPLES or orders_axes(value)
+        }
+        found[name] = {"samples": leaf, **inside} if inside and len(shape) > 1 else leaf
+        beside = {key: value for key, value in about.items() if key not in inside}
+        found.update({key: beside.pop(key) for key in list(beside) if role_of(key) == "scaling"})
+        if beside:  # as for vectors, which have one unit
+            found[f"{name}_units"] = beside if len(shape) > 1 else next(iter(beside.values()))
+
+    def _attributes(self, item: Any, place: str) -> dict[str, Any]:
+        """Return the attributes that say by name what they mean (label, rate, units ...), and orders of axes."""
+        found: dict[str, Any] = {}
+        for name in item.attrs:
+            if not isinstance(name, str) or name == "CLASS":  # h5py gives names that are no UTF-8 as bytes
+                continue
+            role = role_of(name) or ("units" if what_has_unit(name, {}) is not None else None)
+            try:
+                value = attribute(item, name, place, self.expansion)
+            except RecordingFileError as error:
+                if role in _CHANGES_VALUES:
+                    raise
+                if role is not None:
+                    self.left_out.append(f"{place}: {error.problem}")
+                continue
+            if role is not None or orders_axes(value):
+                found[name] = value
+        return found
 
 
-def _texts(values: NDArray[Any], place: str, path: Any) -> list[str]:
-    if values.dtype.kind not in "SU" or values.ndim > 1:
-        raise RecordingFileError(
-            path, f"has shape {values.shape} and type {values.dtype}; wanted texts", place=place
-        )
-    try:
-        return [text if isinstance(text, str) else text.decode("utf-8") for text in values.ravel().tolist()]
-    except UnicodeDecodeError as error:
-        raise RecordingFileError(path, f"is not UTF-8 text: {error}", place=place) from error
+@dataclass
+class _Leaf:
+    """A data set that is read when it is asked for."""
+
+    expansion: Expansion
+    item: Any
+    place: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    _values: NDArray[Any] | None = field(default=None, repr=False)
+
+    def read(self) -> NDArray[Any]:
+        if self._values is None:
+            found = values(self.item, self.place, self.expansion)
+            self._values = found.astype(np.uint8) if found.dtype.kind == "b" else found
+        return self._values
