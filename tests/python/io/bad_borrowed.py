@@ -7,11 +7,11 @@ from functools import partial
 
 from bad_files import BadCase, written
 from bad_mat import MAT_FILES
+from bad_npz import NPY_FILES, NPZ_FILES
 from bag_folder_attacks import FOLDER_ATTACKS
 from mcap_attacks import MCAP_ATTACKS
 from ros_attacks import BAG_ATTACKS, DB3_ATTACKS
 from test_csv_bad_files import BAD as CSV_FILES
-from test_npz_bad_files import NPY_FILES, NPZ_FILES
 
 FILES = {"csv": CSV_FILES, "npy": NPY_FILES, "npz": NPZ_FILES, "mat v5": MAT_FILES}
 """By name: bytes, and what else those tests want to know."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import threading
-import zlib
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from hypothesis.extra import numpy as hnp
 from effort import cases
 from granular_id._core import interleave
 from granular_id.io import bulk, load, save
-from granular_id.io.npz.checksum import Checksum
 from granular_id.recording import Dataset, Recording
 
 N = 3_000_001  # float64: three parts, the last one short
@@ -97,28 +94,6 @@ def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, sha
     assert turned.flags.c_contiguous
     assert turned is block or not block.flags.c_contiguous
     np.testing.assert_array_equal(turned, block)
-
-
-def test_checksums_of_pieces_of_any_size_are_those_of_the_whole(values):
-    data = values.tobytes()
-    bounds = [0, 1, 70_000, 70_010, 1 << 20, 1 << 20, len(data)]
-    checksum = Checksum(len(data))
-    for start, stop in pairwise(bounds):
-        checksum.add(memoryview(data)[start:stop])
-    assert checksum.value() == zlib.crc32(data)
-    checksum.add(memoryview(b"and more"))
-    assert checksum.value() == zlib.crc32(data + b"and more")
-    checksum.close()
-    assert no_threads()
-
-
-def test_checksums_need_no_thread(values, monkeypatch):
-    monkeypatch.setattr(threading.Thread, "start", _no_thread)
-    data = values.tobytes()
-    checksum = Checksum(len(data))
-    checksum.add(memoryview(data)[:100])
-    checksum.add(memoryview(data)[100:])
-    assert checksum.value() == zlib.crc32(data)
 
 
 @pytest.mark.parametrize("missing", ["preadv", "threads"])

@@ -263,7 +263,8 @@ def _virtual(file):
 
 def _loop(file):
     file["X"] = X
-    file.create_group("a/b")["c"] = file["a"]
+    inner = file.create_group("a/b")
+    inner["c"] = file["a"]
 
 
 def _texts_in_another_file(file):

@@ -1,4 +1,4 @@
-"""NPZ files: whole data sets there and back, with plain numpy as the other side in both directions."""
+"""NPZ and NPY files: whole data sets there and back, with plain numpy as the other side in both directions."""
 
 import json
 
@@ -7,10 +7,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from dataset_strategies import assert_same_bits, datasets
-from granular_id.io import load, save
+from granular_id.io import RecordingFileError, load, save
 from granular_id.io.npz.npz import save_npz
 from granular_id.recording import Dataset, Recording
 
+RNG = np.random.default_rng(5)
+ONE = RNG.normal(size=(50, 6))
 WRENCH = np.arange(36.0).reshape(2, 3, 6) - 17.5
 
 
@@ -84,28 +86,6 @@ def test_what_plain_numpy_saves_in_the_format_is_loaded(tmp_path):
     assert_same_bits(load(tmp_path / "set.npz"), Dataset(expected))
 
 
-@pytest.mark.parametrize("write", [np.savez, np.savez_compressed])
-@pytest.mark.parametrize("dtype", [np.float64, np.float32, ">f8", np.int16])
-@pytest.mark.parametrize("order", ["C", "F"])
-def test_archives_of_others_hold_what_numpy_reads(tmp_path, write, dtype, order):
-    samples = np.asarray(np.random.default_rng(3).integers(-99, 99, (4, 50, 6)), dtype, order=order)
-    write(tmp_path / "x.npz", X=samples, y=["rice", "peas"] * 2, rate_hz=500)
-    data = load(tmp_path / "x.npz")
-    with np.load(tmp_path / "x.npz") as arrays:
-        assert np.array_equal(data.X, arrays["X"])
-        assert data.X.dtype == np.float64
-        assert data.y.tolist() == arrays["y"].tolist()
-    assert data.rate_hz == 500
-    assert "X (4, 50, 6) taken as recordings, samples, axes" in data.history[-1].notes
-
-
-def test_names_with_slashes_are_groups(tmp_path):
-    np.savez(tmp_path / "x.npz", **{"rice/1": WRENCH[0], "rice/2": WRENCH[1], "peas/1": WRENCH[0], "fs": 100})
-    data = load(tmp_path / "x.npz")
-    assert data.y.tolist() == ["rice", "rice", "peas"]
-    assert data.names == ("rice/1", "rice/2", "peas/1")
-
-
 def test_existing_files_stay_and_nothing_half_written_is_left(tmp_path):
     path = tmp_path / "set.npz"
     path.write_text("mine")
@@ -119,13 +99,6 @@ def test_existing_files_stay_and_nothing_half_written_is_left(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         save_npz(_small(), tmp_path / "other.npz", progress=stop)
     assert [p.name for p in tmp_path.iterdir()] == ["set.npz"]
-
-
-def test_progress_counts_the_arrays(tmp_path):
-    calls = []
-    save_npz(_small(), tmp_path / "set.npz", progress=lambda *call: calls.append(call))
-    assert [done for done, _, _ in calls] == list(range(1, calls[0][1] + 1))
-    assert ("wrench") in [what for _, _, what in calls]
 
 
 def test_the_same_data_gives_the_same_bytes(tmp_path):
@@ -150,3 +123,123 @@ def test_samples_are_held_once(tmp_path):
 def test_a_thousand_real_recordings_keep_every_bit(tmp_path, data_dir):
     dataset = load(data_dir / "sliding_wrench")
     assert_same_bits(load(save(dataset, tmp_path / "sliding.npz")), dataset)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": np.array("granular_id recordings 2")}, "is of the format 'granular_id recordings 2'"),
+        ({"n_samples": None}, "the array 'n_samples' is missing"),
+        ({"n_samples": np.array([3, 2])}, "n_samples adds up to 5, but wrench has 6"),
+        ({"label": np.array([b"rice", b""])}, "array label: has shape .*wanted a list of texts"),
+        ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "array label: .*wanted a list of texts"),
+        ({"meta": np.array([255], np.uint8)}, "array meta as UTF-8"),
+        ({"meta": np.frombuffer(b"{}", np.uint8)}, "meta has 1 values for 2 recordings"),
+        ({"wrench": np.full((6, 6), np.nan)}, r"wrench\[0, 0\]"),
+    ],
+)
+def test_files_in_the_format_that_contradict_themselves(tmp_path, change, message):
+    with np.load(save(_small(), tmp_path / "set.npz")) as file:
+        arrays = {**file, **change}
+    np.savez(tmp_path / "bad.npz", **{name: array for name, array in arrays.items() if array is not None})
+    with pytest.raises(RecordingFileError, match=message):
+        load(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("write", [np.savez, np.savez_compressed])
+def test_archives_cut_or_changed_anywhere_are_refused(tmp_path, write):
+    path = tmp_path / "x.npz"
+    write(path, X=WRENCH, fs=500)
+    data = path.read_bytes()
+    for tenth in range(10):
+        path.write_bytes(data[: tenth * len(data) // 10])
+        with pytest.raises(RecordingFileError):
+            load(path)
+    start = data.index(b"NUMPY") + 128 if write is np.savez else 100
+    path.write_bytes(data[:start] + bytes([data[start] ^ 1]) + data[start + 1 :])  # the checksum tells
+    with pytest.raises(RecordingFileError, match="array X"):
+        load(path)
+
+
+def test_bombs_text_and_objects_are_refused(tmp_path):
+    path = tmp_path / "x.npz"
+    np.savez_compressed(path, X=np.zeros((100, 20_000, 6)))
+    with pytest.raises(RecordingFileError, match="array X: would expand from"):
+        load(path, rate_hz=500)
+    np.savez(path, X=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(RecordingFileError, match="array X: holds Python objects"):
+        load(path, rate_hz=500)
+    path.write_bytes(b"time,fx\n1,2\n")
+    with pytest.raises(RecordingFileError, match="is no NPZ archive"):
+        load(path)
+
+
+# -- .npy
+
+
+def _npy(tmp_path, array, **settings):
+    np.save(tmp_path / "push.npy", array)
+    return load(tmp_path / "push.npy", **settings)
+
+
+def test_one_recording(tmp_path):
+    data = _npy(tmp_path, ONE, rate_hz=500)
+    assert np.array_equal(data[0].wrench, ONE)
+    assert (data.names, data.rate_hz) == (("push.npy",), 500)
+
+
+def test_one_recording_with_its_axes_first_is_turned_and_said(tmp_path):
+    data = _npy(tmp_path, ONE.T, rate_hz=500)
+    assert np.array_equal(data[0].wrench, ONE)
+    assert "values (6, 50) taken as axes, samples" in data.history[-1].notes
+
+
+@pytest.mark.parametrize("dtype", ["f4", ">f8", "<i2", "u1", "f2"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_other_types_and_orders_hold_what_numpy_reads(tmp_path, dtype, order):
+    array = np.asarray(RNG.integers(0, 99, (4, 50, 6)), dtype, order=order)
+    data = _npy(tmp_path, array, rate_hz=500)
+    assert np.array_equal(data.X, np.load(tmp_path / "push.npy"))
+
+
+def test_fields_of_a_table_are_axes_and_time(tmp_path):
+    table = np.zeros(
+        50, [(name, "f8") for name in ("t", "Fx", "Fy", "Fz", "Mx", "My", "Mz")] + [("temp", "f4")]
+    )
+    table["t"] = np.arange(50) / 62.5
+    for i, name in enumerate(table.dtype.names[1:7]):
+        table[name] = ONE[:, i]
+    data = _npy(tmp_path, table)
+    assert np.array_equal(data[0].wrench, ONE)
+    assert data.rate_hz == 62.5
+    assert "not used: temp (50,) float32" in data.history[-1].notes
+
+
+def test_labels_come_from_the_names_of_files(tmp_path):
+    for name in ("rice_1", "rice_2", "peas_1"):
+        np.save(tmp_path / f"{name}.npy", ONE)
+    assert load(tmp_path, rate_hz=500).y.tolist() == ["peas", "rice", "rice"]
+
+
+def test_a_clock_is_no_array_of_samples(tmp_path):
+    with pytest.raises(RecordingFileError, match=r"no recordings are recognised.*values \(50,\) float64"):
+        _npy(tmp_path, np.arange(50.0), rate_hz=500)
+
+
+def test_what_an_npy_file_cannot_hold_is_not_advised(tmp_path):
+    with pytest.raises(RecordingFileError, match=r"has neither a rate nor stamps; pass rate_hz=$"):
+        _npy(tmp_path, ONE)
+    with pytest.raises(RecordingFileError, match=r"this holds one array: save an \.npz file with X of shape"):
+        _npy(tmp_path, ONE[:, :5], rate_hz=500)
+    with pytest.raises(RecordingFileError, match=r"save values\[\.\.\., 1:\] as X"):
+        _npy(tmp_path, np.zeros((50, 7)), rate_hz=500)
+
+
+def test_objects_are_refused_with_a_way_round(tmp_path):
+    ragged = np.empty(2, object)
+    ragged[:] = [ONE, ONE[:9]]
+    with pytest.raises(RecordingFileError, match=r"could run code; save texts as .*rice_01=first"):
+        _npy(tmp_path, ragged, rate_hz=500)
+    np.savez(tmp_path / "two.npz", rice_01=ONE, rice_02=ONE[:9])
+    data = load(tmp_path / "two.npz", rate_hz=500)
+    assert ([r.n_samples for r in data], data.labels) == ([50, 9], ("rice",))

@@ -15,9 +15,6 @@ from granular_id.io.extras import need
 
 __all__ = ["attribute", "is_group", "is_text", "member", "opened", "values"]
 
-_TEXT_BYTES = 64
-"""What a short text costs in memory."""
-
 
 @contextmanager
 def opened(expansion: Expansion, why: str) -> Iterator[Any]:
@@ -72,9 +69,7 @@ def values(item: Any, place: str, expansion: Expansion) -> NDArray[Any]:
     """Return all values of a data set; texts of changing length as texts of one width."""
     with naming(expansion.path, f"reading {place}"):
         _refuse_elsewhere(item, place, expansion)
-        expansion.spend(
-            item.size * (_TEXT_BYTES if item.dtype.hasobject else max(item.dtype.itemsize, 8)), place
-        )
+        expansion.spend(item.size * max(item.dtype.itemsize, 8), place)  # numbers become float64
         if is_text(item.dtype):
             return np.asarray(item.asstr(errors="backslashreplace")[()], np.str_)
         return np.asarray(item[()])

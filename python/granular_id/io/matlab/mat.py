@@ -166,7 +166,7 @@ def _read_scipy(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
             settings["uint16_codec"] = "utf-16-le" if order == b"IM" else "utf-16-be"
     variables: dict[str, Any] = {}
     for name, part in parts:
-        with naming(reading.path, f"reading variable {name}"):
+        with naming(reading.path, f"reading variable {name}" if name else "reading its variables"):
             if name != "None":  # an object, whose size scipy cannot tell
                 part.seek(0)
                 for listed, shape, _ in whosmat(part, appendmat=False):

@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import zipfile
 from collections.abc import Mapping
@@ -20,19 +19,20 @@ from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.tree import plain_texts, texts
-from granular_id.io.errors import RecordingFileError
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.expansion import Expansion
+from granular_id.io.files import open_bounded
 from granular_id.io.flat import (
     FORMAT,
     NUMBERS,
     OPTIONAL,
-    RECORDING_BYTES,
     TEXTS,
     VERSION,
     FlatRecordings,
     flatten,
     unflatten,
 )
-from granular_id.io.npz.archive import NpzArchive, NpzMember, open_npz
+from granular_id.io.npz.npy import header_of
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
@@ -40,9 +40,7 @@ from granular_id.recording import Dataset
 _MARK = "format"
 """Array that says what the file is: `FORMAT` and `VERSION`."""
 
-_JSON_BYTES = 20
-"""What a byte of JSON may cost in memory: lists of empty lists are the worst."""
-
+_SUFFIX = ".npy"
 _BYTES = ("meta", "history")
 _NUMBERS = ("wrench", *NUMBERS)
 
@@ -107,15 +105,46 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
     RecordingFileError
         The file, and the array in it, that cannot be read or understood.
     """
-    with open_npz(source.path, source.root, options.max_binary_bytes) as archive:
-        mark = archive.arrays.get(_MARK)
-        said = None if mark is None else texts(mark)
-        if said and said[0].startswith(FORMAT):
-            return _read_own(archive, said[0], source)
-        content = recordings_of(_tree(archive), source, options, "array")
-    if archive.others:
-        content.notes.append(f"members that are no arrays were not read: {', '.join(archive.others[:10])}")
+    with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
+        if not zipfile.is_zipfile(file):
+            problem = "is no NPZ archive: its end, which lists the arrays, is missing"
+            raise RecordingFileError(source.path, f"{problem} (cut off, or another kind of file)")
+        with naming(source.path, "listing its arrays"):
+            archive = zipfile.ZipFile(file)
+        with archive:
+            return _read(archive, Expansion(source.path, n_bytes), source, options)
+
+
+def _read(
+    archive: zipfile.ZipFile, expansion: Expansion, source: FileSource, options: LoadOptions
+) -> FileContent:
+    names = [name for name in archive.namelist() if name.endswith(_SUFFIX)]
+    others = [name for name in archive.namelist() if not name.endswith(_SUFFIX)]
+    arrays = {name[: -len(_SUFFIX)]: _Member(archive, name, expansion) for name in names}
+    said = texts(arrays[_MARK]) if _MARK in arrays else None
+    if said and said[0].startswith(FORMAT):
+        return _read_own(arrays, others, said[0], source)
+    content = recordings_of(_tree(arrays, source.path), source, options, "array")
+    if others:
+        content.notes.append(f"members that are no arrays were not read: {', '.join(others[:10])}")
     return content
+
+
+class _Member:
+    """One array of an archive, read when it is wanted."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str, expansion: Expansion) -> None:
+        self.place = f"array {name[: -len(_SUFFIX)]}"
+        self._archive, self._name, self._path = archive, name, expansion.path
+        with naming(self._path, f"reading {self.place}"), archive.open(name) as stream:
+            self.shape, self.dtype = header_of(stream, self.place, expansion)
+
+    def read(self) -> NDArray[Any]:
+        with naming(self._path, f"reading {self.place}"), self._archive.open(self._name) as stream:
+            values = np.lib.format.read_array(stream, allow_pickle=False)
+            if stream.read(1):  # the checksum is compared where the end is met
+                raise RecordingFileError(self._path, "is longer than it claims", place=self.place)
+        return np.asarray(values)
 
 
 def _arrays(flat: FlatRecordings) -> dict[str, NDArray[Any]]:
@@ -136,26 +165,22 @@ def _bytes(text: str) -> NDArray[np.uint8]:
     return np.frombuffer(text.encode("utf-8"), np.uint8)
 
 
-def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent:
+def _read_own(arrays: Mapping[str, _Member], others: list[str], mark: str, source: FileSource) -> FileContent:
     path = source.path
     if mark != f"{FORMAT} {VERSION}":
         problem = f"is of the format {mark[:60]!r}; this version of granular-id reads '{FORMAT} {VERSION}'"
         raise RecordingFileError(path, problem)
     known = {_MARK, "axes", *_NUMBERS, *OPTIONAL, *TEXTS, *_BYTES}
-    missing = known - set(OPTIONAL) - set(archive.arrays)
+    missing = known - set(OPTIONAL) - set(arrays)
     if missing:
         raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
-    n_recordings = math.prod(archive.arrays["n_samples"].shape)
-    archive.expansion.spend(n_recordings * RECORDING_BYTES, "array n_samples")
-    for name in _BYTES:
-        archive.expansion.spend(math.prod(archive.arrays[name].shape) * _JSON_BYTES, f"array {name}")
-    columns: dict[str, Any] = {name: archive.arrays[name].read() for name in _NUMBERS}
-    columns |= {name: archive.arrays[name].read() for name in OPTIONAL if name in archive.arrays}
-    words = {name: _texts(archive.arrays[name], path) for name in ("axes", *TEXTS)}
-    meta, history = (_text(archive.arrays[name], path) for name in _BYTES)
+    columns: dict[str, Any] = {name: arrays[name].read() for name in _NUMBERS}
+    columns |= {name: arrays[name].read() for name in OPTIONAL if name in arrays}
+    words = {name: _texts(arrays[name], path) for name in ("axes", *TEXTS)}
+    meta, history = (_text(arrays[name], path) for name in _BYTES)
     flat = FlatRecordings.of_texts(words["axes"], words, meta, history, columns)
     content = unflatten(flat, path, source)
-    unknown = sorted(set(archive.arrays) - known) + archive.others
+    unknown = sorted(set(arrays) - known) + others
     if unknown:
         content.notes.append(
             f"arrays that are no part of the format were not read: {', '.join(unknown[:10])}"
@@ -163,37 +188,33 @@ def _read_own(archive: NpzArchive, mark: str, source: FileSource) -> FileContent
     return content
 
 
-def _texts(member: NpzMember, path: Path) -> list[str]:
-    if member.dtype.kind != "U" or len(member.shape) != 1:
+def _texts(member: _Member, path: Path) -> list[str]:
+    words = plain_texts(member.read()) if member.dtype.kind == "U" and len(member.shape) == 1 else None
+    if words is None:
         problem = f"has shape {member.shape} and dtype {member.dtype}; wanted a list of texts"
         raise RecordingFileError(path, problem, place=member.place)
-    words = plain_texts(member.read())
-    if words is None:
-        raise RecordingFileError(path, "holds numbers that no character has", place=member.place)
     return words
 
 
-def _text(member: NpzMember, path: Path) -> str:
+def _text(member: _Member, path: Path) -> str:
     if member.dtype != np.uint8 or len(member.shape) != 1:
         problem = f"has shape {member.shape} and dtype {member.dtype}; wanted the bytes of a UTF-8 text"
         raise RecordingFileError(path, problem, place=member.place)
-    try:
+    with naming(path, f"reading {member.place} as UTF-8"):
         return member.read().tobytes().decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise RecordingFileError(path, f"is not UTF-8 text: {error}", place=member.place) from error
 
 
-def _tree(archive: NpzArchive) -> Mapping[str, Any]:
+def _tree(arrays: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
     """Arrange arrays called ``rice/1`` as HDF5 would: a group ``rice`` with ``1`` in it."""
     tree: dict[str, Any] = {}
-    for key, member in archive.arrays.items():
+    for key, member in arrays.items():
         *groups, name = key.split("/")
         place = tree
         for group in groups:
             place = place.setdefault(group, {})
             if not isinstance(place, dict):
-                raise RecordingFileError(archive.path, f"holds both an array {group!r} and arrays within it")
+                raise RecordingFileError(path, f"holds both an array {group!r} and arrays within it")
         if name in place:
-            raise RecordingFileError(archive.path, f"holds both an array {key!r} and arrays within it")
+            raise RecordingFileError(path, f"holds both an array {key!r} and arrays within it")
         place[name] = member
     return tree
