@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id.io.arrays.found import Found
-from granular_id.io.arrays.labels import labels_of, whole_numbers
+from granular_id.io.arrays.found import Found, labels_of, whole_numbers
 from granular_id.io.arrays.names import Role, plain_name
 from granular_id.io.arrays.stated import Units, single_unit, time_unit_in_name
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
@@ -26,7 +25,6 @@ Entries = dict[Role, dict[str, Any]]
 
 _LONGEST_TEXT = 1000
 """Characters of a text that is kept in ``meta``."""
-
 
 _TELLS_APART = (
     *("trial", "trials", "trialid", "run", "runs", "runid", "recordingid", "push", "pushid", "segment"),
@@ -46,22 +44,14 @@ def add_details(
 ) -> None:
     """Put onto recordings what their level of the file says, where no inner level said it already.
 
-    Parameters
-    ----------
-    found : Found
-        The recordings below that level.
-    entries : dict
-        What is known by name.
-    rest : mapping
-        Everything else: single values go into ``meta``, what is not used is said.
-    units : mapping
-        See ``stated.Units``.
-    options : LoadOptions
+    `entries` are known by name; of `rest`, single values go into ``meta``, and what is not used is said.
     """
-    if not len(found):
+    n = len(found)
+    if not n:
         return
     _refuse_codes(found, entries, origin)
-    for role in _PADDING:
+    lists: tuple[Role, ...] = ("lengths", "mask")
+    for role in lists:
         for name, node in entries.get(role, {}).items():
             if not _cut(found, role, name, node, origin, notes):
                 rest = {**rest, name: node}
@@ -96,7 +86,7 @@ def _refuse_codes(found: Found, entries: Entries, origin: Origin) -> None:
             raise origin.fault(name, f"is {single:g}, which stands among the samples: leave those out first")
 
 
-_PADDING: tuple[Role, ...] = ("lengths", "mask")
+# -- padding
 
 
 def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: list[str]) -> bool:
@@ -118,19 +108,18 @@ def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: 
                 return False  # how many recordings, or a total
         if len(lengths) > 1 and n == 1 and sum(lengths) == n_padded[0] and min(lengths) > 0:
             found.split(lengths)
-            notes.append(
-                f"{found.places[0]}: {len(lengths)} recordings one behind the other, of the lengths in {name}"
-            )
+            each = f"{len(lengths)} recordings one behind the other, of the lengths in {name}"
+            notes.append(f"{found.places[0]}: {each}")
             return True
     if len(lengths) != n:
         raise origin.fault(name, f"has {len(lengths)} values for {n} recordings; wanted one for each")
     for i, (wrench, length) in enumerate(zip(found.wrench, lengths, strict=True)):
+        gives = f"gives recording {i} {length} samples"
         if not 0 < length <= len(wrench):
-            problem = f"gives recording {i} {length} samples; wanted 1 to {len(wrench)}, which are there"
-            raise origin.fault(name, problem)
+            raise origin.fault(name, f"{gives}; wanted 1 to {len(wrench)}, which are there")
         if not _is_padded(wrench, length):
-            problem = f"gives recording {i} {length} samples of {len(wrench)}, but the values behind change"
-            raise origin.fault(name, f"{problem}; wanted padding: zeros, NaN, or one value again and again")
+            wanted = "wanted padding: zeros, NaN, or one value again and again"
+            raise origin.fault(name, f"{gives} of {len(wrench)}, but the values behind change; {wanted}")
     if lengths != found.lengths:
         notes.append(f"recordings cut to the samples that {name} states")
         found.cut(lengths)
@@ -150,6 +139,9 @@ def _masked(found: Found, name: str, node: Any, origin: Origin) -> list[int]:
         problem = "marks samples behind others that are none"
         raise origin.fault(name, f"{problem}; wanted those of a recording, and then its padding")
     return [int(row.sum()) for row in kept]
+
+
+# -- clocks
 
 
 def stated_rates(
@@ -179,9 +171,8 @@ def _in_hz(node: Any, name: str, quantity: str, stated: str | None, origin: Orig
     found = numbers(node)
     if found is None or not len(found) or not (found > 0).all():
         wanted = "sampling rate" if quantity == "Hz" else "time between samples"
-        raise origin.fault(
-            name, f"is no {wanted}; wanted a number above 0 ({quantity}), or one per recording"
-        )
+        per = f"wanted a number above 0 ({quantity}), or one per recording"
+        raise origin.fault(name, f"is no {wanted}; {per}")
     in_name = split_unit(name.rpartition("/")[2])[1] or ""
     unit = stated or (in_name if factor(in_name, quantity) else quantity)
     scale = factor(unit, quantity)
@@ -218,33 +209,29 @@ def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: O
             raise origin.unclear(f"{problem}; save the one that is true")
 
 
+# -- one value per recording
+
+
 def _add_labels(found: Found, entries: Entries, origin: Origin, notes: list[str]) -> None:
     lists = {**entries.get("labels", {}), **entries.get("class_names", {})}
-    n = len(found)
+    n, sizes = len(found), found.sizes
     if not lists or None not in found.get("label"):
         return
     lengths = {n_values(node) for node in lists.values()}
-    n_groups = len(found.sizes)
-    if n_groups > 1 and n_groups in lengths and n not in lengths:
-        labels = labels_of(lists, n_groups, origin, notes) or []
-        found.fill(
-            "label",
-            [label for label, size in zip(labels, found.sizes, strict=True) for _ in range(size)],
-        )
+    if len(sizes) > 1 and len(sizes) in lengths and n not in lengths:  # one for each array or cell
+        each = zip(labels_of(lists, len(sizes), origin, notes), sizes, strict=True)
+        found.fill("label", [label for label, size in each for _ in range(size)])
         return
     if lengths == {1}:  # one label for all, as in a file per material
         lists = {name: node if n == 1 else [node] * n for name, node in lists.items()}
-    found.fill("label", labels_of(lists, n, origin, notes) or [])
+    found.fill("label", labels_of(lists, n, origin, notes))
 
 
 def _spread(column: list[Any], n: int, name: str, origin: Origin) -> list[Any]:
-    if len(column) == n:
-        return column
-    if len(column) == 1:
-        return column * n
-    raise origin.fault(
-        name, f"has {len(column)} values for {n} recordings; wanted one per recording, or one for all"
-    )
+    if len(column) not in (1, n):
+        problem = f"has {len(column)} values for {n} recordings; wanted one per recording, or one for all"
+        raise origin.fault(name, problem)
+    return column if len(column) == n else column * n
 
 
 def _words(node: Any, name: str, origin: Origin) -> list[Any]:
@@ -283,42 +270,38 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
     """Return a list of values per recording: one for all, the rows or columns of a matrix, or a cell for each."""
     n = len(found)
     if isinstance(node, list):
-        cells = [numbers(item) for item in node]
-        rows = [cell for cell in cells if cell is not None]
-        if len(rows) != n or len(cells) != n:
-            raise origin.fault(name, f"holds {len(cells)} lists for {n} recordings; wanted numbers for each")
+        rows = [cell for item in node if (cell := numbers(item)) is not None]
+        if not len(rows) == len(node) == n:
+            raise origin.fault(name, f"holds {len(node)} lists for {n} recordings; wanted numbers for each")
     elif not is_numbers(node):
         raise origin.fault(name, "does not hold numbers")
     elif n_values(node) is not None:
         rows = [values(node).reshape(-1)] * n
-        in_a_row = n > 1 and found.sizes == [n] and len(rows[0]) == sum(found.n_padded)
-        if in_a_row:
+        if n > 1 and found.sizes == [n] and len(rows[0]) == sum(found.n_padded):  # one behind the other
             rows = np.split(rows[0], np.cumsum(found.n_padded)[:-1])
     else:
         matrix = values(node)
         if matrix.ndim == 2 and matrix.shape[0] != n and matrix.shape[1] == n:
             matrix = matrix.T
         if matrix.ndim != 2 or len(matrix) != n:
-            raise origin.fault(
-                name, f"has the shape {matrix.shape} for {n} recordings; wanted a row for each"
-            )
+            problem = f"has the shape {matrix.shape} for {n} recordings; wanted a row for each"
+            raise origin.fault(name, problem)
         rows = list(matrix)
     lengths = found.lengths
     for i, (row, n_samples) in enumerate(zip(rows, lengths, strict=True)):
         if len(row) not in (n_samples, found.n_padded[i]):
-            problem = (
-                f"has {len(row)} values for the {n_samples} samples of recording {i} in {found.places[i]}"
-            )
-            raise origin.fault(name, problem)
+            where = f"the {n_samples} samples of recording {i} in {found.places[i]}"
+            raise origin.fault(name, f"has {len(row)} values for {where}")
     return [row[:n_samples] for row, n_samples in zip(rows, lengths, strict=True)]
 
 
+# -- everything else
+
+
 def _add_meta(found: Found, rest: Mapping[str, Any], origin: Origin, notes: list[str]) -> None:
-    kept: dict[str, Any] = {}
-    unread: dict[str, Any] = {}
-    for name, node in rest.items():
-        value = _single(node)
-        (unread if value is None else kept)[name] = node if value is None else value
+    single = {name: _single(node) for name, node in rest.items()}
+    kept = {name: value for name, value in single.items() if value is not None}
+    unread = {name: node for name, node in rest.items() if single[name] is None}
     if kept:
         shared = {name.rpartition("/")[2]: kept[name] for name in kept}
         found.about["meta"] = [{**shared, **inner} if inner else shared for inner in found.get("meta")]

@@ -9,32 +9,32 @@ What is recognised, by shapes first and by names where shapes leave a choice:
 - one recording: (samples, 6), or a vector for each axis called fx, fy ... tz;
 - any of these as forces and torques side by side, with three axes each.
 
-Labels, names of classes, sessions, rates, stamps, start times and triggers are found by their names
-(``names``). Everything guessed is said in the notes; what could mean two things is refused, with a list of
-what the file holds.
+Labels, names of classes, sessions, rates, stamps, start times and triggers are found by their names (``names``).
+Everything guessed is said in the notes; what could mean two things is refused, with a list of what the file holds.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from granular_id.io.arrays.axes import Known
 from granular_id.io.arrays.found import Found
-from granular_id.io.arrays.hints import nothing_found
+from granular_id.io.arrays.names import FORCES, TORQUES, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.search import Search
-from granular_id.io.arrays.tree import Origin
+from granular_id.io.arrays.shapes import THREE, Known
+from granular_id.io.arrays.stated import names_of
+from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, is_numbers
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.flat import FlatRecordings, joined, unflatten
 from granular_id.io.flat_checks import NO_TRIGGER
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
-from granular_id.recording import Recording
+from granular_id.recording import AXES, Recording
 
 _MOST_NOTES = 20
 
@@ -47,24 +47,16 @@ def recordings_of(
     *,
     single: bool = False,
 ) -> FileContent:
-    """Find the recordings in named arrays.
+    """Find the recordings in named arrays, with a note on everything that was guessed.
 
     Parameters
     ----------
     arrays : mapping
-        Names to numpy arrays, or to anything with ``shape``, ``dtype`` and ``read()``; mappings (structs, groups),
-        lists (cells) and ``str`` may stand in their place, to any depth.
+        Names to nodes of a tree, see ``arrays.tree``.
     source, options
         As for every reader; a rate stated there is used where the file has none, and must equal the file's own.
-    describe : str
-        What the format calls an entry, for errors: ``"array"``, ``"variable"``, ``"data set"``.
-    single : bool
-        Whether such a file can hold one array only.
-
-    Returns
-    -------
-    FileContent
-        With a note on everything that was guessed.
+    describe, single
+        See ``arrays.tree.Origin``.
 
     Raises
     ------
@@ -73,11 +65,7 @@ def recordings_of(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from pathlib import Path
-    >>> from granular_id.io.arrays.layouts import recordings_of
-    >>> from granular_id.io.options import LoadOptions
-    >>> from granular_id.io.source import FileSource
     >>> arrays = {"X": np.zeros((2, 1600, 6)), "y": np.array([1, 2]), "materials": ["rice", "peas"]}
     >>> arrays["fs"] = np.array(500)
     >>> content = recordings_of(arrays, FileSource.alone(Path("pushes.mat")), LoadOptions(), "variable")
@@ -94,7 +82,7 @@ def recordings_of(
     if not len(found) and options.array is not None:
         raise origin.unclear(f"array={options.array!r} names no recordings")
     if not len(found):
-        raise origin.unclear(f"no recordings are recognised: {nothing_found(origin.tree)}")
+        raise origin.unclear(f"no recordings are recognised: {_what_is_missing(arrays)}")
     if len(set(found.axes)) > 1:
         raise origin.unclear("recordings differ in their axes")
     notes = list(dict.fromkeys(search.notes))
@@ -197,16 +185,10 @@ def _flat(found: Found) -> FlatRecordings:
     def numbers(attribute: str, missing: float) -> list[Any]:
         return [missing if value is None else value for value in found.get(attribute)]
 
-    wrench = found.wrench
-    lengths = found.lengths
-    flags = None
+    wrench, lengths, flags = found.wrench, found.lengths, None
     if "flags" in found.about:
-        flags = np.concatenate(
-            [
-                np.zeros(n, np.uint8) if own is None else own
-                for own, n in zip(found.get("flags"), lengths, strict=True)
-            ]
-        )
+        own = zip(found.get("flags"), lengths, strict=True)
+        flags = np.concatenate([np.zeros(n, np.uint8) if row is None else row for row, n in own])
     return FlatRecordings(
         axes=found.axes[0],
         wrench=wrench.reshape(-1, wrench.shape[2]) if isinstance(wrench, np.ndarray) else joined(wrench),
@@ -220,3 +202,67 @@ def _flat(found: Found) -> FlatRecordings:
         meta_json=[json.dumps(meta) if meta else None for meta in found.get("meta")],
         flags=flags,
     )
+
+
+# -- why nothing was recognised, and how to save it so that it is
+
+_N = len(AXES)
+
+
+def _what_is_missing(tree: Mapping[str, Any]) -> str:
+    """Say what the first array that comes near a recording lacks.
+
+    Examples
+    --------
+    >>> _what_is_missing({"X": np.zeros((0, 6))})
+    'X (0, 6) is empty: it holds no samples'
+    """
+    arrays = list(_arrays(tree, "", MAX_DEPTH))
+    six = next((f"{name} {shape}" for name, shape in arrays if _N in shape), None)
+    named = {key: len(names_of(node)) for key, node in tree.items() if role_of(key) == "axes"}
+    for key, n_names in named.items():
+        if six is not None and n_names != _N:
+            return f"{six} has {_N} columns, {key} names {n_names}; wanted a name for each"
+    hints = [hint for name, shape in arrays for hint in _hints(name, shape)]
+    wanted = f"wanted an array with an axis of length {_N}, or axes, the names of the axes that there are, beside it"
+    return min(hints, key=lambda hint: hint[0], default=(0, wanted))[1]
+
+
+def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Yield names and shapes of arrays of numbers that are no vectors."""
+    node = as_tree(node)
+    if isinstance(node, Mapping) and depth:
+        for key, item in node.items():
+            yield from _arrays(item, f"{name}/{key}" if name else key, depth - 1)
+    elif isinstance(node, list) and depth:
+        for i, item in enumerate(node[:1]):
+            yield from _arrays(item, f"{name}[{i}]", depth - 1)
+    elif is_numbers(node) and len(node.shape) in (2, 3):
+        yield name[:200], tuple(node.shape)
+
+
+def _hints(name: str, shape: tuple[int, ...]) -> Iterator[tuple[int, str]]:
+    """Yield what may be wrong with an array; the lowest number is the likeliest."""
+    last = name.rpartition("/")[2]
+    if 0 in shape:
+        if _N in shape:
+            yield 1, f"{name} {shape} is empty: it holds no samples"
+        return
+    if _N in shape and is_other_thing(last):
+        way_out = f"if it is one, pass array={name!r}, or save it under another name"
+        yield 0, f"{name} {shape} is no wrench by its name; {way_out}"
+    if len(THREE) in shape and plain_name(last) in FORCES | TORQUES:
+        way_out = "save force and torque as arrays of one shape under these names"
+        axes = "or beside the samples axes, the names of those that there are"
+        yield 2, f"{name} {shape} has {len(THREE)} axes, a wrench {_N}; {way_out}, {axes}"
+    if shape[-1] == _N + 1:
+        time = f"{name}[:, 0]" if len(shape) == 2 else f"{name}[0, :, 0]"
+        way_out = f"if the first is time, save {name}[..., 1:] as X and {time} as t (s)"
+        yield 3, f"{name} {shape} has {_N + 1} columns; {way_out}"
+    if len(shape) == 2 and not shape[1] % _N:
+        n, n_samples = shape[0], shape[1] // _N
+        order = "whether all of fx or all axes of the first sample come first cannot be told"
+        first = f"{name}.reshape({n}, {_N}, {n_samples}).transpose(0, 2, 1) in the first case"
+        second = f"{name}.reshape({n}, {n_samples}, {_N}) in the second"
+        may = f"{name} {shape} may hold one flattened recording in each row"
+        yield 4, f"{may}; {order}. Save it as {first}, as {second}"

@@ -1,4 +1,4 @@
-"""What the names of arrays say: the one table of names for labels, rates, times and the like."""
+"""What the names of arrays say: labels, rates, times; forces, torques, other signals; materials and recordings."""
 
 from __future__ import annotations
 
@@ -33,45 +33,51 @@ _NAMES: dict[Role, str] = {
     "fill": "fillvalue missingvalue",
 }
 
+
+def _set(words: str) -> frozenset[str]:
+    return frozenset(words.split())
+
+
 ROLES = frozenset({*_NAMES, "flags"})
 
 _ROLES: dict[str, Role] = {name: role for role, names in _NAMES.items() for name in names.split()}
 
-_GENERAL = (
+FORCES = frozenset(f"{word}{unit}" for word in ("f", "force", "forces", "eeforce") for unit in ("", "n"))
+_TORQUE_WORDS = ("t", "m", "tau", "torque", "torques", "moment", "moments", "eetorque")
+TORQUES = frozenset(f"{word}{unit}" for word in _TORQUE_WORDS for unit in ("", "nm"))
+"""Plain names of halves of a wrench; other units in names (``force_mN``) are not known here."""
+
+_GENERAL = _set(
     "x data dataset wrench wrenches recordings recording samples signal signals features ft force forces torque "
     "torques values raw filtered train test val validation xtrain xtest xval trainx testx datatrain datatest "
     "traindata testdata"
 )
-_GENERAL_NAMES = frozenset(_GENERAL.split())
 
-
-_SIGNALS_WORDS = (
-    "wrench wrenches ft ext force forces torque torques sensor sensors ati signal signals raw filtered obs left right "
-    "mean std median"
+_SIGNALS = _set(
+    "wrench wrenches ft ext force forces torque torques sensor sensors ati signal signals raw filtered obs left "
+    "right mean std median"
 )
-_SIGNALS = frozenset(_SIGNALS_WORDS.split())
 """Words for what a sensor gave: arrays called so beside others are no materials, but may each be the wrench."""
 
-_COUNTED_WORDS = (
-    "recording recordings rec trial trials run runs push pushes demo demos episode episodes sample samples test tests "
-    "experiment exp measurement meas trajectory traj sequence seq segment take rep repetition day session batch"
+_COUNTED = _set(
+    "recording recordings rec trial trials run runs push pushes demo demos episode episodes sample samples test "
+    "tests experiment exp measurement meas trajectory traj sequence seq segment take rep repetition day session "
+    "batch"
 )
-_COUNTED = frozenset(_COUNTED_WORDS.split())
 """Words that stand before the number of a recording and are no material."""
 
-_OTHER_THINGS_WORDS = (
+_OTHER_THINGS = _set(
     "joint joints q qd qdd qpos qvel qacc dq ddq pos position positions pose poses vel velocity velocities speed "
-    "speeds twist twists acc accel acceleration accelerations gyro gyroscope imu action actions command commands cmd "
-    "setpoint setpoints quat quaternion orientation euler rpy angle angles jacobian effort efforts gauge gauges strain "
-    "voltage voltages volts counts adc encoder encoders"
+    "speeds twist twists acc accel acceleration accelerations gyro gyroscope imu action actions command commands "
+    "cmd setpoint setpoints quat quaternion orientation euler rpy angle angles jacobian effort efforts gauge "
+    "gauges strain voltage voltages volts counts adc encoder encoders"
 )
-_OTHER_THINGS = frozenset(_OTHER_THINGS_WORDS.split())
 """Words for what is never a wrench."""
 
 _WORDS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+_NUMBER = re.compile(r"[\W_]*\d+$")
 _LONGEST = 200
 """Characters of a name that are looked at."""
-_NUMBER = re.compile(r"[\W_]*\d+$")
 
 
 @lru_cache(256)  # thousands of structs ask for the names of their few fields over and over
@@ -99,7 +105,7 @@ def role_of(name: str) -> Role | None:
 
 def is_general(name: str) -> bool:
     """Tell whether a name is one for samples in general (``X``, ``data``), so that it cannot be a material's."""
-    return plain_name(name) in _GENERAL_NAMES
+    return plain_name(name) in _GENERAL
 
 
 @lru_cache(256)

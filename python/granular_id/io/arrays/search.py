@@ -10,16 +10,10 @@ from typing import Any
 import numpy as np
 
 from granular_id._checks import FloatArray
-from granular_id.io.arrays.axes import (
-    Known,
-    cut_padding,
-    recordings_samples_axes,
-    refuse_gaps,
-    samples_axes,
-)
 from granular_id.io.arrays.details import Entries, add_details
 from granular_id.io.arrays.found import Found
 from granular_id.io.arrays.names import (
+    TORQUES,
     Role,
     is_counted_group,
     is_general,
@@ -31,14 +25,17 @@ from granular_id.io.arrays.names import (
     role_of,
     without_tables,
 )
-from granular_id.io.arrays.parts import (
+from granular_id.io.arrays.shapes import (
     THREE,
-    TORQUES,
     Halves,
+    Known,
     axis_arrays,
+    cut_padding,
     halves_of,
     in_parts,
     only_halves,
+    order_of,
+    refuse_gaps,
 )
 from granular_id.io.arrays.stated import (
     ALL,
@@ -68,25 +65,14 @@ from granular_id.io.columns import axis_of, split_unit
 from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES
 
-_ONE_PER_RECORDING: tuple[Role, ...] = (
-    "labels",
-    "class_names",
-    "sessions",
-    "names",
-    "rate",
-    "start",
-    "trigger",
-    "lengths",
-)
-
-_INDEX = re.compile(r"\[[0-9]+\]")
-
-_MEANINGS = ("recordings", "samples", "axes")
-
-_PARTS = (FORCE, TORQUE, *AXES)
-
 _OF_ONE: tuple[Role, ...] = ("labels", "names", "start", "trigger")
 """What says of a struct or group, where it has one value, that it is one recording."""
+
+_ONE_PER_RECORDING: tuple[Role, ...] = (*_OF_ONE, "class_names", "sessions", "rate", "lengths")
+
+_INDEX = re.compile(r"\[[0-9]+\]")
+_MEANINGS = ("recordings", "samples", "axes")
+_PARTS = (FORCE, TORQUE, *AXES)
 
 _FIRST = 3
 """Items of a list that are looked at to tell what it holds."""
@@ -96,15 +82,8 @@ _FIRST = 3
 class Search:
     """A search through one tree.
 
-    Attributes
-    ----------
-    origin : Origin
-    options : LoadOptions
-        `array` names the only samples that count, `label` the only labels.
-    notes : list of str
-        What was guessed.
-    label_found : bool
-        Whether the entry that `label` names was met.
+    Of `options`, `array` names the only samples that count, `label` the only labels. `notes` say what was guessed,
+    `label_found` whether the entry that `label` names was met.
     """
 
     origin: Origin
@@ -115,21 +94,12 @@ class Search:
     def level(self, tree: Mapping[str, Any], name: str, known: Known, outer: Entries, depth: int) -> Found:
         """Return the recordings of a struct, group or archive, with what it says about them.
 
-        Parameters
-        ----------
-        tree : mapping
-        name : str
-            Its path; empty for the whole file.
-        known : Known
-            What enclosing levels say about shapes.
-        outer : dict
-            Names of classes that an enclosing level has.
-        depth : int
-            Levels around this one.
+        `name` is its path, empty for the whole file; `known` and `outer` (names of classes) are what enclosing levels
+        say.
         """
         entries, others = self._entries(tree, name)
-        if "class_names" not in entries and "class_names" in outer:
-            entries["class_names"] = outer["class_names"]
+        if "class_names" in outer:
+            entries.setdefault("class_names", outer["class_names"])
         known = self._known(entries, others, known)
         chosen = self._is_chosen(name)
         vectors = axis_arrays(others, self.origin) if chosen else {}
@@ -145,9 +115,7 @@ class Search:
         halves = None if samples or vectors or not chosen else halves_of(others, self.origin)
         used: Collection[str] = samples
         if vectors and not samples:
-            wrench, used = self._stacked(vectors, name), vectors
-            known = self._of_wrench(known, name, tuple(vectors))
-            found = self._array(wrench, _path(name, "fx ... tz"), known, sensor_last=True)
+            found, used = self._stacked(vectors, name, _path(name, "fx ... tz"), known), vectors
         elif halves is not None:
             found, used = self._joined(halves, name, known), (halves.force, halves.torque)
         else:
@@ -158,6 +126,8 @@ class Search:
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
         add_details(found, entries, rest, self.origin, self.notes, known.units, self.options)
         return found
+
+    # -- what the entries of a level are
 
     def _entries(self, tree: Mapping[str, Any], name: str) -> tuple[Entries, dict[str, Any]]:
         entries: Entries = {}
@@ -173,30 +143,27 @@ class Search:
                 named = _is_at(path, self.options.label)
                 self.label_found |= named
                 role = "labels" if named else None if role == "labels" else role
-            if what_has_unit(key, tree) is not None and (
-                isinstance(node, Mapping) or texts(node) is not None
-            ):
+            is_group = isinstance(node, Mapping)
+            if what_has_unit(key, tree) is not None and (is_group or texts(node) is not None):
                 role = "units"
-            elif isinstance(node, Mapping) or role == "units" or self._describes_another(role, node, tree):
+            elif is_group or role == "units" or (role == "axes" and self._names_no_axes(node, tree)):
                 role = None  # a unit without texts is the number of a sensor, say
-            elif role == "axes" and numbers(node) is not None:
-                role = None  # how many there are
             if role is None:
                 others[key] = node
             else:
                 entries.setdefault(role, {})[path] = node
         return entries, others
 
-    def _describes_another(self, role: Role | None, node: Any, tree: Mapping[str, Any]) -> bool:
-        """Tell whether names of columns are those of another array than the samples: of features, say."""
-        names = names_of(node) if role == "axes" else ()
+    def _names_no_axes(self, node: Any, tree: Mapping[str, Any]) -> bool:
+        """Tell whether names of columns are how many there are, or those of another array: of features, say."""
+        names = names_of(node)
         if len(names) <= len(AXES) or set(AXES) <= {split_unit(name)[0] for name in names}:
-            return False
+            return numbers(node) is not None
         six = any(has_axis(item, len(AXES)) for item in tree.values())
         return six and any(has_axis(item, len(names)) for item in tree.values())
 
     def _known(self, entries: Entries, others: Mapping[str, Any], outer: Known) -> Known:
-        axes, dimensions = outer.axes, outer.dimensions
+        axes, dimensions, units = outer.axes, outer.dimensions, dict(outer.units)
         orders: dict[tuple[str | None, ...], str] = {}
         for key, node in entries.get("axes", {}).items():
             axes = names_of(node)
@@ -208,23 +175,18 @@ class Search:
             both = " and ".join(orders.values())
             raise self.origin.unclear(f"{both} name the axes in different orders; save the one that is true")
         for key, node in entries.get("dimensions", {}).items():
-            dimensions = dimensions_of(key, node, self.origin)
-        units = dict(outer.units)
+            dimensions = dimensions_of(key, node, self.origin) or outer.dimensions
         for key, node in entries.get("units", {}).items():
             whose = what_has_unit(key.rpartition("/")[2], others) or ALL
             units |= units_of(node, whose, key, others, self.origin)
-        each = {n_values(node) for role in _ONE_PER_RECORDING for node in entries.get(role, {}).values()}
-        times = {n_values(node) for node in entries.get("time", {}).values() if is_leaf(node)}
-        each |= {len(node) for node in entries.get("time", {}).values() if isinstance(node, list)}
-        several = frozenset(n for n in each if n is not None and n > 1)
-        stamps = frozenset(n for n in times if n is not None and n > 1)
-        return Known(
-            axes,
-            outer.n_recordings | several,
-            outer.n_samples | stamps,
-            units,
-            dimensions or outer.dimensions,
+        clocks = list(entries.get("time", {}).values())
+        each = [n_values(node) for role in _ONE_PER_RECORDING for node in entries.get(role, {}).values()]
+        each += [len(node) for node in clocks if isinstance(node, list)]
+        several, stamps = (
+            frozenset(n for n in counts if n is not None and n > 1)
+            for counts in (each, [n_values(node) for node in clocks if is_leaf(node)])
         )
+        return Known(axes, outer.n_recordings | several, outer.n_samples | stamps, units, dimensions)
 
     def _known_of(self, key: str, known: Known) -> Known:
         """Return what is known of one array: also the units that it has of its own."""
@@ -236,10 +198,11 @@ class Search:
     def _of_wrench(self, known: Known, name: str, axes: tuple[str, ...] = AXES) -> Known:
         """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
         if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, THREE):
-            raise self.origin.unclear(
-                f"{name or 'the file'} names the axes {', '.join(known.axes)[:80]}, and arrays others"
-            )
+            named = ", ".join(known.axes)[:80]
+            raise self.origin.unclear(f"{name or 'the file'} names the axes {named}, and arrays others")
         return replace(known, axes=axes)
+
+    # -- which of them are the recordings
 
     def _is_chosen(self, path: str) -> bool:
         """Tell whether what stands at a path, or around it, is what the option `array` names."""
@@ -247,74 +210,22 @@ class Search:
 
     def _counts(self, key: str, node: Any, level: str) -> bool:
         """Tell whether an array may be the recordings, going by its name and the option `array`."""
-        path = _path(level, key)
         if self.options.array is None:
             return _may_be_wrench(key, node)
+        path = _path(level, key)
         return self._is_chosen(path) or self._leads_to_chosen(path, node, 0)
 
     def _leads_to_chosen(self, path: str, node: Any, depth: int) -> bool:
-        if depth > MAX_DEPTH:
-            return False
         node = as_tree(node)
+        inner: list[tuple[str, Any]] = []
         if isinstance(node, list):
-            return any(self._leads_to_chosen(path, item, depth + 1) for item in node[:_FIRST])
-        if not isinstance(node, Mapping):
-            return False
-        return any(
-            self._is_chosen(_path(path, key)) or self._leads_to_chosen(_path(path, key), item, depth + 1)
-            for key, item in node.items()
+            inner = [(path, item) for item in node[:_FIRST]]
+        elif isinstance(node, Mapping):
+            inner = [(_path(path, key), item) for key, item in node.items()]
+        return depth <= MAX_DEPTH and any(
+            (place != path and self._is_chosen(place)) or self._leads_to_chosen(place, item, depth + 1)
+            for place, item in inner
         )
-
-    def _refuse_other_parts(
-        self,
-        found: Found,
-        key: str,
-        others: Mapping[str, Any],
-        vectors: Mapping[str, Any],
-        name: str,
-        known: Known,
-    ) -> None:
-        """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
-        halves = None if vectors or not is_leaf(others[key]) else halves_of(others, self.origin)
-        if not is_leaf(others[key]) or (not vectors and halves is None):
-            return
-        notes, self.notes = self.notes, []
-        if halves is not None:
-            parts, what = self._joined(halves, name, known), halves.name
-        else:
-            what = "fx ... tz"
-            parts = self._array(
-                self._stacked(vectors, name),
-                what,
-                self._of_wrench(known, name, tuple(vectors)),
-                sensor_last=True,
-            )
-        self.notes = notes
-        same = len(parts) == len(found) and all(map(np.array_equal, parts.wrench, found.wrench))
-        if not same:
-            raise self.origin.unclear(
-                f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
-            )
-
-    def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
-        """Refuse several arrays of which only one can be the wrench."""
-        way_out = "; pass array= with the name of the one that is, or save them under other names"
-        if samples and self.options.array is None and all(plain_name(key) in TORQUES for key in samples):
-            raise self.origin.unclear(
-                f"{next(iter(samples))} has six axes: they may be joints' torques{way_out}"
-            )
-        if len(samples) < 2:
-            return
-        numbered = all(key[-1:].isdecimal() for key in samples)
-        of_one = is_counted_group(name) or any(
-            n_values(node) == 1 for role in _OF_ONE for node in entries.get(role, {}).values()
-        ) or any(is_leaf(node) for node in entries.get("time", {}).values())  # fmt: skip
-        several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
-        alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
-        signals = any(is_signal(key) for key in samples)
-        if (signals and (of_one or several or not numbered)) or (name and of_one and alike and not numbered):
-            rivals = " and ".join(map(repr, list(samples)[:5]))
-            raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
 
     def _holds(self, node: Any, known: Known, depth: int) -> bool:
         """Tell whether a node holds recordings, going by shapes alone."""
@@ -331,6 +242,55 @@ class Search:
         if isinstance(node, list):
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
         return has_axis(node, len(known.axes))
+
+    def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
+        """Refuse several arrays of which only one can be the wrench."""
+        way_out = "; pass array= with the name of the one that is, or save them under other names"
+        if samples and self.options.array is None and all(plain_name(key) in TORQUES for key in samples):
+            problem = f"{next(iter(samples))} has six axes: they may be joints' torques"
+            raise self.origin.unclear(problem + way_out)
+        if len(samples) < 2:
+            return
+        numbered = all(key[-1:].isdecimal() for key in samples)
+        of_one = (
+            is_counted_group(name)
+            or any(n_values(node) == 1 for role in _OF_ONE for node in entries.get(role, {}).values())
+            or any(is_leaf(node) for node in entries.get("time", {}).values())
+        )
+        several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
+        alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
+        signals = any(is_signal(key) for key in samples)
+        if (signals and (of_one or several or not numbered)) or (name and of_one and alike and not numbered):
+            rivals = " and ".join(map(repr, list(samples)[:5]))
+            raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
+
+    def _refuse_other_parts(
+        self,
+        found: Found,
+        key: str,
+        others: Mapping[str, Any],
+        vectors: Mapping[str, Any],
+        name: str,
+        known: Known,
+    ) -> None:
+        """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
+        if not is_leaf(others[key]):
+            return
+        notes, self.notes = self.notes, []
+        if vectors:
+            what = "fx ... tz"
+            parts = self._stacked(vectors, name, what, known)
+        elif (halves := halves_of(others, self.origin)) is not None:
+            what = halves.name
+            parts = self._joined(halves, name, known)
+        else:
+            what, parts = "", found
+        self.notes = notes
+        if not (len(parts) == len(found) and all(map(np.array_equal, parts.wrench, found.wrench))):
+            problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
+            raise self.origin.unclear(problem)
+
+    # -- recordings of several arrays, structs or cells
 
     def _several(
         self, samples: Mapping[str, Any], name: str, known: Known, entries: Entries, depth: int
@@ -351,12 +311,12 @@ class Search:
             both = f"labels in {next(iter(entries['labels']))}, and recordings under names of their own"
             raise self.origin.unclear(f"{both} ({', '.join(list(samples)[:5])})")
         alone = single and "labels" not in entries and all(_numbered_in(name, *group) for group in groups)
-        self._name(groups, name, single and not alone)
+        if groups:
+            self._name(groups, name, single and not alone)
         return Found.joined([found for _, found in groups])
 
     def _name(self, groups: list[tuple[str, Found]], level: str, single: bool) -> None:
         """Take the names of several arrays as names of recordings, or as labels of what they hold."""
-        numbered = all(label_of_name(key) is not None for key, _ in groups)
         for key, found in groups:
             if single:
                 found.fill("name", [_path(level, key)])
@@ -364,11 +324,10 @@ class Search:
             if label is not None and not single:
                 self._as_sessions(found, label)
             found.fill("label", [label] * len(found))
-        if not groups:
-            return
         keys = ", ".join(key for key, _ in groups[:3]) + (", ..." if len(groups) > 3 else "")
-        what = "labels" if not single else "names"
-        part = ", and the part before the number as label" if single and numbered else ""
+        numbered = single and all(label_of_name(key) is not None for key, _ in groups)
+        part = ", and the part before the number as label" if numbered else ""
+        what = "names" if single else "labels"
         self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
 
     def _as_sessions(self, found: Found, label: str) -> None:
@@ -387,14 +346,12 @@ class Search:
             return self.level(node, name, known, inherited, depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)
-        array = values(node)
-        finite = getattr(node, "finite", False)  # some are looked at while they are read
-        return self._array(array, name, known, finite=finite)
+        array = self._floats(values(node), name)
+        return self._found(self._ordered(array, name, known), name, known)
 
     def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Found:
-        items = [as_tree(item) for item in self._turned(items, known)]
         cells: list[Found] = []
-        for i, item in enumerate(items):
+        for i, item in enumerate(map(as_tree, self._turned(items, known))):
             place = f"{name}[{i}]"
             if not self._holds(item, known, depth + 1):
                 raise self.origin.fault(place, f"is no recording: wanted (samples, {len(known.axes)})")
@@ -410,20 +367,24 @@ class Search:
             square = rows == columns and rows in known.n_recordings
             if square or rows * columns in known.n_recordings:
                 problem = f"{rows} x {columns} cells: whether labels go along rows or columns cannot be told"
-                raise self.origin.unclear(
-                    f"{problem}; save a struct or variable per material, or a vector of cells"
-                )
+                way_out = "save a struct or variable per material, or a vector of cells"
+                raise self.origin.unclear(f"{problem}; {way_out}")
         if len(widths) != 1 or 0 in widths or rows in known.n_recordings or not widths <= known.n_recordings:
             return items
         return [list(column) for column in zip(*items, strict=True)]
 
-    def _stacked(self, vectors: Mapping[str, Any], name: str) -> FloatArray:
-        arrays = [self._floats(values(node), _path(name, key)) for key, node in vectors.items()]
+    # -- recordings of one array, or of its parts
+
+    def _stacked(self, vectors: Mapping[str, Any], level: str, name: str, known: Known) -> Found:
+        """Put six vectors or matrices side by side."""
+        known = self._of_wrench(known, level, tuple(vectors))
+        arrays = [self._floats(values(node), _path(level, key)) for key, node in vectors.items()]
         flat = [array.reshape(-1) if n_values(array) is not None else array for array in arrays]
         if len({array.shape for array in flat}) > 1:
             shapes = ", ".join(f"{key} {array.shape}" for key, array in zip(vectors, flat, strict=True))
             raise self.origin.unclear(f"the axes differ in shape: {shapes}")
-        return np.stack(flat, axis=-1)
+        stacked = self._ordered(np.stack(flat, axis=-1), name, known, sensor_last=True)
+        return self._found(stacked, name, known)
 
     def _joined(self, halves: Halves, level: str, known: Known) -> Found:
         """Put torques behind forces, of one array or of each item of two lists."""
@@ -445,39 +406,20 @@ class Search:
         self._note(f"{halves.name} joined: forces, then torques")
         return _cells(cells) if listed else Found.joined(cells)
 
-    def _array(
-        self, raw: Any, name: str, known: Known, *, sensor_last: bool = False, finite: bool = False
-    ) -> Found:
-        array = self._floats(raw, name)
-        ordered = self._ordered(array, name, known, sensor_last=sensor_last)
-        return self._found(ordered, name, known, finite=finite and array is raw)
-
     def _ordered(
         self, array: FloatArray, name: str, known: Known, *, sensor_last: bool = False
     ) -> FloatArray:
         """Return an array as (samples, axes) or (recordings, samples, axes), and note what it was taken for."""
-        order: tuple[int, ...] = (1, 0)
-        stated = known.order(array.ndim)
-        if stated is not None:
-            if array.shape[stated[-1]] != len(known.axes):
-                problem = f"has the shape {array.shape}, whose dimensions are stated otherwise"
-                raise self.origin.fault(name, f"{problem}; wanted {len(known.axes)} axes")
-            if stated == tuple(range(array.ndim)):
-                return array
-            order = stated
-        elif array.ndim == 2:
-            if sensor_last or not samples_axes(array.shape, known, name, self.origin):
-                return array
-        elif array.ndim == 3:
-            order = recordings_samples_axes(array.shape, known, name, self.origin, sensor_last=sensor_last)
-        else:
-            raise self.origin.unclear(f"{self.origin.describe} {name} has the shape {array.shape}")
-        meaning = ", ".join(_MEANINGS[-array.ndim :][order.index(axis)] for axis in range(array.ndim))
+        n = array.ndim
+        order = order_of(array.shape, known, name, self.origin, sensor_last=sensor_last)
+        if order == tuple(range(n)) and (n == 2 or len(known.dimensions) == n):
+            return array
+        meaning = ", ".join(_MEANINGS[-n:][order.index(axis)] for axis in range(n))
         self._note(f"{name} {array.shape} taken as {meaning}")
         ordered: FloatArray = array.transpose(order)
         return ordered
 
-    def _found(self, array: FloatArray, name: str, known: Known, *, finite: bool = False) -> Found:
+    def _found(self, array: FloatArray, name: str, known: Known) -> Found:
         columns = Columns.named(known.axes, known.units, name, self.origin)
         wrench = columns.wrench(array)
         if columns.order is not None or columns.scales is not None:
@@ -487,8 +429,7 @@ class Search:
             found = Found.block([wrench], columns.axes, name)
         else:
             block = row_major(wrench)
-            whole = finite and wrench is array
-            recordings = block if whole else cut_padding(block, columns.axes, name, self.origin)
+            recordings = cut_padding(block, columns.axes, name, self.origin)
             if recordings is not block:
                 cut = sum(len(recording) < block.shape[1] for recording in recordings)
                 self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")

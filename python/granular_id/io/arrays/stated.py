@@ -9,24 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from granular_id._checks import FloatArray
-from granular_id.io.arrays.names import is_general, is_other_thing, plain_name, role_of
-from granular_id.io.arrays.parts import FORCES, TORQUES
+from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
 from granular_id.io.columns import TIME, split_unit
 from granular_id.io.units import factor
 from granular_id.recording import AXES, unit_of
-
-__all__ = ["ALL", "FORCE", "TORQUE", "Columns", "Units"]
-__all__ += [
-    "dimensions_of",
-    "names_of",
-    "orders_axes",
-    "single_unit",
-    "time_unit_in_name",
-    "unit_in_name",
-    "units_of",
-    "what_has_unit",
-]
 
 Units = Mapping[str, tuple[str, tuple[str, ...]]]
 """From what has a unit (see `what_has_unit`) to the entry that says so and the units, as they stand."""
@@ -40,9 +27,7 @@ _LONGEST_LIST = 10_000
 """Characters of a text that may list names or units."""
 
 _UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
-
 _BETWEEN = re.compile(r"\s*[,;|]\s*")
-
 _WANTED = "wanted N, mN, kN, lbf or kgf for forces, N m, mN m, kN m, N mm or lbf in for torques"
 
 _DIMENSIONS = {
@@ -56,11 +41,9 @@ _PLACES = {word: place for place, words in _DIMENSIONS.items() for word in words
 def names_of(node: Any) -> tuple[str, ...]:
     """Return a list of names, also from one text that lists them; empty where a node is none."""
     named = texts(node) or []
-    if len(named) != 1:
+    if len(named) != 1 or len(named[0]) > _LONGEST_LIST:
         return tuple(named)
     (text,) = named
-    if len(text) > _LONGEST_LIST:
-        return (text,)
     if text.startswith("["):
         try:
             listed = json.loads(text)
@@ -109,16 +92,11 @@ def units_of(
     """Read one entry that states units: a text, a list, or a struct with a unit for each thing.
 
     Of one array, ``/X``, a struct may state what ``/X:force`` and ``/X:torque`` have.
-
-    Raises
-    ------
-    RecordingFileError
-        It holds no texts.
     """
     if isinstance(node, Mapping):
         found: dict[str, tuple[str, tuple[str, ...]]] = {}
+        around = siblings if what == ALL else {}
         for name, inner in node.items():
-            around = siblings if what == ALL else {}
             whose = what_has_unit(name, around)
             whose = _whose(name, around) if whose is None else whose
             if whose is not None:
@@ -130,7 +108,12 @@ def units_of(
         raise origin.fault(key, "does not hold units; wanted texts such as 'N' and 'N m'")
     if len(said) == 1 and len(said[0]) <= _LONGEST_LIST:
         said = [part for part in re.split(r"\s*(?:[,;|/]|\band\b)\s*", said[0].strip("[] ")) if part]
-    return {what: (key, tuple(said))} if said and any(said) else {}
+    return {what: (key, tuple(said))} if any(said) else {}
+
+
+def single_unit(entry: tuple[str, tuple[str, ...]] | None) -> str | None:
+    """Return the unit of an entry that states one, or the same several times."""
+    return None if entry is None else entry[1][0] if len(set(entry[1])) == 1 else ", ".join(entry[1])
 
 
 def unit_in_name(name: str) -> tuple[str, ...]:
@@ -147,13 +130,7 @@ def time_unit_in_name(name: str) -> str | None:
 
 
 def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
-    """Return which dimension counts recordings (0), samples (1) and axes (2); empty where nothing is named.
-
-    Raises
-    ------
-    RecordingFileError
-        Names that do not say so.
-    """
+    """Return which dimension counts recordings (0), samples (1) and axes (2); empty where nothing is named."""
     named = [plain_name(name) for name in names_of(node)]
     if not any(named):
         return ()
@@ -173,19 +150,9 @@ def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
 class Columns:
     """What the columns of an array of samples hold, by their names and units.
 
-    Attributes
-    ----------
-    axes : tuple of str
-        Of the recordings: fx ... tz where all of them are named, else the names as they stand.
-    order : list of int or None
-        The columns of those axes; None: all of them, as they stand.
-    scales : tuple of float or None
-        What each axis must be multiplied with; None: nothing.
-    time : int or None
-        The column of stamps.
-    time_unit : str or None
-    meta_units : dict
-        Units of axes that are no part of a wrench.
+    `axes` are fx ... tz where all of them are named, else the names as they stand; `order` their columns and `scales`
+    what each must be multiplied with (None: as they stand); `time` is the column of stamps; `meta_units` are the units
+    of axes that are no part of a wrench.
     """
 
     axes: tuple[str, ...]
@@ -197,37 +164,27 @@ class Columns:
 
     @classmethod
     def named(cls, names: tuple[str, ...], units: Units, place: str, origin: Origin) -> Columns:
-        """Tell what the columns of the array at `place` are.
-
-        Raises
-        ------
-        RecordingFileError
-            Two columns of one meaning, units that are not known, or that do not fit the columns.
-        """
+        """Tell what the columns of the array at `place` are; refuse two of one meaning, and units that do not fit."""
         meant = [split_unit(name) for name in names]
-        axes, order, time = names, None, None
+        axes, order, time, time_unit = names, None, None, None
         found = [axis for axis, _ in meant]
         twice = next((axis for axis in (*AXES, TIME) if found.count(axis) > 1), None)
         if twice is not None:
             raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
         if set(AXES) <= set(found):
-            order = [found.index(axis) for axis in AXES]
-            axes = AXES
+            axes, order = AXES, [found.index(axis) for axis in AXES]
             time = found.index(TIME) if TIME in found else None
         elif all(is_other_thing(name) for name in names):
             raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
-        columns = list(range(len(names))) if order is None else order
         stated = _by_column(names, units, axes, origin)
-        time_unit = None
         if time is not None:
             listed = units.get(ALL, ("", ()))[1]
             of_column = listed[time] if len(listed) == len(names) else None
             time_unit = single_unit(units.get(TIME)) or of_column or time_unit_in_name(names[time])
         scales: list[float] = []
         meta_units: dict[str, str] = {}
-        for axis, column in zip(axes, columns, strict=True):
-            said = [(place, meant[column][1]), *((key, unit) for key, unit in stated(axis, column))]
-            known = [(key, unit) for key, unit in said if unit]
+        for axis, column in zip(axes, order or range(len(names)), strict=True):
+            known = [(key, unit) for key, unit in [(place, meant[column][1]), *stated(axis, column)] if unit]
             if axis in AXES:
                 scales.append(_scale(axis, known, origin))
             elif known:
@@ -245,10 +202,9 @@ class Columns:
         """Say what was taken from where, and scaled by what."""
         columns = range(len(names)) if self.order is None else self.order
         scales = self.scales or (1.0,) * len(self.axes)
-        each = zip(self.axes, columns, scales, strict=True)
         return ", ".join(
             f"{axis} from column {column} ({names[column]})" + (f" times {scale:g}" if scale != 1 else "")
-            for axis, column, scale in each
+            for axis, column, scale in zip(self.axes, columns, scales, strict=True)
         )
 
     def wrench(self, array: FloatArray) -> FloatArray:
@@ -263,12 +219,10 @@ def _by_column(names: Sequence[str], units: Units, axes: Sequence[str], origin: 
     whole = tuple(axes) == AXES
     halves = whole and len(general) == 2
     if len(general) == 1 and whole:
-        plain = plain_name(general[0])
-        if plain == "si" or factor(general[0], "N") == 1:
-            general = ()  # everybody's short form of N and N m
-        else:
+        if plain_name(general[0]) != "si" and factor(general[0], "N") != 1:
             problem = f"states one unit, {general[0]!r:.40}, for forces and torques"
             raise origin.fault(key, f"{problem}; wanted one for each, such as 'mN, N mm', or one per axis")
+        general = ()  # everybody's short form of N and N m
     elif len(general) not in (0, 1, len(names)) and not halves:
         raise origin.fault(key, f"states {len(general)} units for {len(names)} axes; wanted one per axis")
 
@@ -280,11 +234,6 @@ def _by_column(names: Sequence[str], units: Units, axes: Sequence[str], origin: 
         return found
 
     return stated
-
-
-def single_unit(entry: tuple[str, tuple[str, ...]] | None) -> str | None:
-    """Return the unit of an entry that states one, or the same several times."""
-    return None if entry is None else entry[1][0] if len(set(entry[1])) == 1 else ", ".join(entry[1])
 
 
 def _scale(axis: str, said: Sequence[tuple[str, str]], origin: Origin) -> float:

@@ -29,15 +29,8 @@ _LISTED = 8
 class Origin:
     """The file that a tree came from, for errors.
 
-    Attributes
-    ----------
-    path : Path
-    describe : str
-        What its format calls an entry: ``"array"``, ``"variable"``, ``"data set"``.
-    tree : mapping
-        All of it.
-    single : bool
-        Whether such a file can hold one array only, so that nothing can stand beside it.
+    `describe` is what its format calls an entry: ``"array"``, ``"variable"``, ``"data set"``; `single` says that such
+    a file can hold one array only, so that nothing can stand beside it.
     """
 
     path: Path
@@ -100,9 +93,7 @@ def numbers(node: Any) -> NDArray[Any] | None:
         items = [None if isinstance(item, list) else numbers(item) for item in node]
         single = [item for item in items if item is not None and len(item) == 1]
         return np.concatenate(single) if single and len(single) == len(items) else None
-    if not is_numbers(node) or n_values(node) is None:
-        return None
-    return values(node).reshape(-1)
+    return values(node).reshape(-1) if is_numbers(node) and n_values(node) is not None else None
 
 
 def texts(node: Any) -> list[str] | None:
@@ -147,8 +138,6 @@ def contents(tree: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from granular_id.io.arrays.tree import contents
     >>> contents({"X": np.zeros((62, 1600, 6)), "meta": {"tool": "cylinder"}})
     "X (62, 1600, 6) float64, meta/tool 'cylinder'"
     """
