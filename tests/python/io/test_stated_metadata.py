@@ -4,68 +4,39 @@ import json
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from granular_id.io import RecordingFileError, load
+from layouts_written import AXES, FORCES, LABELS, TORQUES, T, W, X, formats_of, written
 
 h5py = pytest.importorskip("h5py")
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
 csv_of_arrow = pytest.importorskip("pyarrow.csv")
 
-AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
-X = np.random.default_rng(5).normal(size=(4, 50, 6))
-FORCES, TORQUES, W = X[..., :3], X[..., 3:], X[0]
-LABELS = ["rice", "peas", "rice", "oats"]
 TURNED = [5, 2, 0, 4, 1, 3]
 NAMES = ["Mz", "Fz", "Fx", "My", "Fy", "Mx"]
-T = np.arange(50) / 500
 LENGTHS = [50, 40, 30, 50]
 PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 0)
 CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
 MILLI = X * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
 BLOCK = np.zeros(50, [("index", "i8"), ("values_block_0", "f8", (6,))])
 HALF = [1e3, 1e3, 1e3, 1, 1, 1]
-GRID = np.empty((2, 2), object)
-GRID[:] = [[X[0], X[1]], [X[2], X[3]]]
+GRID = [[X[0], X[1]], [X[2], X[3]]]
 JOINTS = np.full((50, 6), 0.5)
 
 
-def cells(values):
-    array = np.empty(len(values), object)
-    array[:] = values
-    return array
+def tree(**arrays):
+    """Arrays under their names, in a file of every format that can hold them."""
+    return arrays
 
 
-def npz(**arrays):
-    return "set.npz", lambda path: np.savez(path, **arrays)
-
-
-def mat(version="5", **variables):
-    return f"set{version}.mat", lambda path: savemat(path, variables, format=version)
-
-
-def mat73(**variables):
-    """As MATLAB's save -v7.3 lays them out."""
-
-    def write(path):
-        with h5py.File(path, "w", userblock_size=512) as file:
-            for name, value in variables.items():
-                text = isinstance(value, str)
-                array = np.array([[ord(c)] for c in value], np.uint16) if text else np.atleast_2d(value).T
-                file[name] = array
-                file[name].attrs["MATLAB_class"] = np.bytes_("char" if text else "double")
-
-    return "set73.mat", write
-
-
-def h5(tree, **attributes):
+def h5(arrays, **attributes):
     """Data sets by path; a pair is one with attributes."""
 
     def write(path):
         with h5py.File(path, "w") as file:
             file.attrs.update(attributes)
-            for name, value in tree.items():
+            for name, value in arrays.items():
                 array, about = value if isinstance(value, tuple) else (value, {})
                 file[name] = array
                 file[name].attrs.update(about)
@@ -84,7 +55,7 @@ def labelled_dimensions(*names, array=X):
 
 
 def demos(**arrays):
-    return h5({f"data/demo_{i}/{name}": value for i in range(2) for name, value in arrays.items()}, fs=500)
+    return tree(data={f"demo_{i}": arrays for i in range(2)}, fs=500)
 
 
 def parquet(units=None, about=None, values=W, **more):
@@ -110,8 +81,7 @@ def pandas(index=None, **attributes):
 
 def structs(**fields):
     """A struct array of two recordings, each with a label."""
-    rows = [(*fields.values(), label) for label in ("rice", "peas")]
-    return mat(data=np.array(rows, dtype=[(name, object) for name in (*fields, "label")]), fs=500.0)
+    return tree(data=[{**fields, "label": label} for label in ("rice", "peas")], fs=500.0)
 
 
 def fields(names, stamps, values):
@@ -146,7 +116,7 @@ def own(units, name="wrench", values=W):
 READ = {
     # names of axes beside the array
     **{
-        f"npz {name}=": (npz(X=X[..., TURNED], fs=500, **{name: NAMES}), X)
+        f"{name}=": (tree(X=X[..., TURNED], fs=500, **{name: NAMES}), X)
         for name in (
             "columns",
             "feature_names",
@@ -158,31 +128,29 @@ READ = {
         )
     },
     **{
-        f"npz {name}=": (npz(X=X[..., TURNED], fs=500, **{name: names}), X)
+        f"{name}=": (tree(X=X[..., TURNED], fs=500, **{name: names}), X)
         for name, names in {"X_columns": NAMES, "header": NAMES, "axis_order": "mz fz fx my fy mx"}.items()
     },
     "h5 attribute axis_order": (h5({"X": (X[..., TURNED], {"axis_order": " ".join(NAMES)}), "fs": 500}), X),
     "h5 attribute header of the file": (h5({"X": X[..., TURNED], "fs": 500}, header=NAMES), X),
-    "npz columns and header": (npz(X=X[..., TURNED], fs=500, columns=NAMES, header=",".join(NAMES)), X),
-    "mat order": (mat(X=X[..., TURNED], fs=500.0, order=cells(NAMES)), X),
-    "npz columns with units": (
-        npz(
+    "columns and header": (tree(X=X[..., TURNED], fs=500, columns=NAMES, header=",".join(NAMES)), X),
+    "order": (tree(X=X[..., TURNED], fs=500.0, order=NAMES), X),
+    "columns with units": (
+        tree(
             X=X[..., TURNED] * 1e3,
             fs=500,
             columns=[f"{n} [{'mN m' if n[0] == 'M' else 'mN'}]" for n in NAMES],
         ),
         X,
     ),
-    "npz columns in one text": (npz(X=X[..., TURNED], fs=500, columns=", ".join(NAMES)), X),
-    "npz columns with time": (npz(X=np.column_stack([T, W[:, TURNED]]), columns=["time", *NAMES]), [W]),
-    "npz columns with time in ms": (npz(X=np.column_stack([T * 1e3, W]), columns=["time [ms]", *AXES]), [W]),
-    "npz columns and more": (npz(X=np.dstack([X, X[..., 0]]), fs=500, columns=[*AXES, "temp"]), X),
-    "npz other features": (
-        npz(X=X, fs=500, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]),
+    "columns in one text": (tree(X=X[..., TURNED], fs=500, columns=", ".join(NAMES)), X),
+    "columns with time": (tree(X=np.column_stack([T, W[:, TURNED]]), columns=["time", *NAMES]), [W]),
+    "columns with time in ms": (tree(X=np.column_stack([T * 1e3, W]), columns=["time [ms]", *AXES]), [W]),
+    "columns and more": (tree(X=np.dstack([X, X[..., 0]]), fs=500, columns=[*AXES, "temp"]), X),
+    "other features": (
+        tree(X=X, fs=500, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]),
         X,
     ),
-    "mat columns": (mat(X=X[..., TURNED], fs=500.0, columns=cells(NAMES)), X),
-    "mat char rows": (mat("4", X=W[:, TURNED], fs=500.0, columns=NAMES), [W]),
     "h5 attribute columns": (h5({"X": (X[..., TURNED], {"columns": NAMES}), "fs": 500}), X),
     "h5 attribute of the file": (h5({"X": X[..., TURNED], "fs": 500}, channel_names=NAMES), X),
     "h5 bytes attribute axes": (h5({"X": (X[..., TURNED], {"axes": np.bytes_(NAMES)}), "fs": 500}), X),
@@ -199,26 +167,25 @@ READ = {
         [W],
     ),
     # units
-    "npz units of each": (npz(X=MILLI, fs=500, units=["mN"] * 3 + ["mN m"] * 3), X),
-    "npz units of two": (npz(X=MILLI, fs=500, units=["mN", "N mm"]), X),
-    "npz units in one text": (npz(X=MILLI, fs=500, unit="mN, mNm"), X),
-    "npz units N": (npz(X=X, fs=500, units="N"), X),
-    "npz units N and Nm": (npz(X=X, fs=500, units="N/Nm"), X),
-    "npz force_units": (npz(X=MILLI, fs=500, force_unit="mN", torque_unit="N·mm"), X),
-    "npz kN, lbf in": (
-        npz(X=X / ([1e3] * 3 + [4.4482216152605 * 0.0254] * 3), fs=500, units=["kN"] * 3 + ["lbf in"] * 3),
+    "units of each": (tree(X=MILLI, fs=500, units=["mN"] * 3 + ["mN m"] * 3), X),
+    "units of two": (tree(X=MILLI, fs=500, units=["mN", "N mm"]), X),
+    "units in one text": (tree(X=MILLI, fs=500, unit="mN, mNm"), X),
+    "units N": (tree(X=X, fs=500, units="N"), X),
+    "units N and Nm": (tree(X=X, fs=500, units="N/Nm"), X),
+    "force_units": (tree(X=MILLI, fs=500, force_unit="mN", torque_unit="N·mm"), X),
+    "kN, lbf in": (
+        tree(X=X / ([1e3] * 3 + [4.4482216152605 * 0.0254] * 3), fs=500, units=["kN"] * 3 + ["lbf in"] * 3),
         X,
     ),
-    "npz kN, kN m": (npz(X=X / 1e3, fs=500, units="kN, kN m"), X),
-    "npz lbf, kgf": (
-        npz(X=X / [4.4482216152605, 9.80665, 1, 1, 1, 1], fs=500, units=["lbf", "kgf", "N"] + ["Nm"] * 3),
+    "kN, kN m": (tree(X=X / 1e3, fs=500, units="kN, kN m"), X),
+    "lbf, kgf": (
+        tree(X=X / [4.4482216152605, 9.80665, 1, 1, 1, 1], fs=500, units=["lbf", "kgf", "N"] + ["Nm"] * 3),
         X,
     ),
-    "npz forces_units": (npz(force=FORCES * 1e3, torque=TORQUES, fs=500, force_units="mN"), X),
-    "mat units struct": (mat(X=MILLI, fs=500.0, units={"force": "mN", "torque": "mN m"}), X),
-    "mat units cell": (mat(X=MILLI, fs=500.0, units=cells(["mN", "mN m"])), X),
-    "npz vectors with units": (
-        npz(**{f"{a}_mN" if a[0] == "f" else a: v for a, v in zip(AXES, (W * HALF).T, strict=True)}, fs=500),
+    "forces_units": (tree(force=FORCES * 1e3, torque=TORQUES, fs=500, force_units="mN"), X),
+    "units struct": (tree(X=MILLI, fs=500.0, units={"force": "mN", "torque": "mN m"}), X),
+    "vectors with units": (
+        tree(**{f"{a}_mN" if a[0] == "f" else a: v for a, v in zip(AXES, (W * HALF).T, strict=True)}, fs=500),
         [W],
     ),
     "npy fields with units": (
@@ -276,26 +243,26 @@ READ = {
     "csv fs in kHz": (csv(np.full(50, 0.5), "fs_kHz"), [W]),
     "pandas attrs": (pandas(units=dict.fromkeys(AXES[:3], "N"), fs=500), [W]),
     # the clock
-    "npz dt": (npz(X=X, dt=0.002), X),
-    "npz sampling_period": (npz(X=X, sampling_period=0.002), X),
-    "npz dt in ms": (npz(X=X, dt_ms=2.0), X),
-    "npz time_ms": (npz(X=X, time_ms=T * 1e3), X),
-    "npz time_unit": (npz(X=X, t=np.arange(50) * 2000, time_unit="us"), X),
-    "npz ts": (npz(X=X, ts=T), X),
-    "npz Ts": (npz(X=X, Ts=0.002), X),
-    "npz fs in kHz": (npz(X=X, fs_kHz=0.5), X),
-    "npz ns since 1970": (npz(X=W, timestamp_ns=1_700_000_000 * 10**9 + (T * 1e9).astype(np.int64)), [W]),
-    "npz clocks that agree": (npz(X=W, time=T, timestamp=1.7e9 + T), [W]),
+    "dt": (tree(X=X, dt=0.002), X),
+    "sampling_period": (tree(X=X, sampling_period=0.002), X),
+    "dt in ms": (tree(X=X, dt_ms=2.0), X),
+    "time_ms": (tree(X=X, time_ms=T * 1e3), X),
+    "time_unit": (tree(X=X, t=np.arange(50) * 2000, time_unit="us"), X),
+    "ts": (tree(X=X, ts=T), X),
+    "Ts": (tree(X=X, Ts=0.002), X),
+    "fs in kHz": (tree(X=X, fs_kHz=0.5), X),
+    "ns since 1970": (tree(X=W, timestamp_ns=1_700_000_000 * 10**9 + (T * 1e9).astype(np.int64)), [W]),
+    "clocks that agree": (tree(X=W, time=T, timestamp=1.7e9 + T), [W]),
     "parquet fs as column": (parquet(fs=np.full(50, 500.0)), [W]),
     "parquet recordings by run": (
         parquet(run_id=np.repeat([1, 2], 25), time=np.tile(T[:25], 2)),
         [W[:25], W[25:]],
     ),
-    "npz fs that fits": (npz(X=X, t=T, fs=500.1), X),
-    "npz dt that fits": (npz(X=X, fs=500, dt=0.002), X),
+    "fs that fits": (tree(X=X, t=T, fs=500.1), X),
+    "dt that fits": (tree(X=X, fs=500, dt=0.002), X),
     "h5 units of time": (h5({"X": X, "t": (np.arange(50) * 2_000_000, {"units": "ns"})}), X),
     "h5 units of fs": (h5({"X": X, "fs": (0.5, {"units": "kHz"})}), X),
-    "mat73 time_unit": (mat73(X=X, t=T * 1e3, time_unit="ms"), X),
+    "time_unit ms": (tree(X=X, t=T * 1e3, time_unit="ms"), X),
     "parquet units of time": (parquet({"time": "ms"}, time=T * 1e3), [W]),
     "pandas dates as index": (
         pandas(index=np.arange(50) * np.timedelta64(2, "ms") + np.datetime64("2026-01-01")),
@@ -303,42 +270,41 @@ READ = {
     ),
     # padding
     **{
-        f"npz {name}": (npz(X=PADDED, fs=500, **{name: LENGTHS}), CUT)
+        f"{name}": (tree(X=PADDED, fs=500, **{name: LENGTHS}), CUT)
         for name in ("lengths", "n_samples", "seq_len", "num_samples")
     },
-    "npz mask": (npz(X=PADDED, fs=500, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
-    "mat lengths": (mat(X=PADDED, fs=500.0, lengths=LENGTHS), CUT),
-    "h5 mask": (h5({"X": PADDED, "fs": 500, "valid_mask": np.arange(50) < np.array(LENGTHS)[:, None]}), CUT),
-    "npz lengths of what lies in a row": (npz(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
-    "npz n_samples of all": (npz(X=X, fs=500, n_samples=50), X),
-    "npz n_samples counts recordings": (npz(X=X, fs=500, n_samples=4), X),
-    "npz padding_mask": (
-        npz(X=PADDED, fs=500, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]),
+    "mask": (tree(X=PADDED, fs=500, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
+    "valid_mask": (tree(X=PADDED, fs=500, valid_mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
+    "lengths of what lies in a row": (tree(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
+    "n_samples of all": (tree(X=X, fs=500, n_samples=50), X),
+    "n_samples counts recordings": (tree(X=X, fs=500, n_samples=4), X),
+    "padding_mask": (
+        tree(X=PADDED, fs=500, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]),
         CUT,
     ),
-    "npz lengths and stamps in a row": (
-        npz(X=np.concatenate(CUT), lengths=LENGTHS, t=np.concatenate([T[:n] for n in LENGTHS])),
+    "lengths and stamps in a row": (
+        tree(X=np.concatenate(CUT), lengths=LENGTHS, t=np.concatenate([T[:n] for n in LENGTHS])),
         CUT,
     ),
     **{
-        f"npz {name}={value}": (npz(X=X, fs=500, **{name: value}), X)
+        f"{name}={value}": (tree(X=X, fs=500, **{name: value}), X)
         for name, value in {"length": 40, "n_steps": 200, "num_samples": 20, "channels": 6, "axes": 6}.items()
     },
-    "npz columns by number": (npz(X=X, fs=500, columns=np.arange(6)), X),
+    "columns by number": (tree(X=X, fs=500, columns=np.arange(6)), X),
     "h5 attribute channels": (h5({"X": (X, {"channels": 6}), "fs": 500}), X),
-    "npz length in m": (npz(X=X, fs=500, length=0.08), X),
-    "npz lengths and stamps": (npz(X=PADDED, t=T, lengths=LENGTHS), CUT),
+    "length in m": (tree(X=X, fs=500, length=0.08), X),
+    "lengths and stamps": (tree(X=PADDED, t=T, lengths=LENGTHS), CUT),
     # which axis is which
-    "npz (T, n, 6) with labels": (npz(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
-    "npz (T, n, 6) with stamps": (npz(X=X.transpose(1, 0, 2), t=T), X),
-    "npz (T, n, 6) with dims": (npz(X=X.transpose(1, 0, 2), fs=500, dims=["time", "trial", "channel"]), X),
+    "(T, n, 6) with labels": (tree(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
+    "(T, n, 6) with stamps": (tree(X=X.transpose(1, 0, 2), t=T), X),
+    "(T, n, 6) with dims": (tree(X=X.transpose(1, 0, 2), fs=500, dims=["time", "trial", "channel"]), X),
     "h5 dimensions: time alone": (labelled_dimensions("time", "", array=W), [W]),
     "h5 dimensions, (6, T)": (labelled_dimensions("", "time", array=W.T), [W]),
     "h5 dimensions": (labelled_dimensions("time", "recording", "axis", array=X.transpose(1, 0, 2)), X),
     # what is no wrench
-    "h5 ee_wrench and joint_pos": (demos(ee_wrench=W, joint_pos=JOINTS), [W, W]),
+    "ee_wrench and joint_pos": (demos(ee_wrench=W, joint_pos=JOINTS), [W, W]),
     **{
-        f"h5 wrench and {name}": (demos(wrench=W, **{name: JOINTS}), [W, W])
+        f"wrench and {name}": (demos(wrench=W, **{name: JOINTS}), [W, W])
         for name in (
             "robot0_joint_vel",
             "actions",
@@ -354,40 +320,49 @@ READ = {
             "TCP speed",
         )
     },
-    "h5 obs and actions": (
-        h5({**{f"data/demo_{i}/obs/ee_wrench": W for i in range(2)}, "data/demo_0/actions": JOINTS}, fs=500),
+    "obs and actions": (
+        tree(
+            data={
+                "demo_0": {"obs": {"ee_wrench": W}, "actions": JOINTS},
+                "demo_1": {"obs": {"ee_wrench": W}},
+            },
+            fs=500,
+        ),
         [W, W],
     ),
-    "h5 groups of a speed": (h5({f"{m}/speed_{v}/ft": W for m in "ab" for v in (30, 60)}, fs=500), [W] * 4),
-    "h5 joint_states": (
-        demos(**{"ft": W, "joint_states/position": JOINTS, "joint_states/effort": JOINTS}),
+    "groups of a speed": (
+        tree(**{m: {f"speed_{v}": {"ft": W} for v in (30, 60)} for m in "ab"}, fs=500),
+        [W] * 4,
+    ),
+    "joint_states": (
+        demos(**{"ft": W, "joint_states": {"position": JOINTS, "effort": JOINTS}}),
         [W, W],
     ),
-    "mat structs with joints": (structs(wrench=W, q=JOINTS), [W, W]),
-    "npz parts that are the same": (npz(wrench=X, force=FORCES, torque=TORQUES, fs=500), X),
-    "npz joints of all": (npz(ft=X, joint_positions=X * 0, fs=500), X),
+    "structs with joints": (structs(wrench=W, q=JOINTS), [W, W]),
+    "parts that are the same": (tree(wrench=X, force=FORCES, torque=TORQUES, fs=500), X),
+    "joints of all": (tree(ft=X, joint_positions=X * 0, fs=500), X),
     **{
-        f"npz materials and one {name}": (npz(rice=W, peas=W + 1, **{"fs": 500, name: value}), [W, W + 1])
+        f"materials and one {name}": (tree(peas=W, rice=W + 1, **{"fs": 500, name: value}), [W, W + 1])
         for name, value in {"name": "day 1", "start_time": 1.7e9, "trigger_index": 9}.items()
     },
-    "npz materials and stamps": (npz(rice=W, peas=W + 1, t=T), [W, W + 1]),
-    "mat joints": (mat(wrench=W, q=JOINTS, qd=JOINTS, fs=500.0), [W]),
+    "materials and stamps": (tree(peas=W, rice=W + 1, t=T), [W, W + 1]),
+    "joints of one": (tree(wrench=W, q=JOINTS, qd=JOINTS, fs=500.0), [W]),
 }
 
 REFUSED = {
-    "npz two names of one axis": (npz(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
-    "npz two orders": (npz(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
-    "npz names of seven": (npz(X=X, fs=500, columns=["time", *AXES]), "6 columns, columns names 7"),
+    "two names of one axis": (tree(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
+    "two orders": (tree(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
+    "names of seven": (tree(X=X, fs=500, columns=["time", *AXES]), "6 columns, columns names 7"),
     "csv time in two": (csv(T, "sec", axes=[*AXES, "nanosec"], values=X[0][:, [*range(6), 0]]), "nanosec"),
-    "npz names of too many": (npz(X=X, fs=500, columns=["a", "b", "c"]), "columns"),
-    "npz units mN": (npz(X=MILLI, fs=500, units="mN"), "units"),
-    "npz units V": (npz(X=X, fs=500, units="V"), "units"),
-    "npz units counts": (npz(X=X, fs=500, units=["counts"] * 6), "units"),
-    "npz units of five": (npz(X=X, fs=500, units=["N"] * 5), "units"),
-    "npz units as torque": (npz(X=X, fs=500, units=["N"] * 3 + ["mN"] * 3), "units"),
-    "npz wrench_mN": (npz(wrench_mN=X, fs=500), "mN"),
-    "npz scale_factor": (npz(X=X, fs=500, scale_factor=0.01), "scale_factor"),
-    "npz counts_per_force": (npz(X=X.astype(int), fs=500, counts_per_force=1e6), "counts_per_force"),
+    "names of too many": (tree(X=X, fs=500, columns=["a", "b", "c"]), "columns"),
+    "units mN": (tree(X=MILLI, fs=500, units="mN"), "units"),
+    "units V": (tree(X=X, fs=500, units="V"), "units"),
+    "units counts": (tree(X=X, fs=500, units=["counts"] * 6), "units"),
+    "units of five": (tree(X=X, fs=500, units=["N"] * 5), "units"),
+    "units as torque": (tree(X=X, fs=500, units=["N"] * 3 + ["mN"] * 3), "units"),
+    "wrench_mN": (tree(wrench_mN=X, fs=500), "mN"),
+    "scale_factor": (tree(X=X, fs=500, scale_factor=0.01), "scale_factor"),
+    "counts_per_force": (tree(X=X.astype(int), fs=500, counts_per_force=1e6), "counts_per_force"),
     "h5 attribute scale_factor": (h5({"X": (X, {"scale_factor": 0.1}), "fs": 500}), "scale_factor"),
     "h5 units V": (h5({"X": (X, {"units": "V"}), "fs": 500}), "units"),
     "h5 own units lb": (own(["lb"] * 6), "units"),
@@ -403,84 +378,87 @@ REFUSED = {
         "_FillValue",
     ),
     "h5 units of a whole force": (h5({"force": (X, {"units": "mN"}), "fs": 500}), "units"),
-    "npz axes of joints": (npz(X=X, fs=500, axes=[f"joint_{i}" for i in range(6)]), "no wrench"),
-    "npz parts in another order": (npz(force=FORCES, torque=TORQUES, fs=500, columns=NAMES), "axes"),
-    "npz start in ms": (npz(X=X, fs=500, start_time=1.7e12 + np.arange(4)), "start_time"),
-    "npz Ts beside fs": (npz(X=X, fs=500, Ts=0.001), "Ts"),
+    "axes of joints": (tree(X=X, fs=500, axes=[f"joint_{i}" for i in range(6)]), "no wrench"),
+    "parts in another order": (tree(force=FORCES, torque=TORQUES, fs=500, columns=NAMES), "axes"),
+    "start in ms": (tree(X=X, fs=500, start_time=1.7e12 + np.arange(4)), "start_time"),
+    "Ts beside fs": (tree(X=X, fs=500, Ts=0.001), "Ts"),
     "h5 date as unit of time": (h5({"X": X, "t": (T, {"units": "hours since 2026-01-01"})}), "hours"),
     "parquet fs beside time": (parquet(fs=np.full(50, 100.0), time=T), "100 Hz"),
     "parquet mask": (parquet(valid=np.arange(50) < 40, time=T), "valid"),
     "npy fields in ms": (fields(["time", *AXES], T * 1e3, W), "time_unit="),
     "h5 pandas table": (h5({"df/table": BLOCK, "fs": 500}), "array="),
-    "npz stamps in ms": (npz(X=X, t=T * 1e3), "time_unit="),
-    "npz stamps in us": (npz(X=X, t=T * 1e6), "time_unit="),
-    "npz stamps in ns": (npz(X=X, t=(T * 1e9).astype(np.int64)), "time_unit="),
-    "npz index": (npz(X=X, t=np.arange(50)), "time_unit="),
-    "npz ns since 1970": (npz(X=W, t=1_700_000_000_000_000_000 + (T * 1e9).astype(np.int64)), "time_unit="),
-    "npz days": (npz(X=W, t=739000 + T / 86400), "time_unit="),
-    "mat stamps in ms": (mat(X=W, t=T * 1e3), "time_unit="),
+    "stamps in ms": (tree(X=X, t=T * 1e3), "time_unit="),
+    "stamps in us": (tree(X=X, t=T * 1e6), "time_unit="),
+    "stamps in ns": (tree(X=X, t=(T * 1e9).astype(np.int64)), "time_unit="),
+    "index": (tree(X=X, t=np.arange(50)), "time_unit="),
+    "ns since 1970": (tree(X=W, t=1_700_000_000_000_000_000 + (T * 1e9).astype(np.int64)), "time_unit="),
+    "days": (tree(X=W, t=739000 + T / 86400), "time_unit="),
     "csv mask": (csv(np.arange(50) < 40, "valid"), "valid"),
     "csv stamps in ms": (csv(T * 1e3), "time_unit="),
     "parquet stamps in us": (parquet(time=(T * 1e6).astype(np.int64)), "time_unit="),
-    "npz dt of 2": (npz(X=X, dt=2.0), "time_unit="),
-    "npz fs beside stamps": (npz(X=X, t=T, fs=1000), "fs"),
-    "npz fs beside stamps of one": (npz(X=W, t=T, fs=1000), "fs"),
-    "npz fs beside uneven stamps": (npz(X=W, t=T**1.01, fs=1000), "fs"),
-    "npz dt beside fs": (npz(X=X, fs=500, dt=0.001), "dt"),
-    "npz two rates": (npz(X=X, fs=500, rate=100), "rate"),
-    "npz two clocks": (npz(X=X, t=T, timestamps=T * 2), "timestamps"),
-    "npz lengths too long": (npz(X=X, fs=500, lengths=[51, 50, 50, 50]), "lengths"),
-    "npz lengths of something else": (npz(X=X, fs=500, lengths=[20] * 4), "lengths"),
-    "npz lengths of three": (npz(X=X, fs=500, lengths=[50] * 3), "lengths"),
-    "npz mask with holes": (npz(X=X, fs=500, mask=np.arange(200).reshape(4, 50) % 2), "mask"),
-    "npz (T, n, 6)": (npz(X=X.transpose(1, 0, 2), fs=500), "labels"),
+    "dt of 2": (tree(X=X, dt=2.0), "time_unit="),
+    "fs beside stamps": (tree(X=X, t=T, fs=1000), "fs"),
+    "fs beside stamps of one": (tree(X=W, t=T, fs=1000), "fs"),
+    "fs beside uneven stamps": (tree(X=W, t=T**1.01, fs=1000), "fs"),
+    "dt beside fs": (tree(X=X, fs=500, dt=0.001), "dt"),
+    "two rates": (tree(X=X, fs=500, rate=100), "rate"),
+    "two clocks": (tree(X=X, t=T, timestamps=T * 2), "timestamps"),
+    "lengths too long": (tree(X=X, fs=500, lengths=[51, 50, 50, 50]), "lengths"),
+    "lengths of something else": (tree(X=X, fs=500, lengths=[20] * 4), "lengths"),
+    "lengths of three": (tree(X=X, fs=500, lengths=[50] * 3), "lengths"),
+    "mask with holes": (tree(X=X, fs=500, mask=np.arange(200).reshape(4, 50) % 2), "mask"),
+    "(T, n, 6)": (tree(X=X.transpose(1, 0, 2), fs=500), "labels"),
     "npy (T, n, 6)": (npy(X.transpose(1, 0, 2)), "labels"),
-    "npz dims of other words": (npz(X=X, fs=500, dims=["a", "b", "c"]), "dims"),
-    "mat 2 x 2 cell": (mat(data=GRID, materials=cells(["rice", "peas"]), fs=500.0), "materials"),
-    "mat 2 x 2 cell, 4 labels": (mat(data=GRID, labels=cells(LABELS), fs=500.0), "labels"),
-    "h5 two wrenches": (demos(ft_left=W, ft_right=W + 1), "array="),
-    "h5 a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
-    "h5 what nobody knows": (demos(ee=W, arm=W + 1), "array="),
-    "npz frames of a robot": (npz(O_F_ext_hat_K=W, K_F_ext_hat_K=W + 1, t=T), "array="),
-    "h5 sensors by number": (demos(ati_1=W, ati_2=W + 1), "array="),
-    "h5 obs and next_obs": (
-        h5({f"demo_{i}/{o}/ft": W for i in range(2) for o in ("obs", "next_obs")}, fs=500),
+    "dims of other words": (tree(X=X, fs=500, dims=["a", "b", "c"]), "dims"),
+    "2 x 2 cell": (tree(data=GRID, materials=["rice", "peas"], fs=500.0), "materials"),
+    "2 x 2 cell, 4 labels": (tree(data=GRID, labels=LABELS, fs=500.0), "labels"),
+    "two wrenches": (demos(ft_left=W, ft_right=W + 1), "array="),
+    "a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
+    "what nobody knows": (demos(ee=W, arm=W + 1), "array="),
+    "frames of a robot": (tree(O_F_ext_hat_K=W, K_F_ext_hat_K=W + 1, t=T), "array="),
+    "sensors by number": (demos(ati_1=W, ati_2=W + 1), "array="),
+    "obs and next_obs": (
+        tree(**{f"demo_{i}": {o: {"ft": W} for o in ("obs", "next_obs")} for i in range(2)}, fs=500),
         "array=",
     ),
-    "h5 groups of sensors": (h5({"demo_0/ft/data": W, "demo_0/imu/data": JOINTS}, fs=500), "array="),
-    "mat structs with two": (structs(ft=W, arm=W + 1), "array="),
-    "npz data1 and data2": (npz(data1=X, data2=X, fs=500), "array="),
-    "npz signals of one recording": (npz(wrench=W, second=W + 1, t=T), "array="),
-    "npz parts that differ": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
-    "npz vectors that differ": (npz(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
-    "npz left and right": (npz(left=X, right=X + 1, fs=500), "array="),
-    "npz two of all": (npz(wrench_raw=X, wrench_filtered=X, fs=500), "array="),
-    "npz joints alone": (npz(joint_pos=X, fs=500), "array="),
-    "npz torques of joints": (npz(torques=W, fs=500), "array="),
-    "npz two lists of labels": (npz(X=X, fs=500, labels=LABELS, material=LABELS[::-1]), "label="),
-    "npz trials in a row": (npz(X=W, fs=500, trial=np.repeat([1, 2], 25)), "trial"),
+    "groups of sensors": (tree(demo_0={"ft": {"data": W}, "imu": {"data": JOINTS}}, fs=500), "array="),
+    "structs with two": (structs(ft=W, arm=W + 1), "array="),
+    "data1 and data2": (tree(data1=X, data2=X, fs=500), "array="),
+    "signals of one recording": (tree(wrench=W, second=W + 1, t=T), "array="),
+    "parts that differ": (tree(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
+    "vectors that differ": (tree(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
+    "left and right": (tree(left=X, right=X + 1, fs=500), "array="),
+    "two of all": (tree(wrench_raw=X, wrench_filtered=X, fs=500), "array="),
+    "joints alone": (tree(joint_pos=X, fs=500), "array="),
+    "torques of joints": (tree(torques=W, fs=500), "array="),
+    "two lists of labels": (tree(X=X, fs=500, labels=LABELS, material=LABELS[::-1]), "label="),
+    "trials in a row": (tree(X=W, fs=500, trial=np.repeat([1, 2], 25)), "trial"),
 }
 
 
 CHOSEN = {
-    "one of two": (npz(wrench_raw=X + 1, wrench_f=X, fs=500), {"array": "wrench_f"}, X),
+    "one of two": (tree(wrench_raw=X + 1, wrench_f=X, fs=500), {"array": "wrench_f"}, X),
     "one of each group": (demos(ft_left=W, ft_right=W + 1), {"array": "ft_left"}, [W, W]),
-    "a group": (h5({"train/X": X, "test/X": X + 1}, fs=500), {"array": "train"}, X),
+    "a group": (tree(test={"X": X + 1}, train={"X": X}, fs=500), {"array": "train"}, X),
     "one of each struct": (structs(ft=W, arm=W + 1), {"array": "ft"}, [W, W]),
-    "a name of another thing": (npz(actions=X, fs=500), {"array": "actions"}, X),
-    "a whole beside parts": (npz(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), {"array": "wrench"}, X),
-    "ms": (npz(X=X, t=T * 1e3), {"time_unit": "ms"}, X),
+    "a name of another thing": (tree(actions=X, fs=500), {"array": "actions"}, X),
+    "a whole beside parts": (
+        tree(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500),
+        {"array": "wrench"},
+        X,
+    ),
+    "ms": (tree(X=X, t=T * 1e3), {"time_unit": "ms"}, X),
     "us in a table": (parquet(time=(T * 1e6).astype(np.int64)), {"time_unit": "us"}, [W]),
     "ns since 1970": (csv(1.7e18 + T * 1e9), {"time_unit": "ns"}, [W]),
-    "an index and a rate": (npz(X=X, t=np.arange(50)), {"time_unit": "sample", "rate_hz": 500}, X),
-    "an index and the file's rate": (npz(X=X, t=np.arange(50), fs=500), {"time_unit": "sample"}, X),
-    "a step in ms": (npz(X=X, dt=2.0), {"time_unit": "ms"}, X),
+    "an index and a rate": (tree(X=X, t=np.arange(50)), {"time_unit": "sample", "rate_hz": 500}, X),
+    "an index and the file's rate": (tree(X=X, t=np.arange(50), fs=500), {"time_unit": "sample"}, X),
+    "a step in ms": (tree(X=X, dt=2.0), {"time_unit": "ms"}, X),
 }
 
 CHOSEN_WRONGLY = {
-    "no such array": (npz(X=X, fs=500), {"array": "Y"}, RecordingFileError, "array='Y'"),
-    "an array without samples": (npz(X=X, fs=500), {"array": "fs"}, RecordingFileError, "array='fs'"),
-    "no such label": (npz(X=X, fs=500), {"label": "z"}, RecordingFileError, "label='z'"),
+    "no such array": (tree(X=X, fs=500), {"array": "Y"}, RecordingFileError, "array='Y'"),
+    "an array without samples": (tree(X=X, fs=500), {"array": "fs"}, RecordingFileError, "array='fs'"),
+    "no such label": (tree(X=X, fs=500), {"label": "z"}, RecordingFileError, "label='z'"),
     "no such column": (parquet(time=T), {"label": "z"}, RecordingFileError, "label='z'"),
     "another rate than the file's": (
         csv(np.full(50, 500.0), "fs"),
@@ -492,34 +470,44 @@ CHOSEN_WRONGLY = {
     "no such column of text": (csv(T), {"label": "z"}, RecordingFileError, "label='z'"),
     "an array of a table": (csv(T), {"array": "fx"}, ValueError, "array must be left out"),
     "another unit than the file's": (
-        npz(X=X, time_ms=T * 1e3),
+        tree(X=X, time_ms=T * 1e3),
         {"time_unit": "us"},
         RecordingFileError,
         "ms",
     ),
     "an index without a rate": (
-        npz(X=X, t=np.arange(50)),
+        tree(X=X, t=np.arange(50)),
         {"time_unit": "sample"},
         RecordingFileError,
         "no rate",
     ),
-    "an unknown unit": (npz(X=X, t=T), {"time_unit": "min"}, ValueError, "time_unit='min'"),
-    "no text": (npz(X=X, t=T), {"array": 3}, TypeError, "array"),
+    "an unknown unit": (tree(X=X, t=T), {"time_unit": "min"}, ValueError, "time_unit='min'"),
+    "no text": (tree(X=X, t=T), {"array": 3}, TypeError, "array"),
 }
 
 
-def made(tmp_path, file):
+def in_each_format(table):
+    """Name the cases of a table, and for trees the formats."""
+    return [
+        pytest.param(name, form, id=f"{name} {form}")
+        for name, (file, *_) in table.items()
+        for form in (formats_of(file) if isinstance(file, dict) else [""])
+    ]
+
+
+def made(tmp_path, file, form="npz"):
+    if isinstance(file, dict):
+        return written(file, form, tmp_path)
     name, write = file
     path = tmp_path / name
     write(path)
     return path
 
 
-@pytest.mark.parametrize("case", READ)
-def test_what_is_stated_is_obeyed(tmp_path, case):
+@pytest.mark.parametrize(("case", "form"), in_each_format(READ))
+def test_what_is_stated_is_obeyed(tmp_path, case, form):
     file, wrenches = READ[case]
-    path = made(tmp_path, file)
-    data = load(path, rate_hz=500 if "h5 dimensions" in case else None)
+    data = load(made(tmp_path, file, form), rate_hz=500 if "h5 dimensions" in case else None)
     assert [r.n_samples for r in data] == [len(wrench) for wrench in wrenches]
     for recording, wrench in zip(data, wrenches, strict=True):
         np.testing.assert_allclose(recording.wrench, wrench, rtol=1e-12)
@@ -527,31 +515,31 @@ def test_what_is_stated_is_obeyed(tmp_path, case):
     assert data.rate_hz == 500
 
 
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_cannot_be_obeyed_is_refused(tmp_path, case):
+@pytest.mark.parametrize(("case", "form"), in_each_format(REFUSED))
+def test_what_cannot_be_obeyed_is_refused(tmp_path, case, form):
     file, way_out = REFUSED[case]
-    path = made(tmp_path, file)
+    path = made(tmp_path, file, form)
     with pytest.raises(RecordingFileError, match=way_out):
         load(path, rate_hz=500 if path.suffix == ".npy" or "alone" in case else None)
 
 
-@pytest.mark.parametrize("case", CHOSEN)
-def test_options_choose(tmp_path, case):
+@pytest.mark.parametrize(("case", "form"), in_each_format(CHOSEN))
+def test_options_choose(tmp_path, case, form):
     file, options, wrenches = CHOSEN[case]
-    data = load(made(tmp_path, file), **options)
+    data = load(made(tmp_path, file, form), **options)
     assert len(data) == len(wrenches)
     assert all(np.array_equal(r.wrench, wrench) for r, wrench in zip(data, wrenches, strict=True))
     assert data.rate_hz == 500
 
 
-@pytest.mark.parametrize("case", CHOSEN_WRONGLY)
-def test_options_that_choose_nothing_are_refused(tmp_path, case):
+@pytest.mark.parametrize(("case", "form"), in_each_format(CHOSEN_WRONGLY))
+def test_options_that_choose_nothing_are_refused(tmp_path, case, form):
     file, options, error, message = CHOSEN_WRONGLY[case]
     with pytest.raises(error, match=message):
-        load(made(tmp_path, file), **options)
+        load(made(tmp_path, file, form), **options)
 
 
-@pytest.mark.parametrize("file", [npz(X=X, fs=500, labels=LABELS[::-1], material=LABELS, arr_1=LABELS)])
+@pytest.mark.parametrize("file", [tree(X=X, fs=500, labels=LABELS[::-1], material=LABELS, arr_1=LABELS)])
 @pytest.mark.parametrize("label", ["material", "arr_1"])
 def test_labels_are_chosen(tmp_path, file, label):
     assert load(made(tmp_path, file), label=label).y.tolist() == LABELS
@@ -580,7 +568,7 @@ def test_what_pandas_keeps_of_attrs_is_about_the_table(tmp_path):
 
 
 def test_units_of_other_axes_are_kept(tmp_path):
-    file = npz(X=X[..., :2], fs=500, axes=["force", "depth"], units=["mN", "mm"])
+    file = tree(X=X[..., :2], fs=500, axes=["force", "depth"], units=["mN", "mm"])
     (first, *_) = load(made(tmp_path, file))
     assert (first.axes, dict(first.meta["units"])) == (("force", "depth"), {"force": "mN", "depth": "mm"})
 
