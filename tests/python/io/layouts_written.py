@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
+import pytest
 import scipy.io
+
+h5py = pytest.importorskip("h5py")
 
 _RNG = np.random.default_rng(5)
 X = _RNG.normal(size=(4, 50, 6))

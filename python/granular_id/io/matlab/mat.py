@@ -152,50 +152,54 @@ def _is_v73(file: BinaryIO, reading: MatReading) -> bool:
 
 
 def _read_scipy(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
-    from scipy.io.matlab import MatlabOpaque, varmats_from_mat, whosmat  # here: it takes 0.1 s to import
+    from scipy.io.matlab import MatlabOpaque  # here: it takes 0.1 s to import
 
-    settings: dict[str, Any] = {"appendmat": False}
-    with naming(reading.path, "reading its header"):
-        order = file.read(_HEADER_BYTES)[-2:]
-        file.seek(0)
-        parts: Sequence[tuple[str, Any]] = [("", file)]
-        if order in (b"IM", b"MI"):
-            # a variable at a time: scipy gives all objects of MATLAB one name
-            parts = varmats_from_mat(file)
-            # MATLAB writes text as UTF-16; by default scipy keeps one byte of each character
-            settings["uint16_codec"] = "utf-16-le" if order == b"IM" else "utf-16-be"
     variables: dict[str, Any] = {}
-    for name, part in parts:
-        with naming(reading.path, f"reading variable {name}" if name else "reading its variables"):
-            if name != "None":  # an object, whose size scipy cannot tell
-                part.seek(0)
-                for listed, shape, _ in whosmat(part, appendmat=False):
-                    reading.spend(8 * math.prod(shape), f"variable {listed}")
-            found = _loaded(part, settings)
-        for key, raw in found.items():
-            if key.startswith("__"):
-                continue
-            if key in variables:
-                raise reading.fault(f"variable {key}", "occurs twice")
-            called = _text_of(raw["s0"]) if isinstance(raw, MatlabOpaque) else key
-            value = _plain(raw, f"variable {called}", reading)
-            if value is not None:
-                variables[key] = value
+    with naming(reading.path, "reading its variables"):
+        found = _by_scipy(file, reading)
+    for key, raw in found:
+        if key in variables:
+            raise reading.fault(f"variable {key}", "occurs twice")
+        called = _text_of(raw["s0"]) if isinstance(raw, MatlabOpaque) else key
+        value = _plain(raw, f"variable {called}", reading)
+        if value is not None:
+            variables[key] = value
     return variables
 
 
-def _loaded(part: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """Read in MATLAB's classes, unless there are complex numbers, of which scipy would leave the real part."""
-    from scipy.io.matlab import loadmat
+def _by_scipy(file: BinaryIO, reading: MatReading) -> list[tuple[str, Any]]:
+    """Return names and values as scipy has them."""
+    from scipy.io.matlab import loadmat, varmats_from_mat
 
+    settings: dict[str, Any] = {"appendmat": False}
+    order = file.read(_HEADER_BYTES)[-2:]
+    if order in (b"IM", b"MI"):
+        # MATLAB writes text as UTF-16; by default scipy keeps one byte of each character
+        settings["uint16_codec"] = "utf-16-le" if order == b"IM" else "utf-16-be"
+    has_objects = "None" in loadmat(file, variable_names=["None"], **settings)
+    whole = None if has_objects else _loaded(file, reading, settings)
+    found = list((whole or {}).items())
+    if whole is None:  # one by one: scipy gives all objects one name
+        for name, part in varmats_from_mat(file):
+            alone = None if name == "None" else _loaded(part, reading, settings)
+            found += (loadmat(part, **settings) if alone is None else alone).items()
+    return [(name, raw) for name, raw in found if not name.startswith("__")]
+
+
+def _loaded(file: Any, reading: MatReading, settings: dict[str, Any]) -> dict[str, Any] | None:
+    """Read in MATLAB's classes; None where scipy would lose something: an imaginary part, one of two of a name."""
+    from scipy.io.matlab import MatReadWarning, loadmat, whosmat
+
+    for name, shape, _ in whosmat(file, appendmat=False):
+        reading.spend(8 * math.prod(shape), f"variable {name}")
+    losses = (np.exceptions.ComplexWarning, MatReadWarning)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", np.exceptions.ComplexWarning)
-        part.seek(0)
+        for loss in losses:
+            warnings.simplefilter("error", loss)
         try:
-            return dict(loadmat(part, mat_dtype=True, **settings))
-        except np.exceptions.ComplexWarning:
-            part.seek(0)
-            return dict(loadmat(part, **settings))
+            return dict(loadmat(file, mat_dtype=True, **settings))
+        except losses:
+            return None
 
 
 def _text_of(name: Any) -> str:
