@@ -158,6 +158,11 @@ READ = {
     "stamps of each": case(
         {"X": X, "t": STAMPS, "label": LABELS}, labels=LABELS, starts=STAMPS[:, 0].tolist()
     ),
+    "stamps of each in columns": case({"X": X, "t": STAMPS.T}, starts=STAMPS[:, 0].tolist()),
+    "names of classes around": case(
+        {"class_names": ["oats", "peas", "rice"], "set": {"X": X, "y": np.array([2, 1, 2, 0]), "fs": 500}},
+        labels=LABELS,
+    ),
     "stamps in cells": case(
         {"X": RAGGED, "time": [np.arange(len(w)) / 500 for w in RAGGED]}, RAGGED, labels=[None] * 4
     ),
@@ -342,6 +347,7 @@ REFUSED = {
     "no recordings": ({"X": np.zeros((0, 50, 6))}, r"X \(0, 50, 6\) is empty: it holds no samples"),
     "no samples": ({"X": np.zeros((0, 6))}, r"X \(0, 6\) is empty: it holds no samples"),
     # what stands beside
+    "stamps of three": ({"X": X, "t": STAMPS[:3]}, r"t: has the shape \(3, 50\) for 4 recordings"),
     "stamps too short": ({"X": X, "t": np.arange(49)}, "t: has 49 values for the 50 samples of recording 0"),
     "stamps of NaN": ({"X": W, "t": np.full(50, np.nan)}, "stamp of sample 0 is nan"),
     "stamps of text": ({"X": W, "t": ["a"] * 50}, "t: "),
@@ -443,6 +449,11 @@ def test_only_what_is_used_is_read() -> None:
     content = read_tree({"X": block, "hfmh": other, "rate_hz": np.array(500)})
     assert (block.reads, other.reads) == (1, 0)
     assert "not used: hfmh (4, 600) float64" in content.notes
+
+
+def test_complex_numbers_are_no_samples() -> None:
+    with pytest.raises(RecordingFileError, match="X: has dtype complex128; wanted real numbers"):
+        read_tree({"X": X * 1j}, rate_hz=500)
 
 
 def test_fields_of_a_structured_array_are_arrays() -> None:

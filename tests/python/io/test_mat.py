@@ -250,6 +250,16 @@ def test_what_is_left_out_of_a_cell_leaves_out_the_cell_and_no_imaginary_part_is
     ]
 
 
+def test_what_was_left_out_is_said_where_nothing_else_is_there(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "x.mat", {"W": push(1) * 1j, "rate_hz": 500.0})
+    with pytest.raises(RecordingFileError, match=r"no recordings.*variable W is an array of complex numbers"):
+        load(tmp_path / "x.mat")
+    x = array(doubles([1.0], (1, 1), "X"))
+    (tmp_path / "x.mat").write_bytes(mat(x, x))
+    with pytest.raises(RecordingFileError, match="variable X: occurs twice"):
+        load(tmp_path / "x.mat")
+
+
 def refused_links(file) -> None:
     file["X"] = h5py.ExternalLink("other.h5", "X")
 

@@ -144,6 +144,7 @@ READ = {
         X,
     ),
     "columns in one text": (tree(X=X[..., TURNED], fs=500, columns=", ".join(NAMES)), X),
+    "columns in JSON": (tree(X=X[..., TURNED], fs=500, columns=json.dumps(NAMES)), X),
     "columns with time": (tree(X=np.column_stack([T, W[:, TURNED]]), columns=["time", *NAMES]), [W]),
     "columns with time in ms": (tree(X=np.column_stack([T * 1e3, W]), columns=["time [ms]", *AXES]), [W]),
     "columns and more": (tree(X=np.dstack([X, X[..., 0]]), fs=500, columns=[*AXES, "temp"]), X),
@@ -350,6 +351,13 @@ READ = {
 }
 
 REFUSED = {
+    "two units of one axis": (
+        tree(X=X, fs=500, columns=[f"{a} [N]" for a in AXES[:3]] + AXES[3:], units="mN, mN m"),
+        "two units of fx",
+    ),
+    "dims that do not fit": (tree(X=X, fs=500, dims=["axis", "time", "recording"]), "dimensions are stated"),
+    "start of text": (tree(X=W, fs=500, start_time="monday"), "start_time"),
+    "dt in volt": (tree(X=X, dt=2.0, dt_units="V"), "is in 'V'"),
     "two names of one axis": (tree(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
     "two orders": (tree(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
     "names of seven": (tree(X=X, fs=500, columns=["time", *AXES]), "6 columns, columns names 7"),

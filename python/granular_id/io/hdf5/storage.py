@@ -21,7 +21,7 @@ def opened(expansion: Expansion, why: str) -> Iterator[Any]:
     """Open a file; `why` ends the sentence about a missing h5py."""
     h5py = need("h5py", extra="hdf5", why=why)
     # a lock would make files on read-only and network drives unreadable; nothing is written
-    with naming(expansion.path, "opening it"), h5py.File(expansion.path, "r", locking=False) as file:
+    with naming(expansion.path, "reading it by h5py"), h5py.File(expansion.path, "r", locking=False) as file:
         yield file
 
 
