@@ -49,19 +49,9 @@ def recordings_of(
 ) -> FileContent:
     """Find the recordings in named arrays, with a note on everything that was guessed.
 
-    Parameters
-    ----------
-    arrays : mapping
-        Names to nodes of a tree, see ``arrays.tree``.
-    source, options
-        As for every reader; a rate stated there is used where the file has none, and must equal the file's own.
-    describe, single
-        See ``arrays.tree.Origin``.
-
-    Raises
-    ------
-    RecordingFileError
-        No recordings, more than one way to read them, labels or times that do not fit, values that are not finite.
+    `arrays` lead from names to nodes of a tree (see ``arrays.tree``, also on `describe` and `single`). A rate that is
+    stated outside is used where the file has none, and must equal the file's own. Refused are no recordings, more
+    than one way to read them, labels or times that do not fit, values that are not finite.
 
     Examples
     --------
@@ -210,13 +200,7 @@ _N = len(AXES)
 
 
 def _what_is_missing(tree: Mapping[str, Any]) -> str:
-    """Say what the first array that comes near a recording lacks.
-
-    Examples
-    --------
-    >>> _what_is_missing({"X": np.zeros((0, 6))})
-    'X (0, 6) is empty: it holds no samples'
-    """
+    """Say what the first array that comes near a recording lacks."""
     arrays = list(_arrays(tree, "", MAX_DEPTH))
     six = next((f"{name} {shape}" for name, shape in arrays if _N in shape), None)
     named = {key: len(names_of(node)) for key, node in tree.items() if role_of(key) == "axes"}

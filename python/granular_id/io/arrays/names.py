@@ -88,13 +88,7 @@ def plain_name(name: str) -> str:
 
 @lru_cache(256)
 def role_of(name: str) -> Role | None:
-    """Tell what an array is for by its name; None where the name says nothing.
-
-    Examples
-    --------
-    >>> role_of("sampling_rate"), role_of("Labels"), role_of("rice")
-    ('rate', 'labels', None)
-    """
+    """Tell what an array is for by its name; None where the name says nothing."""
     # columns like "t", "time_ms", "timestamp [s]" and "flags" have a table of their own
     meaning, unit = split_unit(name)
     if meaning in (TIME, FLAGS):
@@ -116,13 +110,7 @@ def is_signal(name: str) -> bool:
 
 @lru_cache(256)
 def is_other_thing(name: str) -> bool:
-    """Tell whether what is called so is no wrench, or none whose axes can be told.
-
-    Examples
-    --------
-    >>> is_other_thing("robot0_joint_pos"), is_other_thing("tcpSpeed"), is_other_thing("ee_wrench")
-    (True, True, False)
-    """
+    """Tell whether what is called so is no wrench, or none whose axes can be told."""
     # pandas' values_block_0 has its names of columns in a pickle
     return not _OTHER_THINGS.isdisjoint(_words(name)) or plain_name(name).startswith("valuesblock")
 
@@ -144,13 +132,7 @@ def is_counted_group(name: str) -> bool:
 
 
 def label_of_name(name: str) -> str | None:
-    """Return the label in ``rice_01``: what stands before the last underscore, if a number follows.
-
-    Examples
-    --------
-    >>> label_of_name("oat_flakes_01"), label_of_name("run1"), label_of_name("trial_01")
-    ('oat_flakes', None, None)
-    """
+    """Return the label in ``rice_01``: what stands before the last underscore, if a number follows."""
     label, _, rest = name.rpartition("_")
     return label if label and rest.isdecimal() and not is_no_label(name) else None
 

@@ -10,45 +10,12 @@ from typing import Any
 import numpy as np
 
 from granular_id._checks import FloatArray
+from granular_id.io.arrays import names, shapes, stated
 from granular_id.io.arrays.details import Entries, add_details
 from granular_id.io.arrays.found import Found
-from granular_id.io.arrays.names import (
-    TORQUES,
-    Role,
-    is_counted_group,
-    is_general,
-    is_no_label,
-    is_other_thing,
-    is_signal,
-    label_of_name,
-    plain_name,
-    role_of,
-    without_tables,
-)
-from granular_id.io.arrays.shapes import (
-    THREE,
-    Halves,
-    Known,
-    axis_arrays,
-    cut_padding,
-    halves_of,
-    in_parts,
-    only_halves,
-    order_of,
-    refuse_gaps,
-)
-from granular_id.io.arrays.stated import (
-    ALL,
-    FORCE,
-    TORQUE,
-    Columns,
-    dimensions_of,
-    names_of,
-    orders_axes,
-    unit_in_name,
-    units_of,
-    what_has_unit,
-)
+from granular_id.io.arrays.names import Role, plain_name, role_of
+from granular_id.io.arrays.shapes import Known
+from granular_id.io.arrays.stated import ALL, FORCE, TORQUE, Columns, orders_axes, what_has_unit
 from granular_id.io.arrays.tree import (
     MAX_DEPTH,
     Origin,
@@ -102,22 +69,20 @@ class Search:
             entries.setdefault("class_names", outer["class_names"])
         known = self._known(entries, others, known)
         chosen = self._is_chosen(name)
-        vectors = axis_arrays(others, self.origin) if chosen else {}
+        vectors = shapes.axis_arrays(others, self.origin) if chosen else {}
         samples = {
             k: node
             for k, node in others.items()
             if k not in vectors and self._counts(k, node, name) and self._holds(node, known, depth)
         }
         if self.options.array is None:
-            samples = without_tables(samples, len(known.axes), beside_parts=in_parts(others))
-        if only_halves(samples):
+            samples = names.without_tables(samples, len(known.axes), beside_parts=shapes.in_parts(others))
+        if shapes.only_halves(samples):
             samples = {}
-        halves = None if samples or vectors or not chosen else halves_of(others, self.origin)
         used: Collection[str] = samples
-        if vectors and not samples:
-            found, used = self._stacked(vectors, name, _path(name, "fx ... tz"), known), vectors
-        elif halves is not None:
-            found, used = self._joined(halves, name, known), (halves.force, halves.torque)
+        parts = self._in_parts(others, vectors, name, known) if chosen and not samples else None
+        if parts is not None:
+            _, found, used = parts
         else:
             self._refuse_rivals(samples, name, entries)
             found = self._several(samples, name, known, entries, depth)
@@ -156,17 +121,17 @@ class Search:
 
     def _names_no_axes(self, node: Any, tree: Mapping[str, Any]) -> bool:
         """Tell whether names of columns are how many there are, or those of another array: of features, say."""
-        names = names_of(node)
-        if len(names) <= len(AXES) or set(AXES) <= {split_unit(name)[0] for name in names}:
+        listed = stated.names_of(node)
+        if len(listed) <= len(AXES) or set(AXES) <= {split_unit(name)[0] for name in listed}:
             return numbers(node) is not None
         six = any(has_axis(item, len(AXES)) for item in tree.values())
-        return six and any(has_axis(item, len(names)) for item in tree.values())
+        return six and any(has_axis(item, len(listed)) for item in tree.values())
 
     def _known(self, entries: Entries, others: Mapping[str, Any], outer: Known) -> Known:
         axes, dimensions, units = outer.axes, outer.dimensions, dict(outer.units)
         orders: dict[tuple[str | None, ...], str] = {}
         for key, node in entries.get("axes", {}).items():
-            axes = names_of(node)
+            axes = stated.names_of(node)
             if not axes:
                 raise self.origin.fault(key, "does not hold names of axes; wanted a text per axis")
             if orders_axes(node):
@@ -175,10 +140,10 @@ class Search:
             both = " and ".join(orders.values())
             raise self.origin.unclear(f"{both} name the axes in different orders; save the one that is true")
         for key, node in entries.get("dimensions", {}).items():
-            dimensions = dimensions_of(key, node, self.origin) or outer.dimensions
+            dimensions = stated.dimensions_of(key, node, self.origin) or outer.dimensions
         for key, node in entries.get("units", {}).items():
             whose = what_has_unit(key.rpartition("/")[2], others) or ALL
-            units |= units_of(node, whose, key, others, self.origin)
+            units |= stated.units_of(node, whose, key, others, self.origin)
         clocks = list(entries.get("time", {}).values())
         each = [n_values(node) for role in _ONE_PER_RECORDING for node in entries.get(role, {}).values()]
         each += [len(node) for node in clocks if isinstance(node, list)]
@@ -190,14 +155,14 @@ class Search:
 
     def _known_of(self, key: str, known: Known) -> Known:
         """Return what is known of one array: also the units that it has of its own."""
-        own = known.units.get(f"/{key}") or (key, unit_in_name(key))
+        own = known.units.get(f"/{key}") or (key, stated.unit_in_name(key))
         units = {ALL: own} if own[1] else {}
         units |= {what: known.units[f"/{key}:{what}"] for what in _PARTS if f"/{key}:{what}" in known.units}
         return replace(known, units={**known.units, **units}) if units else known
 
     def _of_wrench(self, known: Known, name: str, axes: tuple[str, ...] = AXES) -> Known:
         """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
-        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, THREE):
+        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, shapes.THREE):
             named = ", ".join(known.axes)[:80]
             raise self.origin.unclear(f"{name or 'the file'} names the axes {named}, and arrays others")
         return replace(known, axes=axes)
@@ -234,7 +199,7 @@ class Search:
         node = as_tree(node)
         if isinstance(node, Mapping):
             items = {key: as_tree(item) for key, item in node.items()}
-            return in_parts(items) or any(
+            return shapes.in_parts(items) or any(
                 self._holds(item, known, depth + 1)
                 for key, item in items.items()
                 if role_of(key) is None and (self.options.array is not None or _may_be_wrench(key, item))
@@ -246,20 +211,24 @@ class Search:
     def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
         """Refuse several arrays of which only one can be the wrench."""
         way_out = "; pass array= with the name of the one that is, or save them under other names"
-        if samples and self.options.array is None and all(plain_name(key) in TORQUES for key in samples):
+        if (
+            samples
+            and self.options.array is None
+            and all(plain_name(key) in names.TORQUES for key in samples)
+        ):
             problem = f"{next(iter(samples))} has six axes: they may be joints' torques"
             raise self.origin.unclear(problem + way_out)
         if len(samples) < 2:
             return
         numbered = all(key[-1:].isdecimal() for key in samples)
         of_one = (
-            is_counted_group(name)
+            names.is_counted_group(name)
             or any(n_values(node) == 1 for role in _OF_ONE for node in entries.get(role, {}).values())
             or any(is_leaf(node) for node in entries.get("time", {}).values())
         )
         several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
         alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
-        signals = any(is_signal(key) for key in samples)
+        signals = any(names.is_signal(key) for key in samples)
         if (signals and (of_one or several or not numbered)) or (name and of_one and alike and not numbered):
             rivals = " and ".join(map(repr, list(samples)[:5]))
             raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
@@ -270,23 +239,17 @@ class Search:
         key: str,
         others: Mapping[str, Any],
         vectors: Mapping[str, Any],
-        name: str,
+        level: str,
         known: Known,
     ) -> None:
         """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
-        if not is_leaf(others[key]):
-            return
         notes, self.notes = self.notes, []
-        if vectors:
-            what = "fx ... tz"
-            parts = self._stacked(vectors, name, what, known)
-        elif (halves := halves_of(others, self.origin)) is not None:
-            what = halves.name
-            parts = self._joined(halves, name, known)
-        else:
-            what, parts = "", found
+        parts = self._in_parts(others, vectors, level, known) if is_leaf(others[key]) else None
         self.notes = notes
-        if not (len(parts) == len(found) and all(map(np.array_equal, parts.wrench, found.wrench))):
+        if parts is None:
+            return
+        what, other, _ = parts
+        if not (len(other) == len(found) and all(map(np.array_equal, other.wrench, found.wrench))):
             problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
             raise self.origin.unclear(problem)
 
@@ -298,7 +261,7 @@ class Search:
         if len(samples) == 1:
             key, node = next(iter(samples.items()))
             found = self._node(node, _path(name, key), self._known_of(key, known), entries, depth)
-            if name and not isinstance(node, list) and found.sizes == [1] and not is_general(key):
+            if name and not isinstance(node, list) and found.sizes == [1] and not names.is_general(key):
                 # rice/1, which others would be called that have rice/2 beside them
                 found.fill("name", [_path(name, key)])
             return found
@@ -320,12 +283,12 @@ class Search:
         for key, found in groups:
             if single:
                 found.fill("name", [_path(level, key)])
-            label = label_of_name(key) if single else None if is_no_label(key) else key
+            label = names.label_of_name(key) if single else None if names.is_no_label(key) else key
             if label is not None and not single:
                 self._as_sessions(found, label)
             found.fill("label", [label] * len(found))
         keys = ", ".join(key for key, _ in groups[:3]) + (", ..." if len(groups) > 3 else "")
-        numbered = single and all(label_of_name(key) is not None for key, _ in groups)
+        numbered = single and all(names.label_of_name(key) is not None for key, _ in groups)
         part = ", and the part before the number as label" if numbered else ""
         what = "names" if single else "labels"
         self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
@@ -375,35 +338,50 @@ class Search:
 
     # -- recordings of one array, or of its parts
 
+    def _in_parts(
+        self, others: Mapping[str, Any], vectors: Mapping[str, Any], level: str, known: Known
+    ) -> tuple[str, Found, Collection[str]] | None:
+        """Return the wrenches that six vectors, or forces and torques, are the parts of: name, recordings, arrays."""
+        if vectors:
+            name = "fx ... tz"
+            return name, self._stacked(vectors, level, _path(level, name), known), vectors
+        halves = shapes.halves_of(others, self.origin)
+        if halves is None:
+            return None
+        return " and ".join(halves), self._joined(halves, others, level, known), halves
+
     def _stacked(self, vectors: Mapping[str, Any], level: str, name: str, known: Known) -> Found:
         """Put six vectors or matrices side by side."""
         known = self._of_wrench(known, level, tuple(vectors))
         arrays = [self._floats(values(node), _path(level, key)) for key, node in vectors.items()]
         flat = [array.reshape(-1) if n_values(array) is not None else array for array in arrays]
         if len({array.shape for array in flat}) > 1:
-            shapes = ", ".join(f"{key} {array.shape}" for key, array in zip(vectors, flat, strict=True))
-            raise self.origin.unclear(f"the axes differ in shape: {shapes}")
+            listed = ", ".join(f"{key} {array.shape}" for key, array in zip(vectors, flat, strict=True))
+            raise self.origin.unclear(f"the axes differ in shape: {listed}")
         stacked = self._ordered(np.stack(flat, axis=-1), name, known, sensor_last=True)
         return self._found(stacked, name, known)
 
-    def _joined(self, halves: Halves, level: str, known: Known) -> Found:
+    def _joined(self, halves: tuple[str, str], others: Mapping[str, Any], level: str, known: Known) -> Found:
         """Put torques behind forces, of one array or of each item of two lists."""
         known = self._of_wrench(known, level)
-        sides_of = ((FORCE, halves.force), (TORQUE, halves.torque))
-        stated = [(what, f"/{key}{part}") for what, key in sides_of for part in ("", f":{what}")]
-        own = {what: known.units[whose] for what, whose in stated if whose in known.units}
+        entries = [
+            (what, f"/{key}{part}")
+            for what, key in zip((FORCE, TORQUE), halves, strict=True)
+            for part in ("", f":{what}")
+        ]
+        own = {what: known.units[whose] for what, whose in entries if whose in known.units}
         known = replace(known, units={**known.units, **own})
-        three = replace(known, axes=THREE)
-        listed = isinstance(halves.pair[0], list)
+        three = replace(known, axes=shapes.THREE)
+        name, listed = " and ".join(halves), isinstance(others[halves[0]], list)
         cells: list[Found] = []
-        for i, pair in enumerate(halves.items(self.origin)):
-            place = _path(level, halves.name) + (f"[{i}]" if listed else "")
+        for i, pair in enumerate(shapes.pairs_of(halves, others, self.origin)):
+            place = _path(level, name) + (f"[{i}]" if listed else "")
             sides = [
                 self._ordered(self._floats(values(node), _path(level, key)), place, three)
-                for node, key in zip(pair, (halves.force, halves.torque), strict=True)
+                for node, key in zip(pair, halves, strict=True)
             ]
             cells.append(self._found(np.concatenate(sides, axis=-1), place, known))
-        self._note(f"{halves.name} joined: forces, then torques")
+        self._note(f"{name} joined: forces, then torques")
         return _cells(cells) if listed else Found.joined(cells)
 
     def _ordered(
@@ -411,7 +389,7 @@ class Search:
     ) -> FloatArray:
         """Return an array as (samples, axes) or (recordings, samples, axes), and note what it was taken for."""
         n = array.ndim
-        order = order_of(array.shape, known, name, self.origin, sensor_last=sensor_last)
+        order = shapes.order_of(array.shape, known, name, self.origin, sensor_last=sensor_last)
         if order == tuple(range(n)) and (n == 2 or len(known.dimensions) == n):
             return array
         meaning = ", ".join(_MEANINGS[-n:][order.index(axis)] for axis in range(n))
@@ -425,11 +403,11 @@ class Search:
         if columns.order is not None or columns.scales is not None:
             self._note(f"{name}: {columns.said(known.axes)}")
         if wrench.ndim == 2:
-            refuse_gaps(wrench, columns.axes, name, self.origin)
+            shapes.refuse_gaps(wrench, columns.axes, name, self.origin)
             found = Found.block([wrench], columns.axes, name)
         else:
             block = row_major(wrench)
-            recordings = cut_padding(block, columns.axes, name, self.origin)
+            recordings = shapes.cut_padding(block, columns.axes, name, self.origin)
             if recordings is not block:
                 cut = sum(len(recording) < block.shape[1] for recording in recordings)
                 self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
@@ -456,7 +434,7 @@ class Search:
 
 def _may_be_wrench(key: str, node: Any) -> bool:
     """Tell whether a name leaves that open: that of a group says nothing of the arrays in it."""
-    return not is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
+    return not names.is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
 
 
 def _cells(cells: Sequence[Found]) -> Found:

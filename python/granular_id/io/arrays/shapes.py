@@ -140,46 +140,8 @@ def refuse_gaps(
 # -- forces and torques in arrays of their own, or a vector for each axis
 
 
-@dataclass(frozen=True)
-class Halves:
-    """Forces and torques that stand side by side, each an array with three axes or a list of such arrays."""
-
-    force: str
-    torque: str
-    pair: tuple[Any, Any]
-
-    @property
-    def name(self) -> str:
-        """How places and notes call the two."""
-        return f"{self.force} and {self.torque}"
-
-    def items(self, origin: Origin) -> list[tuple[Any, Any]]:
-        """Return the pairs of two lists, or the one pair of two arrays: of one shape each."""
-        forces, torques = self.pair
-        listed = isinstance(forces, list)
-        if listed != isinstance(torques, list):
-            raise origin.unclear(f"of {self.name} one is a list, the other an array; wanted both alike")
-        if not listed:
-            return [self._matching(forces, torques, "", origin)]
-        if len(forces) != len(torques):
-            counts = f"{self.force} holds {len(forces)} and {self.torque} {len(torques)} recordings"
-            raise origin.unclear(counts)
-        pairs = zip(forces, torques, strict=True)
-        return [self._matching(*pair, f"[{i}]", origin) for i, pair in enumerate(pairs)]
-
-    def _matching(self, force: Any, torque: Any, index: str, origin: Origin) -> tuple[Any, Any]:
-        for node, name in ((force, self.force), (torque, self.torque)):
-            if not is_leaf(node):
-                raise origin.unclear(f"{name}{index} is no array; wanted (samples, 3)")
-        one, other = tuple(force.shape), tuple(torque.shape)
-        if one != other:
-            both = f"{self.force}{index} {one} and {self.torque}{index} {other}"
-            raise origin.unclear(f"{both} differ in shape; wanted the force and the torque of each sample")
-        return force, torque
-
-
-def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
-    """Find forces and torques side by side; refuse two of a kind."""
+def halves_of(others: Mapping[str, Any], origin: Origin) -> tuple[str, str] | None:
+    """Find the names of forces and torques side by side; refuse two of a kind."""
     found = []
     for what, names in (("forces", FORCES), ("torques", TORQUES)):
         keys = _called(others, names)
@@ -188,8 +150,30 @@ def halves_of(others: Mapping[str, Any], origin: Origin) -> Halves | None:
         if len(keys) > 1:
             raise origin.unclear(f"{' and '.join(map(repr, keys))} may both be the {what}")
         found.append(keys[0])
-    force, torque = found
-    return Halves(force, torque, (others[force], others[torque]))
+    return found[0], found[1]
+
+
+def pairs_of(halves: tuple[str, str], others: Mapping[str, Any], origin: Origin) -> list[tuple[Any, Any]]:
+    """Return the pairs of two lists, or the one pair of two arrays, each of one shape."""
+    forces, torques = (others[key] for key in halves)
+    listed = isinstance(forces, list)
+    if listed != isinstance(torques, list):
+        problem = "one is a list, the other an array; wanted both alike"
+        raise origin.unclear(f"of {' and '.join(halves)} {problem}")
+    if listed and len(forces) != len(torques):
+        force, torque = halves
+        raise origin.unclear(f"{force} holds {len(forces)} and {torque} {len(torques)} recordings")
+    pairs = list(zip(forces, torques, strict=True)) if listed else [(forces, torques)]
+    for i, pair in enumerate(pairs):
+        called = [f"{key}[{i}]" if listed else key for key in halves]
+        for node, name in zip(pair, called, strict=True):
+            if not is_leaf(node):
+                raise origin.unclear(f"{name} is no array; wanted (samples, 3)")
+        each = [f"{name} {tuple(node.shape)}" for node, name in zip(pair, called, strict=True)]
+        if pair[0].shape != pair[1].shape:
+            problem = "differ in shape; wanted the force and the torque of each sample"
+            raise origin.unclear(f"{' and '.join(each)} {problem}")
+    return pairs
 
 
 def in_parts(items: Mapping[str, Any]) -> bool:

@@ -134,13 +134,7 @@ def as_tree(node: Any) -> Any:
 
 
 def contents(tree: Mapping[str, Any]) -> str:
-    """List what a tree holds, with shapes and types.
-
-    Examples
-    --------
-    >>> contents({"X": np.zeros((62, 1600, 6)), "meta": {"tool": "cylinder"}})
-    "X (62, 1600, 6) float64, meta/tool 'cylinder'"
-    """
+    """List what a tree holds, with shapes and types."""
     found = list(_described(tree, "", MAX_DEPTH))
     more = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more if found else "nothing"

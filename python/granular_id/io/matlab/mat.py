@@ -77,17 +77,6 @@ class MatReading(Expansion):
 def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
     """Read the recordings of one MATLAB file.
 
-    Parameters
-    ----------
-    source : FileSource
-    options : LoadOptions
-        `max_file_bytes` is 2 GiB by default; `rate_hz` is for files that do not say their rate.
-
-    Returns
-    -------
-    FileContent
-        Its notes say what was guessed, and what was left out (objects, sparse and complex arrays, functions).
-
     Raises
     ------
     RecordingFileError
@@ -356,15 +345,7 @@ def _structs(
 
 
 def nested(items: list[Any], dims: Sequence[int]) -> list[Any]:
-    """Arrange what a file lists column by column: vectors as a list, matrices as lists of their rows.
-
-    Examples
-    --------
-    >>> nested([1, 2, 3, 4, 5, 6], (2, 3))
-    [[1, 3, 5], [2, 4, 6]]
-    >>> nested([1, 2], (1, 2))
-    [1, 2]
-    """
+    """Arrange what a file lists column by column: vectors as a list, matrices as lists of their rows."""
     long = [n for n in dims if n != 1]
     if not items or len(long) <= 1:
         return items

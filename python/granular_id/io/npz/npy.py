@@ -49,12 +49,6 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     A structured array with the fields fx, fy, fz, tx, ty, tz, and perhaps time, is a table of samples. Other orders of
     the axes are recognised where they can be told, see ``arrays.layouts``; what was guessed is noted.
 
-    Parameters
-    ----------
-    source : FileSource
-    options : LoadOptions
-        ``rate_hz`` must be stated here or in `source`, unless the array has a field ``time``.
-
     Raises
     ------
     RecordingFileError
