@@ -1,6 +1,7 @@
 """Data sets in one NPZ or HDF5 file: there and back to the last bit, with plain numpy and h5py as the other side."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -194,6 +195,18 @@ def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path, form):
             load(path)
     path.write_bytes(data)  # the same file to the operating system
     assert load(path) == small()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes in folders")
+def test_links_to_other_files_are_not_opened(tmp_path):
+    path = written(tmp_path, "h5")
+    os.mkfifo(tmp_path / "pipe.h5")  # whoever opens it waits for ever
+    for name in ("flags", "wrench"):
+        with h5py.File(path, "a") as file:
+            file.pop(name, None)
+            file[name] = h5py.ExternalLink("pipe.h5", "/x")
+        with pytest.raises(RecordingFileError, match=f"{name}: is a link, which is not followed"):
+            load(path)
 
 
 @both

@@ -18,7 +18,7 @@ from granular_id.io.expansion import Expansion
 from granular_id.io.files import open_bounded
 from granular_id.io.flat import FORMAT, NUMBERS, RECORDING_BYTES, TEXTS, VERSION, FlatRecordings, unflatten
 from granular_id.io.hdf5.save import SAMPLES, UNITS
-from granular_id.io.hdf5.storage import attribute, is_group, is_text, member, opened, values
+from granular_id.io.hdf5.storage import attribute, has, is_group, is_text, member, opened, values
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.units import factor
@@ -86,7 +86,7 @@ class _Own:
         texts = {name: self._texts(self._values(f"recordings/{name}"), name) for name in TEXTS}
         (meta,) = self._texts(self._values("recordings/meta"), "meta")
         (history,) = self._texts(self._values("history"), "history")
-        columns |= {name: self._values(name) for name in SAMPLES if name in self.file or name == "wrench"}
+        columns |= {name: self._values(name) for name in SAMPLES if has(self.file, name) or name == "wrench"}
         axes = tuple(self._texts(self._attribute(self.file["wrench"], "axes", "wrench"), "axes of wrench"))
         self._refuse_other_units(columns)
         scales = self._scales(axes)
@@ -106,7 +106,7 @@ class _Own:
     def _values(self, path: str) -> NDArray[Any]:
         item = self.file
         for name in path.split("/"):
-            if not is_group(item) or name not in item:
+            if not has(item, name):
                 raise self.expansion.fault(path, f"is missing; wanted what '{FORMAT} {VERSION}' has")
             item = member(item, name, path, self.expansion)
         if is_group(item):

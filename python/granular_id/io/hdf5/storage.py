@@ -13,7 +13,9 @@ from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.expansion import Expansion
 from granular_id.io.extras import need
 
-__all__ = ["attribute", "is_group", "is_text", "member", "opened", "values"]
+_HARD_LINK = 0
+
+__all__ = ["attribute", "has", "is_group", "is_text", "member", "opened", "values"]
 
 
 @contextmanager
@@ -36,10 +38,16 @@ def is_text(dtype: np.dtype[Any]) -> bool:
     return about.get("vlen") in (str, bytes)
 
 
+def has(group: Any, name: str) -> bool:
+    """Tell whether there is a member of that name, without following a link."""
+    return is_group(group) and bool(group.id.links.exists(name.encode()))
+
+
 def member(group: Any, name: str | bytes, place: str, expansion: Expansion) -> Any:
     """Return a group or data set that is itself in the group, with values in this file."""
     with naming(expansion.path, f"looking at {place}"):
-        if type(group.get(name, getlink=True)).__name__ != "HardLink":
+        key = name if isinstance(name, bytes) else name.encode()
+        if group.id.links.get_info(key).type != _HARD_LINK:  # ``in`` and ``get`` would open what it leads to
             raise expansion.fault(place, "is a link, which is not followed; wanted the data set itself")
         item = group[name]
         _refuse_elsewhere(item, place, expansion)
