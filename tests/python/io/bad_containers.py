@@ -30,7 +30,7 @@ def zeros_deflated(n_bytes: int) -> bytes:
     return b"\x78\xda" + block * (n_bytes // BLOCK) + b"\3\0" + checksum
 
 
-# -- MATLAB; test_mat_bad_files.py has more
+# -- MATLAB; bad_mat.py has more
 
 
 def variable(name: str = "wrench", dims: tuple[int, int] = (3, 6), kind: int = DOUBLES) -> bytes:

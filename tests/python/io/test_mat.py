@@ -148,24 +148,6 @@ def test_text_in_any_code(tmp_path: Path, kind: int, word: str) -> None:
     assert variables(path) == {"label": word}
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {},
-        {"chunks": (2, 5, 3)},
-        {"chunks": (4, 7, 2), "compression": "gzip", "shuffle": True, "fletcher32": True},
-    ],
-)
-def test_however_hdf5_stores_it(tmp_path: Path, settings: dict) -> None:
-    block = np.stack([push(i) for i in range(1, 6)])  # (n, T, 6) in MATLAB, (6, T, n) in the file
-    path = tmp_path / "x.mat"
-    with h5py.File(path, "w", userblock_size=512) as file:
-        put(file, "X", block.transpose(), **settings)
-        put(file, "rate_hz", np.array([[500.0]]))
-    data = load(path)
-    assert np.stack([r.wrench for r in data]).tobytes() == block.tobytes()
-
-
 def test_classes_of_version_73(tmp_path: Path) -> None:
     path = tmp_path / "x.mat"
     with h5py.File(path, "w") as file:

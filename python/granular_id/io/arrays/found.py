@@ -22,14 +22,6 @@ class Found:
     left out as padding; `sizes` how many stood in each array, cell or struct, n in all. `about` has columns of what
     is known, None where it is not: label, session, name, rate, start, trigger, stamps, time_unit, flags, meta, group
     (a label that the name of a group gave).
-
-    Examples
-    --------
-    >>> both = Found.joined([Found.block(np.zeros((2, 5, 6)), tuple("abcdef"), name) for name in ("rice", "peas")])
-    >>> both.fill("label", ["rice", "rice", None, None])
-    >>> both.fill("label", ["x"] * 4)  # only where nothing is known
-    >>> len(both), both.places, both.about["label"], both.sizes
-    (4, ['rice', 'rice', 'peas', 'peas'], ['rice', 'rice', 'x', 'x'], [2, 2])
     """
 
     wrench: Sequence[FloatArray] | FloatArray
