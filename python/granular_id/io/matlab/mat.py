@@ -40,6 +40,9 @@ _REMEDIES = {
     "duration": "save seconds(...) of it",
 }
 _NO_LABELS = ("datetime", "duration")
+_LOSSES = (np.exceptions.ComplexWarning, UserWarning)
+"""How scipy warns where it goes on without something."""
+
 _NUMBERS = {
     "double": np.dtype(np.float64),
     "single": np.dtype(np.float32),
@@ -165,30 +168,29 @@ def _by_scipy(file: BinaryIO, reading: MatReading) -> list[tuple[str, Any]]:
     if order in (b"IM", b"MI"):
         # MATLAB writes text as UTF-16; by default scipy keeps one byte of each character
         settings["uint16_codec"] = "utf-16-le" if order == b"IM" else "utf-16-be"
-    has_objects = "None" in loadmat(file, variable_names=["None"], **settings)
-    whole = None if has_objects else _loaded(file, reading, settings)
-    found = list((whole or {}).items())
-    if whole is None:  # one by one: scipy gives all objects one name
-        for name, part in varmats_from_mat(file):
-            alone = None if name == "None" else _loaded(part, reading, settings)
-            found += (loadmat(part, **settings) if alone is None else alone).items()
+    with warnings.catch_warnings():
+        for loss in _LOSSES:
+            warnings.simplefilter("error", loss)
+        has_objects = "None" in loadmat(file, variable_names=["None"], **settings)
+        whole = None if has_objects else _loaded(file, reading, settings)
+        found = list((whole or {}).items())
+        if whole is None:  # one by one: scipy gives all objects one name
+            for name, part in varmats_from_mat(file):
+                alone = None if name == "None" else _loaded(part, reading, settings)
+                found += (loadmat(part, **settings) if alone is None else alone).items()
     return [(name, raw) for name, raw in found if not name.startswith("__")]
 
 
 def _loaded(file: Any, reading: MatReading, settings: dict[str, Any]) -> dict[str, Any] | None:
     """Read in MATLAB's classes; None where scipy would lose something: an imaginary part, one of two of a name."""
-    from scipy.io.matlab import MatReadWarning, loadmat, whosmat
+    from scipy.io.matlab import loadmat, whosmat
 
     for name, shape, _ in whosmat(file, appendmat=False):
         reading.spend(8 * math.prod(shape), f"variable {name}")
-    losses = (np.exceptions.ComplexWarning, MatReadWarning)
-    with warnings.catch_warnings():
-        for loss in losses:
-            warnings.simplefilter("error", loss)
-        try:
-            return dict(loadmat(file, mat_dtype=True, **settings))
-        except losses:
-            return None
+    try:
+        return dict(loadmat(file, mat_dtype=True, **settings))
+    except _LOSSES:
+        return None
 
 
 def _text_of(name: Any) -> str:

@@ -121,6 +121,8 @@ def _read(
     names = [name for name in archive.namelist() if name.endswith(_SUFFIX)]
     others = [name for name in archive.namelist() if not name.endswith(_SUFFIX)]
     arrays = {name[: -len(_SUFFIX)]: _Member(archive, name, expansion) for name in names}
+    if len(arrays) < len(names):
+        raise RecordingFileError(source.path, "holds two arrays of one name; wanted a name for each")
     said = texts(arrays[_MARK]) if _MARK in arrays else None
     if said and said[0].startswith(FORMAT):
         return _read_own(arrays, others, said[0], source)
