@@ -13,7 +13,6 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bad_mat import CHAR, INT8, OPAQUE, UINT32, array, doubles, element, head, mat
 from effort import cases
 from granular_id.io import RecordingFileError, load
 from granular_id.io.errors import attempt
@@ -52,6 +51,25 @@ def put(group, name: str, values, class_name: str | None = "double", **settings)
 
 def text(group, name: str, letters: str):
     return put(group, name, np.frombuffer(letters.encode("utf-16-le"), np.uint16)[:, None], "char")
+
+
+def element(kind: int, data: bytes) -> bytes:
+    """An element of version 5."""
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def head(array_class: int, dims: tuple[int, ...], name: str) -> bytes:
+    """Flags, size and name of an array."""
+    sizes = struct.pack(f"<{len(dims)}i", *dims)
+    return element(6, struct.pack("<II", array_class, 0)) + element(5, sizes) + element(1, name.encode())
+
+
+def doubles(values: list[float], dims: tuple[int, ...], name: str = "") -> bytes:
+    return element(14, head(6, dims, name) + element(9, np.array(values, "<f8").tobytes()))
+
+
+def mat(*elements: bytes) -> bytes:
+    return b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM" + b"".join(elements)
 
 
 # -- what other programs wrote
@@ -144,7 +162,7 @@ def test_samples_keep_their_bits(tmp_path: Path, samples: np.ndarray, compress: 
 def test_text_in_any_code(tmp_path: Path, kind: int, word: str) -> None:
     coded = word.encode("utf-8" if kind == 16 else "utf-16-le")
     path = tmp_path / "x.mat"
-    path.write_bytes(mat(array(head(CHAR, (1, len(word)), "label") + element(kind, coded))))
+    path.write_bytes(mat(element(14, head(4, (1, len(word)), "label") + element(kind, coded))))
     assert variables(path) == {"label": word}
 
 
@@ -186,14 +204,14 @@ def test_classes_of_version_73(tmp_path: Path) -> None:
 
 def opaque(name: bytes, class_name: bytes) -> bytes:
     """An object as MATLAB stores it."""
-    flags = element(UINT32, struct.pack("<II", OPAQUE, 0))
-    names = element(INT8, name) + element(INT8, b"MCOS") + element(INT8, class_name)
-    return array(flags + names + array(doubles([1.0], (1, 1))))
+    flags = element(6, struct.pack("<II", 17, 0))
+    names = element(1, name) + element(1, b"MCOS") + element(1, class_name)
+    return element(14, flags + names + doubles([1.0], (1, 1)))
 
 
 def test_objects_of_matlab_are_named_with_the_way_out(tmp_path: Path) -> None:
-    x = array(doubles(list(np.zeros(2 * 24 * 6)), (2, 24, 6), "X"))
-    rate = array(doubles([500.0], (1, 1), "rate_hz"))
+    x = doubles([0.0] * (2 * 24 * 6), (2, 24, 6), "X")
+    rate = doubles([500.0], (1, 1), "rate_hz")
     path = tmp_path / "rice_1.mat"
     path.write_bytes(mat(opaque(b"y", b"categorical"), x, rate, opaque(b"when", b"datetime")))
     assert left_out(path) == [
@@ -236,7 +254,7 @@ def test_what_was_left_out_is_said_where_nothing_else_is_there(tmp_path: Path) -
     scipy.io.savemat(tmp_path / "x.mat", {"W": push(1) * 1j, "rate_hz": 500.0})
     with pytest.raises(RecordingFileError, match=r"no recordings.*variable W is an array of complex numbers"):
         load(tmp_path / "x.mat")
-    x = array(doubles([1.0], (1, 1), "X"))
+    x = doubles([1.0], (1, 1), "X")
     (tmp_path / "x.mat").write_bytes(mat(x, x))
     with pytest.raises(RecordingFileError, match="variable X: occurs twice"):
         load(tmp_path / "x.mat")
