@@ -61,6 +61,12 @@ class ReadingOptions:
     label: str | None = option(PANEL, "Array or column of a file that holds the labels, where several may.")
     max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
 
+    isolate: bool = option(
+        PANEL,
+        "Read files from strangers in a child process, which takes a crash or hang upon itself.",
+        default=False,
+    )
+
     def __post_init__(self) -> None:
         positive("--recorded-hz", self.recorded_hz)
         positive("--max-file-mb", self.max_file_mb)
@@ -80,6 +86,7 @@ class ReadingOptions:
                 time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
+                isolate=self.isolate,
                 max_file_bytes=None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
             )
         except ValueError as error:

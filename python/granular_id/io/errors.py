@@ -60,14 +60,14 @@ class RecordingFileError(ValueError):
             *([f"column {column}"] if column is not None else []),
             *([place] if place is not None else []),
         ]
-        super().__init__(_printable(f"{', '.join([self.path, *where])}: {problem}"))
+        super().__init__(printable(f"{', '.join([self.path, *where])}: {problem}"))
 
     def __reduce__(self) -> tuple[object, ...]:
         fields = (self.path, self.problem, self.line, self.column, self.place)
         return (_rebuild, fields, {"skippable": self.skippable})
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Escape what is no text on one line: names from files may hold line ends, and codes that steer terminals."""
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 

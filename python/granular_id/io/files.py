@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import re
 import stat
+import sys
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -59,6 +60,28 @@ def _plainly_inside(path: Path, root: Path) -> bool:
         return not any(place.is_symlink() for place in (path, *path.parents[:depth])[:depth])
     except OSError:
         return False  # it cannot be looked at; opening it says why
+
+
+def check_place(path: Path, root: Path) -> None:
+    """Refuse a file that is not regular or lies outside `root`, and a folder that holds such, before any is opened."""
+    if not path.is_dir():
+        check_file(path, root, sys.maxsize)
+        return
+    refuse_outside(path, root)
+    for folder, folders, names in os.walk(path):
+        for name in folders:
+            refuse_outside(Path(folder, name), path)
+        for name in names:
+            check_file(Path(folder, name), path, sys.maxsize)
+
+
+def bytes_of(path: Path) -> int:
+    """Return the size of a file, or of all files in a folder, as far as they can be seen."""
+    n_bytes = 0
+    for place in [Path(folder, name) for folder, _, names in os.walk(path) for name in names] or [path]:
+        with suppress(OSError):
+            n_bytes += place.stat().st_size
+    return n_bytes
 
 
 def check_file(path: Path, root: Path, max_bytes: int) -> int:

@@ -11,7 +11,8 @@ from granular_id._checks import argument_error
 from granular_id.io.csv.file import read_csv
 from granular_id.io.csv.gm10 import is_gm10, read_gm10
 from granular_id.io.csv.save import save_csv
-from granular_id.io.errors import RecordingFileError
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.files import check_place
 from granular_id.io.hdf5.file import read_hdf5
 from granular_id.io.hdf5.save import save_hdf5
 from granular_id.io.matlab.mat import read_mat
@@ -26,7 +27,7 @@ from granular_id.io.ros.mcap_save import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros
 from granular_id.io.source import FileContent, FileSource
 
-__all__ = ["FORMATS", "FileFormat", "format_of", "writer"]
+__all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "writer"]
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,16 @@ def format_of(path: Path) -> FileFormat | None:
 def _by_ending(path: Path) -> FileFormat | None:
     name = path.name.lower()
     return next((known for known in FORMATS if name.endswith(known.suffixes)), None)
+
+
+def read_file(source: FileSource, options: LoadOptions) -> FileContent:
+    """Read a file of any format; whatever a library raises names the file."""
+    known = format_of(source.path)
+    if known is None:  # it has changed since it was found
+        raise RecordingFileError(source.path, "is of no known format any more")
+    with naming(source.path, f"reading it as {known.name}"):
+        check_place(source.path, source.root)
+        return known.read(source, options)
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
