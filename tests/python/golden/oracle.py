@@ -251,24 +251,11 @@ def commands() -> Figures:
 
 
 def files() -> Figures:
-    """Of each group of bad files which are read after all, and which processes end; all others are refused."""
-    from bad_files import make_corpus
-    from bad_files_work import answers_to
-    from test_bad_files import GROUPS
+    """What comes of reading each hostile file: a digest of the recordings, refused, or how the process ended."""
+    from corpus import answers
 
-    figures = {}
-    with tempfile.TemporaryDirectory() as place:
-        for group, cases in GROUPS.items():
-            made = make_corpus(Path(place) / group, dict(cases()))
-            answers = answers_to([file.job() for file in made], at_once=16)
-            verdicts = {
-                file.name: "ended" if "broken" in answer else "read"
-                for file, answer in zip(made, answers, strict=True)
-                if "broken" in answer or "error" not in answer["alone"]
-            }
-            figures[f"{group}: files"] = str(len(made))
-            figures |= {f"{group}: {name}": verdict for name, verdict in verdicts.items()}
-    return figures
+    read = answers(lambda file, folder: gid.load(file.path(folder), **file.options))
+    return {f"{file.number} {file.name}": answer.verdict for file, answer in read}
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {

@@ -1,11 +1,15 @@
-"""More than a thousand bad files of all formats through ``load``: refused by name, in bounds, and the rest loads.
+"""Hostile and damaged files of every format: refused by the one exception, or read; nothing reaches this process.
 
-Processes of their own load them (see ``bad_files_work.py``); ``benches/bad_files.py`` shows seconds and memory of each.
+The corpus (see ``corpus.py``) goes through ``isolate=True``: a part of it in every run, all of it where
+``GRANULAR_ID_CASES`` is set, which is also how many damaged files of each format are tried.
 """
 
 import os
-import re
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("resource", reason="memory is measured and limited as POSIX systems do")
@@ -14,129 +18,170 @@ pytest.importorskip("mcap")
 pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 
-from bad_bags import bag_cases
-from bad_borrowed import borrowed_cases
-from bad_containers import container_cases
-from bad_contents import content_cases
-from bad_files import common_cases, make_corpus
-from bad_files_work import MOST_MEGABYTES, answers_to
-from bad_folders import folder_cases
-from bad_parquet import parquet_cases
+import resource
+
+from corpus import hostile_files, unpack
+from effort import cases
 from good_files import PATHS, write_good
+from granular_id.io import RecordingFileError, formats, isolate, load
 
-GROUPS = {
-    "what any file may be": common_cases,
-    "contents": content_cases,
-    "containers": container_cases,
-    "large bags": bag_cases,
-    "Parquet": parquet_cases,
-    "folders and names": folder_cases,
-    "the tests of single formats": borrowed_cases,
-}
-LONGEST_PROBLEM = 600
-"""Characters that fit a few lines of a terminal."""
+EVERY_NTH = 1 if "GRANULAR_ID_CASES" in os.environ else 9
+FILES = hostile_files()[::EVERY_NTH]
+GIB = 1 << 30
+KILO = 1 if sys.platform == "darwin" else 1024
+NPY_HZ = {"rate_hz": 500.0}
 
-TELLING = re.compile(
-    r"wanted|at most|more than|must|is not |are not |(is|has|holds|are) no |no column|cut off|is empty|twice|both|"
-    r"too deeply|[a-z_]+=[^ ]+ |, but |Save it as|Say what|for [0-9]+ recordings|holds two|reads .*[0-9]|"
-    r"control character|ends with a space|save an |damaged \w+: |cannot be [a-zA-Z ]+[:(]|links out"
-)
-"""What problems without a place in the file say: what is wanted, what is missing, what is too much, or the reason."""
+WATCH = """
+import os, sys
+from granular_id.io import isolate
+
+told = open({told!r}, "a", buffering=1)
+ODD = ("os.chmod", "os.exec", "os.fork", "os.link", "os.posix_spawn", "os.remove", "os.rename", "os.symlink",
+       "os.system", "os.truncate", "pickle.", "shutil.", "socket.", "sqlite3.enable_load", "subprocess.", "urllib.")
+OUTSIDE = ("/etc/", "/dev/zero", {places!r} + "/")
+
+def of_a_library(event, arguments):
+    # asks what system this is, or empties a temporary folder of its own
+    return arguments[0] == "uname" or event == "os.remove" and arguments[1] >= 0
+
+def watch(event, arguments):
+    if event == "open" and isinstance(arguments[0], (str, bytes)):
+        path = os.path.realpath(os.fsdecode(arguments[0]))
+        writing = (arguments[2] or 0) & (os.O_WRONLY | os.O_RDWR | os.O_CREAT) and path != os.devnull
+        if (path.startswith(OUTSIDE) and "/set/" not in path) or (writing and "/tmp" not in path):
+            print(event, ascii(path), file=told)
+    elif event.startswith(ODD) and "/tmp" not in str(arguments[0]) and not of_a_library(event, arguments):
+        print(event, ascii(arguments), file=told)
+
+sys.addaudithook(watch)
+isolate._serve()
+"""
+"""What the child runs: it tells what it opens outside of the data set, and does besides reading."""
 
 
 @pytest.fixture(scope="module")
-def everything(tmp_path_factory):
-    """Return by group the bad files and what came of loading each."""
-    found = {}
-    for group, cases in GROUPS.items():
-        found[group] = make_corpus(tmp_path_factory.mktemp("bad"), dict(cases()))
-    files = [file for group in found.values() for file in group]
-    answers = iter(answers_to([file.job() for file in files], at_once=16))
-    return {group: list(zip(files, answers, strict=False)) for group, files in found.items()}
+def told(tmp_path_factory):
+    """Let calls of `load` share a child, which saves the half second of its start; return what it tells of itself."""
+    told = tmp_path_factory.mktemp("told") / "told"
+    real, readers = isolate.IsolatedReader, {}
+
+    @contextmanager
+    def shared(_, options):
+        yield readers.setdefault(options, real([], options))
+
+    with pytest.MonkeyPatch.context() as patch:
+        code = WATCH.format(told=str(told), places=str(tmp_path_factory.getbasetemp()))
+        patch.setattr(isolate, "_CHILD", ("-c", code))
+        patch.setattr(isolate, "IsolatedReader", shared)
+        yield told
+    for reader in readers.values():
+        reader._end()
 
 
-@pytest.fixture(params=GROUPS)
-def loaded(request, everything):
-    """Return those of one group."""
-    return everything[request.param]
+def outcome(path, **options):
+    try:
+        load(path, isolate=True, **options)
+    except RecordingFileError as error:
+        return "refused" if str(error).isprintable() else f"refused by {error!r}"
+    return "read"
 
 
-def test_no_process_hangs_or_dies(loaded):
-    assert [file.name for file, answer in loaded if "broken" in answer] == []
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("hostile")
+    unpack(place, {file.number for file in FILES})
+    return place
 
 
-def test_each_is_refused_by_the_one_exception(loaded):
-    assert [
-        (file.name, came.get("error", "was loaded"), came.get("message", ""))
-        for file, came in _alone(loaded)
-        if came.get("error", "" if file.case.refused else "RecordingFileError") != "RecordingFileError"
-    ] == []
+@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.number} {file.name}")
+def test_hostile_files_come_to_what_is_stored(told, folder, file):
+    told.write_text("")
+    assert outcome(file.path(folder), **file.options) == file.verdict
+    assert told.read_text() == "", "it led to another file, or the child did more than read"
 
 
-def test_messages_are_one_line_with_file_and_place(loaded):
-    refused = [(file, came) for file, came in _alone(loaded) if came.get("error") == "RecordingFileError"]
-    wrong = [(file.name, why) for file, came in refused if (why := _wrong_with(file, came))]
-    assert wrong == []
+def test_memory_of_children_stays_in_bounds():
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * KILO < GIB
 
 
-def _wrong_with(file, came):
-    """Say what a message lacks."""
-    message, problem = came["message"], came["problem"]
-    if not message.isprintable():
-        return f"not one printable line: {message!r}"
-    if not came["file"].startswith(os.fspath(file.path).encode("utf-8", "backslashreplace").decode()):
-        return f"names {came['file']}"
-    if len(problem) > LONGEST_PROBLEM:
-        return f"{len(problem)} characters"
-    placed = any(came[key] is not None for key in ("line", "column", "place"))
-    return "" if placed or TELLING.search(problem) else f"neither place nor wish: {message}"
+@pytest.mark.parametrize("kind", PATHS)
+def test_damaged_files_are_read_or_refused(told, tmp_path, kind):
+    """Seeds are stored by counting: the same ones damage the same bytes, as long as libraries write the same files."""
+    for seed in range(cases(4)):
+        path = damaged(kind, seed, tmp_path / str(seed))
+        assert outcome(path, **(NPY_HZ if kind == "npy" else {})) in ("read", "refused")
 
 
-def test_the_rest_of_the_folder_loads_and_the_bad_file_is_listed(loaded):
-    wrong = []
-    for file, answer in loaded:
-        if file.case.whole or not file.case.refused:
-            continue
-        beside = answer["beside"]
-        if "error" in beside:
-            wrong.append((file.name, beside["message"]))
-        elif file.case.listed and not any(_is_of(file, text) for text in beside["skipped"]):
-            wrong.append((file.name, "not listed", beside["skipped"]))
-        elif not beside["names"]:
-            wrong.append((file.name, "nothing was loaded"))
-    assert wrong == []
+def damaged(kind, seed, folder):
+    """Flip, cut out, repeat or overwrite bytes of a good file; more of them with every seed."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir()
+    path = write_good(kind, folder)
+    files = sorted(file for file in path.rglob("*") if file.is_file()) if path.is_dir() else [path]
+    file = files[rng.integers(len(files))]
+    data = bytearray(file.read_bytes())
+    for _ in range(1 + seed % 8):
+        start, length = int(rng.integers(len(data))), int(rng.integers(1, 9))
+        part = data[start : start + length]
+        data[start : start + length] = (
+            bytes(byte ^ 1 << int(rng.integers(8)) for byte in part),
+            b"",
+            part * 2,
+            rng.bytes(len(part)),
+            b"\xff" * len(part),
+        )[rng.integers(5)]
+    file.write_bytes(data)
+    return path
 
 
-def _is_of(file, text):
-    """Tell whether a line of a report is about a file."""
-    place = os.fspath(file.bad).encode("utf-8", "backslashreplace").decode()
-    return text.startswith("".join(c if c.isprintable() else ascii(c)[1:-1] for c in place))
+@pytest.mark.parametrize("kind", [kind for kind in PATHS if kind not in ("gm10", "csv")])
+def test_the_rest_of_the_folder_loads_and_the_bad_file_is_listed(tmp_path, kind):
+    for label in ("peas", "rice"):
+        (tmp_path / label).mkdir()
+        path = write_good(kind, tmp_path / label)
+    for file in [path, *path.rglob("*")] if path.is_dir() else [path]:
+        if file.is_file():
+            file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    data = load(tmp_path, on_error="skip", **(NPY_HZ if kind == "npy" else {}))
+    assert data.y.tolist() == ["peas"] * len(data) or kind in ("npz", "hdf5", "archive", "mcap")
+    (row,) = [row for row in data.history[-1].rows if "skipped" in row]
+    assert row["skipped"].startswith(str(path))
 
 
-def test_an_index_that_is_bad_as_a_whole_is_refused_even_with_skip(loaded):
-    whole = [(file, answer["beside"]) for file, answer in loaded if file.case.whole]
-    assert [
-        f.name for f, came in whole if came.get("error", "RecordingFileError") != "RecordingFileError"
-    ] == []
-    assert [f.name for f, came in whole if "error" not in came and not came["skipped"]] == []
+def pipe(place, _):
+    os.mkfifo(place)
 
 
-def test_memory_stays_in_bounds(loaded):
-    assert [
-        (f.name, answer["megabytes"]) for f, answer in loaded if answer["megabytes"] > MOST_MEGABYTES
-    ] == []
+def link_out(place, tmp_path):
+    place.symlink_to(tmp_path / "secret")
 
 
-def test_nothing_is_warned_of_written_or_opened_outside(loaded):
-    for what in ("warnings", "done", "outside"):
-        assert [(file.name, answer[what]) for file, answer in loaded if answer[what]] == []
+def link_to_a_device(place, _):
+    place.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("odd", [pipe, link_out, link_to_a_device])
+@pytest.mark.parametrize("known", formats.FORMATS, ids=lambda known: known.name)
+def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, monkeypatch, known, odd):
+    (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
+    places = [tmp_path / "set" / f"a{known.suffixes[0]}"]
+    if known.is_folder:
+        sign = {"parquet": "recordings.parquet", "ros": "metadata.yaml"}[known.name]
+        (tmp_path / "set" / "whole").mkdir(parents=True)
+        (tmp_path / "set" / "whole" / sign).write_text("")
+        places.append(tmp_path / "set" / "whole" / f"a{known.suffixes[0]}")
+    opened = replace(known, read=lambda *_: pytest.fail("it was opened"))
+    monkeypatch.setattr(formats, "FORMATS", (opened,))
+    for place in places:
+        place.parent.mkdir(exist_ok=True)
+        odd(place, tmp_path)
+    with pytest.raises(RecordingFileError, match="none of"):
+        load(tmp_path / "set", on_error="skip")
 
 
 def test_an_unreadable_file(tmp_path):
     if os.geteuid() == 0:
         pytest.skip("root may read everything")
-    from granular_id.io import RecordingFileError, load
-
     for kind in ("csv", "npz", "hdf5", "mat v7", "mat v7.3", "parquet", "mcap", "ros1", "db3"):
         path = write_good(kind, tmp_path / kind)
         path.chmod(0)
@@ -145,14 +190,8 @@ def test_an_unreadable_file(tmp_path):
 
 
 def test_the_good_files_are_good(tmp_path):
-    from granular_id.io import load
-
     for kind in PATHS:
         (tmp_path / kind).mkdir()
-        data = load(write_good(kind, tmp_path / kind), rate_hz=500 if kind == "npy" else None)
+        data = load(write_good(kind, tmp_path / kind), **(NPY_HZ if kind == "npy" else {}))
         assert data[0].n_samples == 40
-        assert data[0].rate_hz == 500
-
-
-def _alone(loaded):
-    return [(file, answer["alone"]) for file, answer in loaded]
+        assert data[0].rate_hz == 500 or kind == "gm10"
