@@ -100,14 +100,7 @@ _TRAILING = re.compile(
 
 
 class ColumnError(ValueError):
-    """A set of names that does not make a recording.
-
-    Attributes
-    ----------
-    problem : str
-    index : int or None
-        Which name is at fault, from 0; None where one is missing.
-    """
+    """A set of names that does not make a recording."""
 
     def __init__(self, problem: str, index: int | None = None) -> None:
         super().__init__(problem)
@@ -136,32 +129,13 @@ class _Meaning:
 
 
 def axis_of(name: str) -> str | None:
-    """Tell what a column holds: ``"fx"`` to ``"tz"``, ``"time"``, ``"flags"``, or None where that is not certain.
-
-    Parameters
-    ----------
-    name : str
-        Name of a column or field, in any case.
-
-    Examples
-    --------
-    >>> from granular_id.io.columns import axis_of
-    >>> [axis_of(name) for name in ("Fx [N]", "wrench.torque.z", "M_y", "time_s", "fx_mN", "temperature")]
-    ['fx', 'tz', 'ty', 'time', None, None]
-    """
+    """Tell what a column holds: ``"fx"`` to ``"tz"``, ``"time"``, ``"flags"``, or None where that is not certain."""
     meaning = _meaning(name)
     return meaning.axis if meaning.scale == 1 else None
 
 
 def split_unit(name: str) -> tuple[str | None, str | None]:
-    """Return what a column holds as `axis_of` does, whatever its unit, and the unit that its name states.
-
-    Examples
-    --------
-    >>> from granular_id.io.columns import split_unit
-    >>> split_unit("Fx [mN]"), split_unit("time_ms"), split_unit("tz")
-    (('fx', 'mN'), ('time', 'ms'), ('tz', None))
-    """
+    """Return what a column holds as `axis_of` does, whatever its unit, and the unit that its name states."""
     meaning = _meaning(name)
     return meaning.axis, meaning.unit
 
@@ -184,30 +158,6 @@ def columns_of(
     """Find the six axes, and the time, flags and what tells recordings apart where they are there, among all columns.
 
     What means none of these is left out, unless it may be an axis or the time.
-
-    Parameters
-    ----------
-    names : sequence of str
-    label : str, optional
-        The column of labels; others are left out.
-    known : mapping, optional
-        What columns mean whose names do not tell.
-
-    Returns
-    -------
-    dict
-        From ``"fx"`` ... ``"tz"``, ``"time"``, ``"flags"``, ``"recording"`` ... to the index of the name.
-
-    Raises
-    ------
-    ColumnError
-        An axis whose unit is not known, or that is missing; two names that mean the same.
-
-    Examples
-    --------
-    >>> from granular_id.io.columns import columns_of
-    >>> columns_of(["t", "Fx", "Fy", "Fz", "Mx", "My", "Mz"])["tx"]
-    4
     """
     if label is not None and label not in names:
         raise ColumnError(f"label={label!r} is no column of it")

@@ -11,14 +11,7 @@ from granular_id.io.files import check_expansion
 
 @dataclass
 class Expansion:
-    """The bytes that one file has been given in memory.
-
-    Parameters
-    ----------
-    path : Path
-    n_bytes : int
-        Size of the file on disk; what it may expand to is measured against it (see `check_expansion`).
-    """
+    """The bytes that one file has been given in memory."""
 
     path: Path
     n_bytes: int

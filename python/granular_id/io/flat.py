@@ -50,48 +50,21 @@ OPTIONAL = ("time_s", "flags")
 
 @dataclass(frozen=True)
 class FlatRecordings:
-    """The columns of a data set of n recordings with N samples in all.
+    """The columns of a data set of n recordings with N samples in all; from a file, unchecked until `unflatten`."""
 
-    What comes from a file is unchecked until :func:`unflatten` has seen it.
-
-    Attributes
-    ----------
-    axes : tuple of str
-        Names of the C columns of `wrench`.
-    wrench : ndarray of float64, shape (N, C)
-        All samples, recording after recording (fx fy fz in N, tx ty tz in N m).
-    n_samples : ndarray of int64, shape (n,)
-        Samples of each recording; they add up to N.
-    rate_hz : ndarray of float64, shape (n,)
-        Sampling rates, Hz; NaN for irregular recordings.
-    start_time : ndarray of float64, shape (n,)
-        Times of the first samples, seconds since 1970; NaN where unknown.
-    trigger_index : ndarray of int64, shape (n,)
-        Sample at which the motion began; -1 where unknown.
-    label, session, name, meta_json : list of str or None
-        One per recording; ``meta_json`` holds JSON objects, None for an empty one.
-    time_s : ndarray of float64, shape (N,), or None
-        Stamps of irregular recordings, seconds from the first sample of each; NaN in uniform recordings. None
-        where all are uniform.
-    flags : ndarray of uint8, shape (N,), or None
-        Bits of ``SampleFlag`` per sample; None where no sample has any.
-    history_json : str
-        The steps of the data set: a JSON list of what ``StepReport.to_dict`` gives.
-    """
-
-    axes: Sequence[str]
-    wrench: FloatArray
-    n_samples: NDArray[np.int64]
-    rate_hz: FloatArray
-    start_time: FloatArray
-    trigger_index: NDArray[np.int64]
+    axes: Sequence[str]  # names of the C columns of `wrench`
+    wrench: FloatArray  # (N, C): all samples, recording after recording; fx fy fz in N, tx ty tz in N m
+    n_samples: NDArray[np.int64]  # (n,): they add up to N
+    rate_hz: FloatArray  # (n,): NaN for irregular recordings
+    start_time: FloatArray  # (n,): of the first samples, seconds since 1970; NaN where unknown
+    trigger_index: NDArray[np.int64]  # (n,): sample at which the motion began; -1 where unknown
     label: Sequence[str | None]
     session: Sequence[str | None]
     name: Sequence[str | None]
-    meta_json: Sequence[str | None]
-    time_s: FloatArray | None = None
-    flags: NDArray[np.uint8] | None = None
-    history_json: str = "[]"
+    meta_json: Sequence[str | None]  # JSON objects; None for an empty one
+    time_s: FloatArray | None = None  # (N,): seconds from the first sample of each; NaN in uniform recordings
+    flags: NDArray[np.uint8] | None = None  # (N,): bits of `SampleFlag`
+    history_json: str = "[]"  # a list of what `StepReport.to_dict` gives
 
     @classmethod
     def of_texts(
@@ -125,25 +98,7 @@ class FlatRecordings:
 
 
 def flatten(dataset: Dataset) -> FlatRecordings:
-    """Put a data set into flat columns, every bit kept.
-
-    Raises
-    ------
-    TypeError
-        `dataset` is no Dataset.
-    ValueError
-        Recordings differ in their axes, naming the method that helps.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.io.flat import flatten
-    >>> from granular_id.recording import Dataset, Recording
-    >>> parts = [Recording(np.zeros((n, 6)), rate_hz=500, label="rice", name=f"rice_{n}") for n in (3, 2)]
-    >>> flat = flatten(Dataset(parts))
-    >>> flat.wrench.shape, flat.n_samples.tolist(), flat.name
-    ((5, 6), [3, 2], ['rice_3', 'rice_2'])
-    """
+    """Put a data set into flat columns, every bit kept."""
     recordings = checked_dataset(dataset).recordings
     triggers = [r.trigger_index for r in recordings]
     time_s = flags = None
@@ -176,27 +131,6 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: b
     """Check flat columns that came from a file, and make recordings of them.
 
     The recordings are views of ``flat.wrench``, ``flat.time_s`` and ``flat.flags``, which become read-only.
-
-    Parameters
-    ----------
-    flat : FlatRecordings
-        What was read; real numbers of any type are converted.
-    path : Path
-        The file that errors name.
-    source : FileSource
-        Names recordings that have none: ``source.name``, or ``source.name[i]`` where there are several. A start time or
-        trigger stated for a single recording comes first.
-    finite : bool
-        Whether the samples were already found to be finite.
-
-    Returns
-    -------
-    FileContent
-
-    Raises
-    ------
-    RecordingFileError
-        The first thing that does not fit, naming the column and the recording.
     """
     try:
         recordings = _recordings(_stated(flat, source), source.name, finite)
@@ -218,7 +152,7 @@ def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Re
     named = _named(checked_texts(flat.name, "name", n, empty=True), source_name)
     rows = Rows(named, lengths)
     if not finite and not all_finite(wrench):
-        rows.refuse_samples(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
+        rows.refuse(wrench, ~np.isfinite(wrench), "wrench", "finite numbers")
     rates = checked_rates(flat.rate_hz, rows)
     irregular = np.array([rate is None for rate in rates])
     times = checked_times(flat.time_s, irregular, rows)
@@ -274,16 +208,7 @@ def _stated(flat: FlatRecordings, source: FileSource) -> FlatRecordings:
 
 
 def joined(parts: Sequence[FloatArray]) -> FloatArray:
-    """Put arrays (T, C) one below the other: without a copy where they lie so in memory already.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.io.flat import joined
-    >>> block = np.zeros((2, 1600, 6))
-    >>> np.shares_memory(joined(list(block)), block)
-    True
-    """
+    """Put arrays (T, C) one below the other: without a copy where they lie so in memory already."""
     base = shared_base(parts)
     if base is not None:
         return base.reshape(-1, parts[0].shape[1])

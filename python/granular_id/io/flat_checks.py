@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,6 @@ from granular_id.recording import KNOWN_FLAGS, StepReport
 
 NO_TRIGGER = -1
 """What stands in ``trigger_index`` where a recording has none."""
-
-_TEXT_OR_NONE = frozenset((str, type(None)))
 
 _DECODER = json.JSONDecoder()
 
@@ -33,51 +31,26 @@ class Rows:
     def __len__(self) -> int:
         return len(self.lengths)
 
-    @property
-    def n_samples(self) -> int:
-        """Rows in all."""
-        return int(self.ends[-1])
-
-    def recording(self, i: int) -> str:
-        """Say which recording is meant."""
-        return f"recording {i} ({self.names[i][:60]!r})"
-
-    def sample(self, row: int) -> str:
-        """Say which sample of which recording a row is."""
-        i = int(np.searchsorted(self.ends, row, side="right"))
-        return f"{self.recording(i)}, sample {row - int(self.starts[i])}"
-
-    def refuse_samples(self, values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str) -> None:
-        """Raise ValueError for the first bad value of an array that has a row per sample."""
-        _refuse(values, bad, name, wanted, self.sample)
-
-    def refuse_recordings(self, values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str) -> None:
-        """Raise ValueError for the first bad value of an array that has one per recording."""
-        _refuse(values, bad, name, wanted, self.recording)
-
-
-def _refuse(
-    values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str, place: Callable[[int], str]
-) -> None:
-    if bad.any():
+    def refuse(self, values: NDArray[Any], bad: NDArray[np.bool_], name: str, wanted: str) -> None:
+        """Raise ValueError for the first bad value of an array that has a row per sample, or one per recording."""
+        if not bad.any():
+            return
         first = tuple(int(i) for i in np.argwhere(bad)[0])
-        index = ", ".join(map(str, first))
-        raise ValueError(f"column {name}[{index}] ({place(first[0])}) is {values[first]}; wanted {wanted}")
+        i, sample = first[0], ""
+        if len(values) == self.ends[-1]:
+            i = int(np.searchsorted(self.ends, first[0], side="right"))
+            sample = f", sample {first[0] - int(self.starts[i])}"
+        place = f"{', '.join(map(str, first))}] (recording {i} ({self.names[i][:60]!r}){sample})"
+        raise ValueError(f"column {name}[{place} is {values[first]}; wanted {wanted}")
 
 
 def checked_lengths(value: object, n_rows: int) -> NDArray[np.int64]:
     """Return how many samples each recording has: at least one, `n_rows` in all."""
-    lengths = _integers(value, "n_samples", None)
-    if not lengths.size or len(lengths) > n_rows:
-        raise ValueError(
-            f"column n_samples has {lengths.size} values for {n_rows} samples; wanted one per recording"
-        )
-    wrong = np.flatnonzero((lengths < 1) | (lengths > n_rows))
-    if len(wrong):
-        raise ValueError(f"column n_samples[{wrong[0]}] is {lengths[wrong[0]]}; wanted 1 to {n_rows}")
+    lengths: NDArray[np.int64] = _whole(value, "n_samples", None).astype(np.int64)
     total = sum(lengths.tolist())  # whole numbers of Python cannot overflow
-    if total != n_rows:
-        raise ValueError(f"column n_samples adds up to {total}, but wrench has {n_rows} samples")
+    if not lengths.size or lengths.min() < 1 or total != n_rows:
+        came = f"adds up to {total} in {lengths.size} recordings"
+        raise ValueError(f"column n_samples {came}; wanted 1 or more each, and the {n_rows} of wrench")
     return lengths
 
 
@@ -87,26 +60,24 @@ def checked_rates(value: object, rows: Rows) -> list[float | None]:
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         endless = ~np.isfinite(
             rows.lengths / rates
-        )  # also for a rate of 0, or one that makes it last for ever
+        )  # for a rate of 0, too, or one that makes it last for ever
     bad = ~np.isnan(rates) & (endless | (rates <= 0) | np.isinf(rates))
-    rows.refuse_recordings(rates, bad, "rate_hz", "a positive rate in Hz, or NaN for stamps in time_s")
+    rows.refuse(rates, bad, "rate_hz", "a positive rate in Hz, or NaN for stamps in time_s")
     return _none_for_nan(rates)
 
 
 def checked_start_times(value: object, rows: Rows) -> list[float | None]:
     """Return the times of the first samples; None (NaN in the file) where they are unknown."""
     times = _floats(value, "start_time", len(rows))
-    rows.refuse_recordings(times, np.isinf(times), "start_time", "seconds since 1970, or NaN where unknown")
+    rows.refuse(times, np.isinf(times), "start_time", "seconds since 1970, or NaN where unknown")
     return _none_for_nan(times)
 
 
 def checked_triggers(value: object, rows: Rows) -> list[int | None]:
     """Return the samples at which the motion began; None (-1 in the file) where that is unknown."""
-    triggers = _integers(value, "trigger_index", len(rows))
+    triggers = _whole(value, "trigger_index", len(rows))
     bad = (triggers < NO_TRIGGER) | (triggers >= rows.lengths)
-    rows.refuse_recordings(
-        triggers, bad, "trigger_index", f"a sample of that recording, or {NO_TRIGGER} for none"
-    )
+    rows.refuse(triggers, bad, "trigger_index", f"a sample of that recording, or {NO_TRIGGER} for none")
     return [None if trigger == NO_TRIGGER else trigger for trigger in triggers.tolist()]
 
 
@@ -114,21 +85,20 @@ def checked_times(value: object, irregular: NDArray[np.bool_], rows: Rows) -> Fl
     """Return the stamps, NaN in uniform recordings; None where all recordings are uniform."""
     if value is None:
         if irregular.any():
-            first = rows.recording(int(np.flatnonzero(irregular)[0]))
             raise ValueError(
-                f"{first} has no rate (NaN), and there are no stamps in time_s; wanted one of them"
+                f"recording {np.flatnonzero(irregular)[0]} has no rate (NaN), and there is no time_s"
             )
         return None
-    times = _floats(value, "time_s", rows.n_samples)
+    times = _floats(value, "time_s", int(rows.ends[-1]))
     stamped = np.repeat(irregular, rows.lengths)
-    rows.refuse_samples(times, ~stamped & ~np.isnan(times), "time_s", "NaN: this recording has a rate")
-    rows.refuse_samples(times, stamped & ~np.isfinite(times), "time_s", "a stamp: this recording has no rate")
+    rows.refuse(times, ~stamped & ~np.isnan(times), "time_s", "NaN: this recording has a rate")
+    rows.refuse(times, stamped & ~np.isfinite(times), "time_s", "a stamp: this recording has no rate")
     begins = np.zeros(len(times), bool)
     begins[rows.starts] = True
-    rows.refuse_samples(times, stamped & begins & (times != 0), "time_s", "0: seconds from the first sample")
+    rows.refuse(times, stamped & begins & (times != 0), "time_s", "0: seconds from the first sample")
     with np.errstate(invalid="ignore"):
         late = np.concatenate([[False], times[1:] <= times[:-1]])
-    rows.refuse_samples(times, stamped & ~begins & late, "time_s", "stamps that increase")
+    rows.refuse(times, stamped & ~begins & late, "time_s", "stamps that increase")
     return times + 0.0 if irregular.any() else None  # + 0.0: a first stamp of -0.0 becomes 0.0
 
 
@@ -136,28 +106,20 @@ def checked_flags(value: object, rows: Rows) -> tuple[NDArray[np.uint8] | None, 
     """Return the flags of all samples, and which recordings have any."""
     if value is None:
         return None, np.zeros(len(rows), bool)
-    flags = _one_per(rows.n_samples, _whole(value, "flags"), "flags")
-    unknown = (flags < 0) | (flags > KNOWN_FLAGS)
-    rows.refuse_samples(flags, unknown, "flags", f"bits of SampleFlag (0 to {KNOWN_FLAGS})")
+    flags = _whole(value, "flags", int(rows.ends[-1]))
+    rows.refuse(
+        flags, (flags < 0) | (flags > KNOWN_FLAGS), "flags", f"bits of SampleFlag (0 to {KNOWN_FLAGS})"
+    )
     return flags.astype(np.uint8), np.logical_or.reduceat(flags, rows.starts)
 
 
 def checked_texts(values: object, name: str, n: int, *, empty: bool = False) -> list[str | None]:
     """Return n texts without control characters, or None; labels and sessions are neither empty nor spaced."""
     texts = _listed(values, name, n)
-    wrong = next((text for text in dict.fromkeys(texts) if not _is_sound(text, empty)), None)
-    if wrong is not None:
-        checked_text(wrong, f"{name}[{texts.index(wrong)}]", empty=empty, spaced=empty)  # says what is wrong
+    for text in dict.fromkeys(texts):
+        if text is not None:
+            checked_text(text, name, empty=empty, spaced=empty)
     return list(texts)
-
-
-def _is_sound(text: str | None, empty: bool) -> bool:
-    if text is not None:
-        try:
-            checked_text(text, "", empty=empty, spaced=empty)
-        except ValueError:
-            return False
-    return True
 
 
 def checked_metas(values: object, n: int) -> list[Any]:
@@ -175,14 +137,11 @@ def checked_history(text: object, n_recordings: int) -> tuple[StepReport, ...]:
     """Return the steps that a JSON list describes."""
     if isinstance(text, str):
         check_parts([text], "history", n_recordings)
-    return tuple(_step(step, f"history[{i}]") for i, step in enumerate(_frozen_json(text, "history", list)))
-
-
-def _step(value: Any, name: str) -> StepReport:
+    steps = _frozen_json(text, "history", list)
     try:
-        return StepReport.from_dict(value)
+        return tuple(map(StepReport.from_dict, steps))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: {error}") from error
+        raise ValueError(f"history: {error}") from error
 
 
 def _frozen_json(text: object, name: str, kind: type) -> Any:
@@ -190,16 +149,13 @@ def _frozen_json(text: object, name: str, kind: type) -> Any:
         raise TypeError(f"{name} is a {type(text).__name__}; wanted JSON text")
     try:
         value = _parsed(text)
-    except ValueError as error:
+        if isinstance(value, kind):
+            return freeze(value, name)
+    except RecursionError as error:
+        raise ValueError(f"{name} is nested too deeply") from error
+    except json.JSONDecodeError as error:
         raise ValueError(f"{name} is not JSON: {error}") from error
-    except RecursionError as error:
-        raise ValueError(f"{name} is nested too deeply") from error
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")
-    try:
-        return freeze(value, name)
-    except RecursionError as error:
-        raise ValueError(f"{name} is nested too deeply") from error
+    raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")
 
 
 def _parsed(text: str) -> Any:
@@ -212,13 +168,10 @@ def _parsed(text: str) -> Any:
 
 
 def _listed(values: object, name: str, n: int) -> Sequence[Any]:
-    if not isinstance(values, (list, tuple)):
-        raise TypeError(f"{name} is a {type(values).__name__}; wanted a list of texts")
+    if not isinstance(values, (list, tuple)) or not set(map(type, values)) <= {str, type(None)}:
+        raise TypeError(f"{name} must be a list of texts, got {values!r:.80}")
     if len(values) != n:
         raise ValueError(f"{name} has {len(values)} values for {n} recordings")
-    if not set(map(type, values)) <= _TEXT_OR_NONE:
-        wrong = next(i for i, value in enumerate(values) if type(value) not in _TEXT_OR_NONE)
-        raise TypeError(f"{name}[{wrong}] is a {type(values[wrong]).__name__}; wanted a text")
     return values
 
 
@@ -226,20 +179,14 @@ def _floats(value: object, name: str, n: int) -> FloatArray:
     return _one_per(n, as_floats(value, f"column {name}", f"a real array of shape ({n},)"), name)
 
 
-def _integers(value: object, name: str, n: int | None) -> NDArray[np.int64]:
-    array = _whole(value, name)
-    if array.ndim != 1:
-        raise ValueError(f"column {name} has shape {array.shape}; wanted one number per recording")
-    if array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-        raise ValueError(f"column {name} holds {array.max()}; wanted numbers of 64 bits with a sign")
-    return (array if n is None else _one_per(n, array, name)).astype(np.int64)
-
-
-def _whole(value: object, name: str) -> NDArray[Any]:
+def _whole(value: object, name: str, n: int | None) -> NDArray[Any]:
+    """Return whole numbers; those past int64, which would change their sign, become the largest one."""
     array = np.asarray(value)
     if array.dtype.kind not in "iu":
         raise TypeError(f"column {name} has dtype {array.dtype}; wanted whole numbers")
-    return array
+    if array.dtype == np.uint64:
+        array = np.minimum(array, np.uint64(np.iinfo(np.int64).max)).astype(np.int64)
+    return _one_per(array.size if n is None else n, array, name)
 
 
 def _one_per(n: int, array: NDArray[Any], name: str) -> NDArray[Any]:

@@ -65,13 +65,7 @@ class FoundFiles:
 
 
 def find_files(root: Path, options: LoadOptions) -> FoundFiles:
-    """Find the recordings of a folder.
-
-    Raises
-    ------
-    RecordingFileError
-        The folder has none of the layouts, mixes two, or has an index that cannot be used.
-    """
+    """Find the recordings of a folder."""
     entries, folders = _listed(root, root)
     if any(path.name == INDEX_NAME for path in entries):
         return _find_indexed(root, entries, options)

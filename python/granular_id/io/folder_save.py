@@ -59,20 +59,7 @@ def write_history(dataset: Dataset, folder: Path) -> None:
 
 
 def check_room(target: Path) -> None:
-    """Refuse a place where nothing new can be written.
-
-    Parameters
-    ----------
-    target : Path
-        What is about to be written; an empty folder may be there already.
-
-    Raises
-    ------
-    FileExistsError
-        `target` is a file, a link or a folder with something in it.
-    FileNotFoundError
-        The folder to put it in does not exist.
-    """
+    """Refuse a place where nothing new can be written."""
     if os.path.lexists(target):
         if target.is_symlink() or not target.is_dir():
             raise FileExistsError(f"{target}: there is something already; nothing is overwritten")
@@ -84,25 +71,7 @@ def check_room(target: Path) -> None:
 
 @contextmanager
 def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
-    """Fill a folder under a temporary name beside its place, and rename it when the block ends well.
-
-    Parameters
-    ----------
-    folder : str or path
-        New or empty folder.
-
-    Yields
-    ------
-    Path
-        The temporary folder; it is removed when the block raises, also on an interrupt.
-
-    Raises
-    ------
-    FileExistsError, FileNotFoundError
-        As `check_room`.
-    OSError
-        It cannot be written, naming it instead of the temporary folder.
-    """
+    """Fill a folder under a temporary name beside its place, and rename it when the block ends well."""
     target = Path(folder)
     check_room(target)
     partial = target.absolute().parent / f".{target.name}.{secrets.token_hex(4)}.partial"
@@ -130,18 +99,6 @@ def indexed_folder(
     """Write a file per recording into ``label/``, with an ``index.csv`` and the history beside them.
 
     File names are made from the labels (`safe_name`); the labels themselves stand in the index.
-
-    Parameters
-    ----------
-    dataset : Dataset
-    folder : str or path
-        See `new_folder`.
-    suffix : str
-        Ending of the files, with the point.
-    write : callable
-        Writes the samples of one recording to a path that does not exist yet.
-    progress : callable, optional
-        See ``ProgressCallback``.
     """
     digits = len(str(len(dataset)))
     with new_folder(folder) as partial:

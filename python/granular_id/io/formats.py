@@ -32,33 +32,15 @@ __all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "writer"]
 
 @dataclass(frozen=True)
 class FileFormat:
-    """A way of keeping recordings.
+    """A way of keeping recordings."""
 
-    Attributes
-    ----------
-    name : str
-        What ``format=`` and ``--to`` call it.
-    what : str
-        For people, with its endings.
-    suffixes : tuple of str
-        Endings of its files, lower case, with the point; empty for formats that are folders.
-    read : callable
-        From a source to its content.
-    save : callable or None
-        ``save(dataset, path)``; None: it is only read.
-    saves_folder : bool
-        Whether what `save` writes is a folder.
-    is_folder : callable or None
-        Tells whether a folder is a file of this format; None: never.
-    """
-
-    name: str
-    what: str
-    suffixes: tuple[str, ...]
+    name: str  # what `format=` and `--to` call it
+    what: str  # for people, with its endings
+    suffixes: tuple[str, ...]  # endings of its files, lower case, with the point
     read: Callable[[FileSource, LoadOptions], FileContent]
-    save: Callable[..., Path] | None = None
-    saves_folder: bool = False
-    is_folder: Callable[[Path], bool] | None = None
+    save: Callable[..., Path] | None = None  # save(dataset, path)
+    saves_folder: bool = False  # whether what `save` writes is a folder
+    is_folder: Callable[[Path], bool] | None = None  # whether a folder is a file of this format; None: never
 
 
 def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -127,13 +109,7 @@ def read_file(source: FileSource, options: LoadOptions) -> FileContent:
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
-    """Return the function that writes a format, named or told by the ending of the path.
-
-    Raises
-    ------
-    ValueError
-        No such format, one that is only read, or an ending that says nothing.
-    """
+    """Return the function that writes a format, named or told by the ending of the path."""
     writable = ", ".join(known.name for known in FORMATS if known.save is not None)
     by_ending = _by_ending(Path(path))
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)

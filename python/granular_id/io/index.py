@@ -33,31 +33,7 @@ _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
 def read_index(
     root: Path, max_bytes: int, readable: Callable[[Path], bool]
 ) -> tuple[list[FileSource], list[RecordingFileError], list[str]]:
-    """Read ``index.csv`` of a folder.
-
-    Parameters
-    ----------
-    root : Path
-        The folder.
-    max_bytes : int
-        Largest index that is read.
-    readable : callable
-        Tells whether a path looks like a file of a known format.
-
-    Returns
-    -------
-    sources : list of FileSource
-        In the order of the index.
-    problems : list of RecordingFileError
-        Lines that cannot be used.
-    columns : list of str
-        Of the header; those beyond `INDEX_COLUMNS` went into ``meta``.
-
-    Raises
-    ------
-    RecordingFileError
-        When the index as a whole cannot be used.
-    """
+    """Read ``index.csv`` of a folder."""
     path = root / INDEX_NAME
     data = read_text_bounded(path, root, max_bytes)
     header = split_header(data, path)

@@ -33,29 +33,14 @@ Coded = tuple[NDArray[np.int64], list[str | None]]
 
 @dataclass(frozen=True)
 class Stated:
-    """What the names of columns, and the metadata of them and of the table, say.
+    """What the names of columns, and the metadata of them and of the table, say."""
 
-    Attributes
-    ----------
-    scales : tuple of float or None
-        What each axis must be multiplied with; None: nothing.
-    time_unit : str or None
-    rate_hz : float or None
-        Of the whole table.
-    rate_unit : str
-        Of the column of rates.
-    texts : dict
-        Label and session of the whole table.
-    notes : list of str
-        What was converted.
-    """
-
-    scales: tuple[float, ...] | None
+    scales: tuple[float, ...] | None  # what each axis must be multiplied with
     time_unit: str | None
-    rate_hz: float | None
-    rate_unit: str
-    texts: dict[str, str]
-    notes: list[str]
+    rate_hz: float | None  # of the whole table
+    rate_unit: str  # of the column of rates
+    texts: dict[str, str]  # label and session of the whole table
+    notes: list[str]  # what was converted
 
     @classmethod
     def of(
@@ -67,23 +52,7 @@ class Stated:
         about: Mapping[str, Any] | None = None,
         units_of_columns: Mapping[str, str] | None = None,
     ) -> Stated:
-        """Read what is stated.
-
-        Parameters
-        ----------
-        columns : mapping
-            What each column that is read is called in the file, by what it means.
-        path, options
-        about : mapping, optional
-            Metadata of the table.
-        units_of_columns : mapping, optional
-            From the names of columns to units that stand in their metadata.
-
-        Raises
-        ------
-        RecordingFileError
-            Units that are not known, or that contradict each other.
-        """
+        """Read what is stated."""
         origin = Origin(path, "metadata", about or {})
         units: dict[str, tuple[str, tuple[str, ...]]] = {}
         entries: Entries = {}
@@ -121,54 +90,27 @@ class Stated:
 
 @dataclass(frozen=True)
 class LongTable:
-    """The columns that were read.
-
-    Attributes
-    ----------
-    wrench : ndarray, shape (T, 6)
-    columns : mapping
-        What each column that was read is called in the file, by what it means.
-    stated : Stated
-    place : callable
-        From the name of a recording and a row (None: all of it) to the place that an error names.
-    stamps : ndarray, shape (T,), or None
-    nanoseconds : ndarray of int64, shape (T,), or None
-        Since 1970, in place of `stamps`.
-    flags : ndarray of uint8, shape (T,), or None
-    rates : ndarray, shape (T,), or None
-        The rate of the recording, in each of its rows.
-    keys : ndarray of int, shape (T,), or None
-        Which recording each row belongs to; None: all to one.
-    names : sequence of str or None
-        What a key stands for; None: it is a number.
-    texts : mapping
-        Label and session of each row, where they are there.
-    """
+    """The columns that were read, T rows each."""
 
     wrench: FloatArray
-    columns: Mapping[str, str]
+    columns: Mapping[str, str]  # what each is called in the file, by what it means
     stated: Stated
-    place: Callable[[str, int | None], dict[str, Any]]
+    place: Callable[
+        [str, int | None], dict[str, Any]
+    ]  # from a recording's name and a row to what an error names
     stamps: FloatArray | None = None
-    nanoseconds: NDArray[np.int64] | None = None
+    nanoseconds: NDArray[np.int64] | None = None  # since 1970, in place of `stamps`
     flags: NDArray[np.uint8] | None = None
-    rates: FloatArray | None = None
-    keys: NDArray[Any] | None = None
-    names: list[str | None] | None = None
-    texts: Mapping[str, Coded] = field(default_factory=dict)
+    rates: FloatArray | None = None  # of the recording, in each of its rows
+    keys: NDArray[Any] | None = None  # which recording a row belongs to; None: all to one
+    names: list[str | None] | None = None  # what a key stands for; None: it is a number
+    texts: Mapping[str, Coded] = field(default_factory=dict)  # label and session of each row
 
 
 def recordings_of(
     table: LongTable, source: FileSource, options: LoadOptions, *, clock: str = "time"
 ) -> tuple[list[Recording], list[dict[str, Any]]]:
-    """Make the recordings of a table, in the order in which they begin, and remarks on them.
-
-    Raises
-    ------
-    RecordingFileError
-        A recording with two labels or in several pieces, a column that numbers samples, what `stamped_recording`
-        says of the clock.
-    """
+    """Make the recordings of a table, in the order in which they begin, and remarks on them."""
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)
         for rows, name in _parts(table, source)

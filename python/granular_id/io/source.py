@@ -16,37 +16,22 @@ __all__ = ["FileContent", "FileSource", "completed"]
 
 @dataclass(frozen=True)
 class FileSource:
-    """A file (or a folder that is one recording) to read, and what is known about it from outside.
-
-    Attributes
-    ----------
-    path : Path
-    root : Path
-        Nothing outside this folder is opened, whatever links say.
-    name : str
-        How reports call the recording: the path within the folder, or what index.csv says.
-    label, session, start_time, trigger_index, meta
-        Stated by index.csv; they win over what the file says.
-    folder_label, folder_session : str or None
-        From the names of folders and files; used where the file says nothing itself.
-    rate_hz : float or None
-        A rate stated for this file; the one in the options otherwise.
-    irregular : bool
-        Keep the stamps even where they lie on an even grid, and whatever rate the options state.
-    """
+    """A file (or a folder that is one recording) to read, and what is known about it from outside."""
 
     path: Path
-    root: Path
-    name: str
-    label: str | None = None
+    root: Path  # nothing outside this folder is opened, whatever links say
+    name: str  # how reports call the recording: the path within the folder, or what index.csv says
+    label: str | None = None  # these five are stated by index.csv, and win over what the file says
     session: str | None = None
     start_time: float | None = None
     trigger_index: int | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
-    folder_label: str | None = None
+    folder_label: str | None = (
+        None  # from names of folders and files; used where the file says nothing itself
+    )
     folder_session: str | None = None
-    rate_hz: float | None = None
-    irregular: bool = False
+    rate_hz: float | None = None  # stated for this file; the one in the options otherwise
+    irregular: bool = False  # keep the stamps even on an even grid, and whatever rate the options state
 
     @classmethod
     def alone(cls, path: Path) -> FileSource:
@@ -56,42 +41,18 @@ class FileSource:
 
 @dataclass
 class FileContent:
-    """What a reader found in a file.
+    """What a reader found in a file."""
 
-    Attributes
-    ----------
-    recordings : sequence of Recording
-        At least one.
-    rows : list of mappings
-        Remarks on single recordings, the first key being ``"name"``.
-    notes : list of str
-        What a user should know about the whole: what was guessed, which topic was chosen.
-    history : sequence of StepReport
-        Steps that were stored in the file.
-    """
-
-    recordings: Sequence[Recording]
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    history: Sequence[StepReport] = ()
+    recordings: Sequence[Recording]  # at least one
+    rows: list[dict[str, Any]] = field(
+        default_factory=list
+    )  # remarks on single ones, the first key being "name"
+    notes: list[str] = field(default_factory=list)  # on the whole: what was guessed, which topic was chosen
+    history: Sequence[StepReport] = ()  # steps that were stored in the file
 
 
 def completed(content: FileContent, source: FileSource, rate_hz: float | None = None) -> FileContent:
-    """Put onto the recordings of a file what is known about it from outside.
-
-    Parameters
-    ----------
-    content : FileContent
-    source : FileSource
-    rate_hz : float, optional
-        A rate stated for all files; that of the source comes first.
-
-    Raises
-    ------
-    RecordingFileError
-        A label or session from a folder's name that cannot be one, or a start time or trigger stated for a file of
-        many recordings, or a rate other than the file's own.
-    """
+    """Put onto the recordings of a file what is known about it from outside."""
     stated = rate_hz if source.rate_hz is None else source.rate_hz
     other = next(
         (r for r in content.recordings if r.rate_hz is not None and stated not in (None, r.rate_hz)), None

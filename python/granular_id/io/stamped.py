@@ -70,45 +70,7 @@ def stamped_recording(
     time_unit: str | None = None,
     file_rate_hz: float | None = None,
 ) -> tuple[Recording, dict[str, Any]]:
-    """Make a recording of samples and, where there are any, their stamps.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (T, C)
-    source, options
-        What is known from outside; a start time, trigger or rate of the source comes first.
-    stamps : ndarray, shape (T,), optional
-        Of any origin; above 1e8 s they are taken as seconds since 1970.
-    start_time : float, optional
-        Time of the first sample, seconds since 1970, where `stamps` do not carry it.
-    flags : ndarray of uint8, shape (T,), optional
-    trigger : int, optional
-        Sample at which the motion began, in the order of `wrench`.
-    axes, meta
-        As in :class:`Recording`.
-    locate : callable, optional
-        See `Locate`.
-    clock : str
-        How errors call the stamps: ``"time column"``, ``"header.stamp"``.
-    time_unit : str, optional
-        Unit of the stamps, where the file or its format states it. Otherwise it is that of the options, or seconds if
-        that is likely.
-    file_rate_hz : float, optional
-        Rate that the file states beside the stamps, or instead of them.
-
-    Returns
-    -------
-    recording : Recording
-        Uniform when its stamps are (see ``timing.uniform_rate``), irregular otherwise; without label and session.
-    remarks : dict
-        What a reader should know: repaired stamps, a clock that does not begin at 0.
-
-    Raises
-    ------
-    RecordingFileError
-        Stamps that run backwards or repeat (unless they are to be repaired), do not fit the stated rate or are most
-        likely no seconds; no stamps and no rate; samples that are not finite.
-    """
+    """Make a recording of samples and, where there are any, their stamps."""
     where: Locate = locate or (lambda _: {})
     remarks: dict[str, Any] = {}
     first_trigger = source.trigger_index if source.trigger_index is not None else trigger

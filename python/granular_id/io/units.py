@@ -38,21 +38,7 @@ _SEPARATORS = re.compile(r"[\s_.*\N{MIDDLE DOT}\N{DOT OPERATOR}-]+")
 
 
 def factor(unit: str, wanted: str) -> float | None:
-    """Return what one `unit` is in the unit that is wanted; None for one that is not known.
-
-    Parameters
-    ----------
-    unit : str
-        Case, separators and brackets around it do not matter, but for mega (``MN``), which is not known.
-    wanted : str
-        ``"N"``, ``"N m"``, ``"s"`` or ``"Hz"``.
-
-    Examples
-    --------
-    >>> from granular_id.io.units import factor
-    >>> factor("mN", "N"), factor("N*mm", "N m"), factor("[ms]", "s"), factor("V", "N")
-    (0.001, 0.001, 0.001, None)
-    """
+    """Return what one `unit` is in the unit that is wanted; None for one that is not known."""
     plain = _SEPARATORS.sub("", unit.strip().removeprefix("[").removesuffix("]"))
     if plain.startswith("M"):
         return None

@@ -268,7 +268,7 @@ def test_what_is_named_like_a_file_but_is_none(tmp_path):
             server.bind("s_1.csv")
         finally:
             os.chdir(place)
-        with pytest.raises(RecordingFileError, match=r"s_1.csv: cannot be read"):
+        with pytest.raises(RecordingFileError, match=r"s_1.csv: is not a regular file"):
             load(tmp_path)
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from dataset_strategies import assert_same_bits, datasets
-from granular_id.io import RecordingFileError, load, loading, save
+from granular_id.io import RecordingFileError, formats, load, save
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.recording import AXES, Dataset, Recording, StepReport
 from granular_id.synthetic import synthesize
@@ -223,9 +223,7 @@ def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, m
             raise error
         return FORMATS[0].read(source, options)
 
-    monkeypatch.setattr(
-        loading, "format_of", lambda path: None if path.is_dir() else replace(FORMATS[0], read=read)
-    )
+    monkeypatch.setattr(formats, "FORMATS", (replace(FORMATS[0], read=read),))
     with pytest.raises(RecordingFileError, match=r"rice_2\.csv: reading it as csv failed with") as caught:
         load(tmp_path, rate_hz=10)
     assert caught.value.__cause__ is error

@@ -39,13 +39,7 @@ _TEXTS = (RECORDING, LABEL, SESSION, MASK)
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read one file; see ``stamped_recording`` for what its stamps mean.
-
-    Raises
-    ------
-    RecordingFileError
-        With the line and column of the first fault.
-    """
+    """Read one file; see ``stamped_recording`` for what its stamps mean."""
     path = source.path
     data = read_text_bounded(path, source.root, options.max_text_bytes)
     header = split_header(data, path)

@@ -69,11 +69,6 @@ def read_gm10(source: FileSource, options: LoadOptions) -> FileContent:
 
     The label is the material's id; where the list of names that comes with the data set lies beside the file
     (``HKUGM10_ts.txt`` beside ``HKUGM10_ts_train.csv``), the name. a, v and d stand in ``meta`` where they are given.
-
-    Raises
-    ------
-    RecordingFileError
-        With line and column: what is no plain number, rows of another kind, stamps that do not increase.
     """
     names = _material_names(source)
     most = _MAX_FILE_BYTES if options.max_file_bytes is None else options.max_file_bytes

@@ -33,13 +33,7 @@ class Header(NamedTuple):
 
 
 def split_header(data: bytes, path: str | PathLike[str]) -> Header:
-    """Split line 1; ``#`` before the names, as numpy.savetxt writes it, is left out.
-
-    Raises
-    ------
-    RecordingFileError
-        Empty, binary, not UTF-8, an over-long first line, several lines of comments.
-    """
+    """Split line 1; ``#`` before the names, as numpy.savetxt writes it, is left out."""
     if not data:
         raise RecordingFileError(path, "is empty (0 bytes)")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -76,13 +70,7 @@ def split_header(data: bytes, path: str | PathLike[str]) -> Header:
 
 
 def split_rows(data: bytes, header: Header, path: str | PathLike[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number and the cells of each line from 2 on that is not empty; quoted cells may hold separators.
-
-    Raises
-    ------
-    RecordingFileError
-        Not UTF-8, binary, a quote that is not closed.
-    """
+    """Yield the number and the cells of each line from 2 on that is not empty; quoted cells may hold separators."""
     start = header.end
     try:
         text = data[start:].decode("utf-8")
@@ -114,11 +102,6 @@ def parse_numbers(
 
     Numbers are plain decimals (``-1.5e-3``), with or without blanks around them. Empty lines may stand at the
     end.
-
-    Raises
-    ------
-    RecordingFileError
-        With line and column: what is not a number, not finite as float64, missing or too much.
     """
     try:
         return parse_number_table(data, start, len(columns))
