@@ -36,6 +36,11 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
+try:
+    import resource
+except ImportError:  # Windows has no such limits
+    resource = None  # type: ignore[assignment]
+
 __all__ = ["IsolatedReader"]
 
 _CHILD = ("-m", "granular_id.io.isolate")
@@ -241,7 +246,7 @@ def _serve() -> None:
     _limit_memory(asked["bytes"])
     for line in sys.stdin:
         asked = json.loads(line)
-        _limit_time(asked["cpu_s"])
+        _limit("RLIMIT_CPU", int(time.process_time() + asked["cpu_s"]) + 1, for_good=False)
         known = asked["source"]
         source = FileSource(Path(known.pop("path")), Path(known.pop("root")), **known)
         head, columns = _answer(source, options)
@@ -271,20 +276,20 @@ def _answer(source: FileSource, options: LoadOptions) -> tuple[dict[str, Any], l
 def _limit_memory(n_bytes: int) -> None:
     """Let the child map so much more than it has mapped; nothing of it is left to be dumped."""
     statm = Path("/proc/self/statm")
-    if statm.exists():  # Linux; elsewhere the limit is not kept, or counts something else
-        import resource
+    if (
+        resource is not None and statm.exists()
+    ):  # Linux; elsewhere the limit is not kept, or counts something else
+        _limit("RLIMIT_AS", n_bytes + int(statm.read_text().split()[0]) * resource.getpagesize())
+        _limit("RLIMIT_CORE", 0)
 
-        most = n_bytes + int(statm.read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (most, most))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
-
-def _limit_time(cpu_s: float) -> None:
-    with contextlib.suppress(ImportError):
-        import resource
-
-        used = time.process_time()
-        resource.setrlimit(resource.RLIMIT_CPU, (int(used + cpu_s) + 1, resource.RLIM_INFINITY))
+def _limit(what: str, value: int, *, for_good: bool = True) -> None:
+    """Lower a limit, which may be lower already and can then not be raised."""
+    if resource is not None:
+        kind = getattr(resource, what)
+        hard = resource.getrlimit(kind)[1]
+        value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+        resource.setrlimit(kind, (value, value if for_good else hard))
 
 
 if __name__ == "__main__":

@@ -179,6 +179,18 @@ def _written(path: Path) -> int:
     raise TimeoutError(path)
 
 
+def test_limits_that_are_there_already_stay(tmp_path):
+    (tmp_path / "a.csv").write_text(TABLE)
+    code = f"""
+import resource
+from granular_id.io import load
+for what in (resource.RLIMIT_CPU, resource.RLIMIT_AS):
+    resource.setrlimit(what, (most := 60 if what == resource.RLIMIT_CPU else 8 << 30, most))
+load({os.fspath(tmp_path)!r}, isolate=True, rate_hz=100)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_only_true_and_false_are_taken(tmp_path):
     with pytest.raises(TypeError, match="isolate must be True or False"):
         load(tmp_path, isolate=1)
