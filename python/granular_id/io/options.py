@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id._checks import argument_error, checked_text, finite_number
+from granular_id._checks import argument_error, checked_text, finite_number, whole_number
 
 MAX_TEXT_BYTES = 8 * 1024 * 1024
 """Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
@@ -17,7 +17,11 @@ MIN_LINE_BYTES = 40
 """A line counts as at least this many bytes towards the cap: short lines take as long as others to parse."""
 
 
-TIME_UNITS = ("s", "ms", "us", "ns", "sample")
+_CHOICES: dict[str, tuple[str | None, ...]] = {
+    "on_error": ("raise", "skip"),
+    "on_time_error": ("raise", "repair"),
+    "time_unit": (None, "s", "ms", "us", "ns", "sample"),
+}
 
 
 @dataclass(frozen=True)
@@ -36,26 +40,12 @@ class LoadOptions:
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
-        for name, wanted in (("on_error", ("raise", "skip")), ("on_time_error", ("raise", "repair"))):
-            if getattr(self, name) not in wanted:
-                raise argument_error(
-                    ValueError, name, f"={getattr(self, name)!r}; wanted {wanted[0]!r} or {wanted[1]!r}"
-                )
         if self.max_file_bytes is not None:
-            if isinstance(self.max_file_bytes, bool) or not isinstance(self.max_file_bytes, int):
-                raise argument_error(
-                    TypeError, "max_file_bytes", f"must be an int, got {type(self.max_file_bytes).__name__}"
-                )
-            if self.max_file_bytes < 1:
-                raise argument_error(
-                    ValueError, "max_file_bytes", f"must be positive, got {self.max_file_bytes}"
-                )
-        if self.time_unit not in (None, *TIME_UNITS):
-            raise argument_error(
-                ValueError,
-                "time_unit",
-                f"={self.time_unit!r}; wanted one of {', '.join(map(repr, TIME_UNITS))}",
-            )
+            whole_number("max_file_bytes", self.max_file_bytes)
+        for name, wanted in _CHOICES.items():
+            if getattr(self, name) not in wanted:
+                words = ", ".join(repr(word) for word in wanted if word is not None)
+                raise argument_error(ValueError, name, f"={getattr(self, name)!r}; wanted one of {words}")
         for name in ("topic", "array", "label"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +50,8 @@ def is_gm10(path: Path) -> bool:
     values.
     """
     try:
-        # one line is read, however long the file
         with open_bounded(path, path.parent, sys.maxsize) as (file, _):
-            line = file.readline(_MAX_ROW_BYTES)
+            line = file.readline(_MAX_ROW_BYTES)  # one line, however long the file
     except RecordingFileError:
         return False
     cells = line.decode("ascii", "replace").rstrip("\r\n").split(",")
@@ -74,35 +73,23 @@ def read_gm10(source: FileSource, options: LoadOptions) -> FileContent:
     most = _MAX_FILE_BYTES if options.max_file_bytes is None else options.max_file_bytes
     recordings: list[Recording] = []
     content = FileContent(recordings)
-    with_settings: bool | None = None
-    for row in _rows(source, most):
-        if with_settings is None:
-            with_settings = row.has_settings
-        if row.has_settings != with_settings:
-            problem = f"{len(row.values)} cells; the rows before have an {'even' if with_settings else 'odd'} number"
-            raise RecordingFileError(source.path, f"{problem} (with a, v, d: even)", line=row.line)
-        recording, remarks = _recording(
-            row, replace(source, name=f"{source.name}[{len(recordings)}]"), options, names
-        )
+    odd = 0
+    for line, values in _rows(source, most):
+        if recordings and len(values) % 2 != odd:
+            problem = f"{len(values)} cells; the rows before have an {'odd' if odd else 'even'} number"
+            raise RecordingFileError(source.path, f"{problem} (with a, v, d: even)", line=line)
+        odd = len(values) % 2
+        named = replace(source, name=f"{source.name}[{len(recordings)}]")
+        recording, remarks = _recording(line, values, named, options, names)
         recordings.append(recording)
         content.rows += [{"name": recording.name, **remarks}] if remarks else []
     if not recordings:
         raise RecordingFileError(source.path, "holds no rows")
-    kind = "GM10-ts-Plus (id, a, v, d, times, forces)" if with_settings else "GM10-ts (id, times, forces)"
+    kind = "GM10-ts (id, times, forces)" if odd else "GM10-ts-Plus (id, a, v, d, times, forces)"
     content.notes.append(f"rows taken as {kind}")
     if names is None:
         content.notes.append("labels are the ids of the materials: no list of names lies beside the file")
     return content
-
-
-@dataclass(frozen=True)
-class _Row:
-    line: int
-    values: FloatArray
-
-    @property
-    def has_settings(self) -> bool:
-        return len(self.values) % 2 == 0
 
 
 def _spans(n_cells: int) -> tuple[int, int]:
@@ -115,7 +102,7 @@ def _is_id(value: float) -> bool:
     return 0 <= value < 1e6 and value == int(value)
 
 
-def _rows(source: FileSource, max_bytes: int) -> Iterator[_Row]:
+def _rows(source: FileSource, max_bytes: int) -> Iterator[tuple[int, FloatArray]]:
     path = source.path
     with open_bounded(path, source.root, max_bytes) as (file, _):
         number = 0
@@ -130,7 +117,7 @@ def _rows(source: FileSource, max_bytes: int) -> Iterator[_Row]:
                         path, "the line is empty; only the end of a file may be", line=number
                     )
                 return
-            yield _Row(number, _numbers(data, path, number))
+            yield number, _numbers(data, path, number)
 
 
 def _numbers(line: bytes, path: Path, number: int) -> FloatArray:
@@ -155,26 +142,26 @@ def _numbers(line: bytes, path: Path, number: int) -> FloatArray:
 
 
 def _recording(
-    row: _Row, source: FileSource, options: LoadOptions, names: list[str] | None
+    line: int, values: FloatArray, source: FileSource, options: LoadOptions, names: list[str] | None
 ) -> tuple[Recording, dict[str, Any]]:
-    start, middle = _spans(len(row.values))
+    start, middle = _spans(len(values))
 
     def locate(sample: int | None) -> dict[str, Any]:
-        return {"line": row.line} if sample is None else {"line": row.line, "column": str(start + sample + 1)}
+        return {"line": line} if sample is None else {"line": line, "column": str(start + sample + 1)}
 
-    if not _is_id(float(row.values[0])):
-        problem = f"the material's id is {row.values[0]:g}; wanted 0, 1, 2 ..."
-        raise RecordingFileError(source.path, problem, line=row.line, column="1")
-    material = int(row.values[0])
+    if not _is_id(float(values[0])):
+        problem = f"the material's id is {values[0]:g}; wanted 0, 1, 2 ..."
+        raise RecordingFileError(source.path, problem, line=line, column="1")
+    material = int(values[0])
     if names is not None and material >= len(names):
         problem = f"the material's id is {material}, but the list of names beside the file has {len(names)}"
-        raise RecordingFileError(source.path, problem, line=row.line, column="1")
-    settings = dict(zip(_SETTINGS, row.values[1:start].tolist(), strict=False))
+        raise RecordingFileError(source.path, problem, line=line, column="1")
+    settings = dict(zip(_SETTINGS, values[1:start].tolist(), strict=False))
     recording, remarks = stamped_recording(
-        row.values[middle:, None].copy(),
+        values[middle:, None].copy(),
         source,
         options,
-        stamps=row.values[start:middle],
+        stamps=values[start:middle],
         axes=AXES,
         meta=settings,
         locate=locate,
