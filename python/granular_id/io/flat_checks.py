@@ -47,10 +47,12 @@ class Rows:
 def checked_lengths(value: object, n_rows: int) -> NDArray[np.int64]:
     """Return how many samples each recording has: at least one, `n_rows` in all."""
     lengths: NDArray[np.int64] = _whole(value, "n_samples", None).astype(np.int64)
+    wrong = np.flatnonzero((lengths < 1) | (lengths > n_rows))
+    if len(wrong):
+        raise ValueError(f"column n_samples[{wrong[0]}] is {lengths[wrong[0]]}; wanted 1 to {n_rows}")
     total = sum(lengths.tolist())  # whole numbers of Python cannot overflow
-    if not lengths.size or lengths.min() < 1 or total != n_rows:
-        came = f"adds up to {total} in {lengths.size} recordings"
-        raise ValueError(f"column n_samples {came}; wanted 1 or more each, and the {n_rows} of wrench")
+    if total != n_rows:
+        raise ValueError(f"column n_samples adds up to {total}, but wrench has {n_rows} samples")
     return lengths
 
 
@@ -86,7 +88,7 @@ def checked_times(value: object, irregular: NDArray[np.bool_], rows: Rows) -> Fl
     if value is None:
         if irregular.any():
             raise ValueError(
-                f"recording {np.flatnonzero(irregular)[0]} has no rate (NaN), and there is no time_s"
+                f"recording {np.flatnonzero(irregular)[0]} has no rate (NaN), and there are no stamps in time_s"
             )
         return None
     times = _floats(value, "time_s", int(rows.ends[-1]))
@@ -116,9 +118,10 @@ def checked_flags(value: object, rows: Rows) -> tuple[NDArray[np.uint8] | None, 
 def checked_texts(values: object, name: str, n: int, *, empty: bool = False) -> list[str | None]:
     """Return n texts without control characters, or None; labels and sessions are neither empty nor spaced."""
     texts = _listed(values, name, n)
-    for text in dict.fromkeys(texts):
-        if text is not None:
-            checked_text(text, name, empty=empty, spaced=empty)
+    sound: set[str | None] = {None}
+    for i, text in enumerate(texts):
+        if text not in sound:
+            sound.add(checked_text(text, f"{name}[{i}]", empty=empty, spaced=empty))
     return list(texts)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from granular_id.io.units import factor
 from granular_id.recording import (
     STATED_TOLERANCE,
     Recording,
-    RepairedTime,
     SampleFlag,
     largest_offset,
     repair_time,
@@ -46,14 +45,6 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 1.0, 1e-5
 """Forces are sampled faster than once a second, and slower than at 100 kHz."""
 
 
-@dataclass
-class _Samples:
-    wrench: NDArray[np.float64]
-    flags: NDArray[np.uint8] | None
-    stamps: NDArray[np.float64] | None
-    trigger: int | None
-
-
 def stamped_recording(
     wrench: NDArray[np.float64],
     source: FileSource,
@@ -70,34 +61,39 @@ def stamped_recording(
     time_unit: str | None = None,
     file_rate_hz: float | None = None,
 ) -> tuple[Recording, dict[str, Any]]:
-    """Make a recording of samples and, where there are any, their stamps."""
-    where: Locate = locate or (lambda _: {})
-    remarks: dict[str, Any] = {}
-    first_trigger = source.trigger_index if source.trigger_index is not None else trigger
-    samples = _Samples(wrench, flags, stamps, first_trigger)
+    """Make a recording, without label and session, of samples (T, C) and, where there are any, their stamps (T,).
+
+    A start time, trigger or rate of the source comes first. `stamps` are in `time_unit`, where the file or its format
+    states it, else in that of the options, or in seconds if that is likely; `start_time` is that of the first sample,
+    seconds since 1970, where they do not carry it. `file_rate_hz` is what the file states beside the stamps, or instead
+    of them; `clock` is how errors call them. The remarks say what was repaired, and where the clock begins if not at 0.
+    """
+    if source.trigger_index is not None:
+        trigger = source.trigger_index
+    found = _Stamped(
+        wrench, stamps, flags, trigger, source, options, locate or (lambda _: {}), clock, file_rate_hz
+    )
     if stamps is not None:
-        rate = next((r for r in (source.rate_hz, options.rate_hz, file_rate_hz) if r is not None), None)
-        samples.stamps = _in_seconds(stamps, time_unit, rate, source, where, options)
-        _order_time(samples, source, where, options, remarks)
-        if rate is None and not source.irregular and time_unit is None and options.time_unit is None:
-            _refuse_unlikely(samples.stamps, source, where)
-    rate_hz, time_s, since_1970 = _clock(samples, source, where, options, remarks, clock, file_rate_hz)
+        found.to_seconds(time_unit)
+        found.order_time()
+        found.refuse_unlikely(time_unit)
+    rate_hz, time_s, since_1970 = found.clock_of()
     known = (source.start_time, start_time, since_1970)
     try:
         recording = Recording(
-            samples.wrench,
+            found.wrench,
             rate_hz=rate_hz,
             start_time=next((time for time in known if time is not None), None),
-            trigger_index=samples.trigger,
+            trigger_index=found.trigger,
             time_s=time_s,
             meta=meta or {},
-            flags=samples.flags,
+            flags=found.flags,
             name=source.name,
             axes=axes,
         )
     except (TypeError, ValueError) as error:
         raise RecordingFileError(source.path, str(error)) from error
-    return recording, remarks
+    return recording, found.remarks
 
 
 def unlikely_step(step_s: float) -> str | None:
@@ -108,147 +104,147 @@ def unlikely_step(step_s: float) -> str | None:
     return f"that would be {1 / step_s:.3g} Hz; most likely it counts {guess}: {_UNIT_OUT}, or save seconds"
 
 
-def _refuse_unlikely(stamps: NDArray[np.float64] | None, source: FileSource, where: Locate) -> None:
-    if stamps is None or len(stamps) < 2:
-        return
-    with np.errstate(over="ignore"):
-        steps = np.diff(stamps)
-    slow, fast = float(np.median(steps)), float(steps.mean())  # neither pauses nor bursts of messages count
-    for step in (slow if slow >= _LONGEST_STEP_S else None, fast if fast <= _SHORTEST_STEP_S else None):
-        problem = None if step is None else unlikely_step(step)
-        if problem is not None:
-            raise RecordingFileError(source.path, f"stamps lie {step:g} apart: {problem}", **where(None))
+@dataclass
+class _Stamped:
+    """Samples on their way to a recording."""
 
+    wrench: NDArray[np.float64]
+    stamps: NDArray[np.float64] | None
+    flags: NDArray[np.uint8] | None
+    trigger: int | None
+    source: FileSource
+    options: LoadOptions
+    locate: Locate
+    clock: str
+    file_rate_hz: float | None
+    remarks: dict[str, Any] = field(default_factory=dict)
 
-def _in_seconds(
-    stamps: NDArray[np.float64],
-    stated: str | None,
-    rate_hz: float | None,
-    source: FileSource,
-    where: Locate,
-    options: LoadOptions,
-) -> NDArray[np.float64]:
-    """Convert stamps from the unit that the file or the user states."""
-    asked = options.time_unit
-    if asked == "sample":
-        if stated is not None or rate_hz is None:
-            came = (
-                "no rate is stated" if rate_hz is None else f"the file says that its stamps are in {stated}"
+    @property
+    def stated_hz(self) -> float | None:
+        """The rate that the user states."""
+        return self.options.rate_hz if self.source.rate_hz is None else self.source.rate_hz
+
+    def fault(self, problem: str, sample: int | None = None) -> RecordingFileError:
+        return RecordingFileError(self.source.path, problem, **self.locate(sample))
+
+    def to_seconds(self, stated: str | None) -> None:
+        """Convert stamps from the unit that the file or the user states."""
+        assert self.stamps is not None
+        asked = self.options.time_unit
+        if asked == "sample":
+            rate_hz = self.file_rate_hz if self.stated_hz is None else self.stated_hz
+            if stated is not None or rate_hz is None:
+                came = (
+                    "no rate is stated"
+                    if rate_hz is None
+                    else f"the file says that its stamps are in {stated}"
+                )
+                raise self.fault(f"time_unit='sample', but {came}")
+            self.stamps = self.stamps / rate_hz
+            return
+        scales = [None if unit is None else factor(unit, "s") for unit in (stated, asked)]
+        if stated is not None and scales[0] is None:
+            raise self.fault(f"stamps are in {stated!r:.40}; wanted s, ms, us or ns")
+        if None not in scales and scales[0] != scales[1]:
+            raise self.fault(f"time_unit={asked!r}, but the file says that its stamps are in {stated}")
+        scale = next((scale for scale in scales if scale is not None), 1.0)
+        self.stamps = self.stamps if scale == 1 else self.stamps / round(1 / scale)
+
+    def order_time(self) -> None:
+        """Make sure that stamps ascend: refuse the first one that does not, or repair them all if asked to."""
+        stamps = self.stamps
+        assert stamps is not None
+        if abs(stamps[0]) > NOT_SECONDS:
+            cannot = f"{stamps[0]:.6g} cannot be seconds since 1970 (milliseconds or nanoseconds?)"
+            raise self.fault(f"{cannot}; wanted seconds, or time_unit='ms', 'us' or 'ns'", 0)
+        wrong = np.flatnonzero(stamps[1:] <= stamps[:-1])
+        if not len(wrong):
+            return
+        first = int(wrong[0])
+        if self.options.on_time_error == "raise":
+            before, after = float(stamps[first]), float(stamps[first + 1])
+            what = (
+                f"the stamp {after!r} is repeated"
+                if after == before
+                else f"time runs back from {before!r} to {after!r}"
             )
-            raise RecordingFileError(source.path, f"time_unit='sample', but {came}", **where(None))
-        return stamps / rate_hz
-    scales = [None if unit is None else factor(unit, "s") for unit in (stated, asked)]
-    if stated is not None and scales[0] is None:
-        raise RecordingFileError(
-            source.path, f"stamps are in {stated!r:.40}; wanted s, ms, us or ns", **where(None)
-        )
-    if None not in scales and scales[0] != scales[1]:
-        problem = f"time_unit={asked!r}, but the file says that its stamps are in {stated}"
-        raise RecordingFileError(source.path, problem, **where(None))
-    scale = next((scale for scale in scales if scale is not None), 1.0)
-    return stamps if scale == 1 else stamps / round(1 / scale)
+            repair = "on_time_error='repair' sorts samples and averages those that share a stamp"
+            if first and after <= stamps[0]:
+                what += (
+                    ", where it began: several recordings must be told apart (a file each, or in a table a column "
+                    "recording)"
+                )
+                repair = f"of a single one {repair}"
+            raise self.fault(f"{what}; {repair}", first + 1)
+        repaired = repair_time(stamps, self.wrench)
+        self.remarks.update(moved=repaired.n_moved, merged=repaired.n_merged)
+        if self.trigger is not None and self.trigger < len(stamps):
+            self.trigger = int(np.searchsorted(repaired.stamps, stamps[self.trigger]))
+        marks: NDArray[np.uint8] = repaired.touched.astype(np.uint8) * np.uint8(SampleFlag.TIME_REPAIRED)
+        if self.flags is not None:
+            marks |= np.bitwise_or.reduceat(self.flags[repaired.order], repaired.first)
+        self.wrench, self.stamps, self.flags = repaired.values, repaired.stamps, marks
 
+    def refuse_unlikely(self, time_unit: str | None) -> None:
+        """Refuse stamps that are most likely no seconds, where nobody states a unit or a rate."""
+        assert self.stamps is not None
+        stated = (self.stated_hz, self.file_rate_hz, time_unit, self.options.time_unit)
+        if any(one is not None for one in stated) or self.source.irregular or len(self.stamps) < 2:
+            return
+        with np.errstate(over="ignore"):
+            steps = np.diff(self.stamps)
+        slow, fast = (
+            float(np.median(steps)),
+            float(steps.mean()),
+        )  # neither pauses nor bursts of messages count
+        for step in (slow if slow >= _LONGEST_STEP_S else None, fast if fast <= _SHORTEST_STEP_S else None):
+            problem = None if step is None else unlikely_step(step)
+            if problem is not None:
+                raise self.fault(f"stamps lie {step:g} apart: {problem}")
 
-def _order_time(
-    samples: _Samples, source: FileSource, where: Locate, options: LoadOptions, remarks: dict[str, Any]
-) -> None:
-    """Make sure that stamps ascend: refuse the first one that does not, or repair them all if asked to."""
-    stamps = samples.stamps
-    assert stamps is not None
-    if abs(stamps[0]) > NOT_SECONDS:
-        problem = (
-            f"{stamps[0]:.6g} cannot be seconds since 1970 (milliseconds or nanoseconds?); wanted seconds, or "
-            "time_unit='ms', 'us' or 'ns'"
-        )
-        raise RecordingFileError(source.path, problem, **where(0))
-    wrong = np.flatnonzero(stamps[1:] <= stamps[:-1])
-    if not len(wrong):
-        return
-    first = int(wrong[0])
-    before, after = float(stamps[first]), float(stamps[first + 1])
-    if options.on_time_error == "raise":
-        what = f"time runs back from {before!r} to {after!r}"
-        if after == before:
-            what = f"the stamp {after!r} is repeated"
-        problem = f"{what}; on_time_error='repair' sorts samples and averages those that share a stamp"
-        if first and after <= stamps[0]:
-            one_each = "a file each, or in a table a column recording"
-            problem = (
-                f"{what}, where it began: several recordings must be told apart ({one_each}); of a single one "
-                "on_time_error='repair' sorts samples and averages those that share a stamp"
-            )
-        raise RecordingFileError(source.path, problem, **where(first + 1))
-    repaired = repair_time(stamps, samples.wrench)
-    remarks.update(moved=repaired.n_moved, merged=repaired.n_merged)
-    if samples.trigger is not None and samples.trigger < len(stamps):
-        samples.trigger = int(np.searchsorted(repaired.stamps, stamps[samples.trigger]))
-    samples.flags = _repaired_flags(samples.flags, repaired)
-    samples.wrench, samples.stamps = repaired.values, repaired.stamps
+    def clock_of(self) -> tuple[float | None, NDArray[np.float64] | None, float | None]:
+        """Return rate_hz, time_s (one of the two is None) and the time of the first sample since 1970."""
+        stamps, stated, file_rate_hz = self.stamps, self.stated_hz, self.file_rate_hz
+        if stamps is None:
+            if self.source.irregular:
+                raise self.fault(f"has no {self.clock}, but is called irregular")
+            rate_hz = stated if file_rate_hz is None else file_rate_hz  # `completed` refuses another one
+            if rate_hz is None:
+                way_out = "pass rate_hz=, or a rate_hz column in index.csv"
+                raise self.fault(f"has no {self.clock} and no rate is stated; {way_out}")
+            return rate_hz, None, None
+        first = float(stamps[0])
+        time_s = stamps - first
+        if not time_s[-1] < np.inf:
+            raise self.fault(f"the stamps span {time_s[-1]:g} s", len(stamps) - 1)
+        since_1970 = first if first > SINCE_1970 else None
+        if since_1970 is None and first:
+            self.remarks["first_stamp_s"] = first
+        if file_rate_hz is not None:
+            self._refuse_other_rate(time_s, file_rate_hz)
+        if self.source.irregular:
+            return None, time_s, since_1970
+        if stated is not None:
+            offset = largest_offset(time_s, stated)
+            if offset > STATED_TOLERANCE / stated:
+                raise self.fault(
+                    f"the stated rate of {stated:g} Hz does not fit the stamps (off by up to {offset:.3g} s); "
+                    f"leave the rate out to use the stamps, then call .resample(rate_hz), or {_UNIT_OUT}"
+                )
+            return stated, None, since_1970
+        rate = uniform_rate(time_s, resolution_s=float(np.spacing(np.abs(stamps).max())))
+        if rate is None and file_rate_hz is not None:
+            fits = largest_offset(time_s, file_rate_hz) <= STATED_TOLERANCE / file_rate_hz
+            rate = file_rate_hz if fits else None
+        return (None, time_s, since_1970) if rate is None else (rate, None, since_1970)
 
-
-def _repaired_flags(flags: NDArray[np.uint8] | None, repaired: RepairedTime) -> NDArray[np.uint8]:
-    marks: NDArray[np.uint8] = repaired.touched.astype(np.uint8) * np.uint8(SampleFlag.TIME_REPAIRED)
-    if flags is not None:
-        marks |= np.bitwise_or.reduceat(flags[repaired.order], repaired.first)
-    return marks
-
-
-def _clock(
-    samples: _Samples,
-    source: FileSource,
-    where: Locate,
-    options: LoadOptions,
-    remarks: dict[str, Any],
-    clock: str,
-    file_rate_hz: float | None,
-) -> tuple[float | None, NDArray[np.float64] | None, float | None]:
-    """Return rate_hz, time_s (one of the two is None) and the time of the first sample since 1970."""
-    stated = options.rate_hz if source.rate_hz is None else source.rate_hz
-    stamps = samples.stamps
-    if stamps is None and source.irregular:
-        raise RecordingFileError(source.path, f"has no {clock}, but is called irregular", **where(None))
-    if stamps is None:
-        stated = stated if file_rate_hz is None else file_rate_hz  # `completed` refuses another one
-        if stated is None:
-            problem = f"has no {clock} and no rate is stated; pass rate_hz=, or a rate_hz column in index.csv"
-            raise RecordingFileError(source.path, problem, **where(None))
-        return stated, None, None
-    first = float(stamps[0])
-    time_s = stamps - first
-    if not time_s[-1] < np.inf:
-        raise RecordingFileError(source.path, f"the stamps span {time_s[-1]:g} s", **where(len(stamps) - 1))
-    since_1970 = first if first > SINCE_1970 else None
-    if since_1970 is None and first:
-        remarks["first_stamp_s"] = first
-    if file_rate_hz is not None:
-        _refuse_other_rate(time_s, file_rate_hz, source, where)
-    if source.irregular:
-        return None, time_s, since_1970
-    if stated is not None:
-        offset = largest_offset(time_s, stated)
-        if offset > STATED_TOLERANCE / stated:
-            problem = (
-                f"the stated rate of {stated:g} Hz does not fit the stamps (off by up to {offset:.3g} s); "
-                f"leave the rate out to use the stamps, then call .resample(rate_hz), or {_UNIT_OUT}"
-            )
-            raise RecordingFileError(source.path, problem, **where(None))
-        return stated, None, since_1970
-    rate = uniform_rate(time_s, resolution_s=float(np.spacing(np.abs(stamps).max())))
-    if rate is None and file_rate_hz is not None:
-        fits = largest_offset(time_s, file_rate_hz) <= STATED_TOLERANCE / file_rate_hz
-        rate = file_rate_hz if fits else None
-    return (None, time_s, since_1970) if rate is None else (rate, None, since_1970)
-
-
-def _refuse_other_rate(
-    time_s: NDArray[np.float64], rate_hz: float, source: FileSource, where: Locate
-) -> None:
-    """Refuse a rate of the file's own that its stamps contradict; either may have pauses or jitter."""
-    if len(time_s) < 2:
-        return
-    with np.errstate(over="ignore"):
-        steps = np.diff(time_s)
-    measured = [1 / float(step) for step in (steps.mean(), np.median(steps))]
-    if all(abs(rate - rate_hz) > RATE_TOLERANCE * rate_hz for rate in measured):
-        problem = f"states {rate_hz:g} Hz (fs, rate_hz or 1 / dt), but its stamps {measured[0]:.6g} Hz"
-        raise RecordingFileError(source.path, f"{problem}; {_WAY_OUT}", **where(None))
+    def _refuse_other_rate(self, time_s: NDArray[np.float64], rate_hz: float) -> None:
+        """Refuse a rate of the file's own that its stamps contradict; either may have pauses or jitter."""
+        if len(time_s) < 2:
+            return
+        with np.errstate(over="ignore"):
+            steps = np.diff(time_s)
+        measured = [1 / float(step) for step in (steps.mean(), np.median(steps))]
+        if all(abs(rate - rate_hz) > RATE_TOLERANCE * rate_hz for rate in measured):
+            problem = f"states {rate_hz:g} Hz (fs, rate_hz or 1 / dt), but its stamps {measured[0]:.6g} Hz"
+            raise self.fault(f"{problem}; {_WAY_OUT}")
