@@ -3,7 +3,8 @@
 ``corpus/files.tar.xz`` holds them as they were made once, so that no version of a library makes others: a folder each.
 A line of ``corpus/table.jsonl`` is folder, name, how it was made, what is loaded, options, verdict (read, refused).
 
-``python corpus.py`` reads them all through ``isolate=True``, says which verdicts are others now, and stores these.
+``python corpus.py`` reads them all, each in a fork, says which verdicts are others now, and stores these: what ends the
+fork is refused through ``isolate=True``.
 ``python corpus.py add NAME HOW FOLDER LOADED VERDICT`` adds what lies in a folder; ``LOADED`` is a path in it.
 """
 
@@ -147,8 +148,8 @@ def main() -> None:
         _store([*every, HostileFile(number, name, how, loaded, {}, verdict)])
         return
     now = []
-    for file, answer in answers(lambda file, folder: file.load(folder, isolate=True)):
-        verdict = outcome(answer.verdict)
+    for file, answer in answers(lambda file, folder: file.load(folder, isolate=False)):
+        verdict = "read" if outcome(answer.verdict) == "read" else "refused"
         now.append(HostileFile(*astuple(file)[:-1], verdict))
         if verdict != file.verdict:
             print(f"{file.number} {file.name}: {file.verdict} -> {verdict}")
