@@ -26,7 +26,7 @@ help:
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
-	@echo "                100,000 damaged CSV files (minutes)"
+	@echo "                100,000 damaged CSV files; all 1,413 hostile files (minutes)"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
@@ -127,7 +127,8 @@ campaign: $(TOOLS)
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
-	GRANULAR_ID_CASES=20000 cargo test --test buffer_model
+	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -q
+	GRANULAR_ID_CASES=20000 cargo test --test core buffer_model
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 
 FUZZ_RUNS ?= 200000
@@ -136,7 +137,7 @@ FUZZ_RUNS ?= 200000
 RING_ITEMS ?= 1000000000
 
 stress: | toolchain
-	GRANULAR_ID_RING_ITEMS=$(RING_ITEMS) cargo test --release --test buffer_stress -- --nocapture
+	GRANULAR_ID_RING_ITEMS=$(RING_ITEMS) cargo test --release --test core buffer_stress -- --nocapture
 
 # The stable compiler has the sanitizers of nightly ones when told to.
 SANITIZE := RUSTC_BOOTSTRAP=1 cargo test --quiet --target $(shell rustc -vV | sed -n 's/host: //p')
@@ -144,7 +145,7 @@ SANITIZE := RUSTC_BOOTSTRAP=1 cargo test --quiet --target $(shell rustc -vV | se
 sanitize: | toolchain
 	RUSTFLAGS=-Zsanitizer=address $(SANITIZE) --target-dir target/address --tests
 	RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" GRANULAR_ID_RING_ITEMS=1000000 \
-	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test buffer_stress --test rdt
+	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test core -- buffer_stress rdt
 
 soak: $(TOOLS)
 	$(BIN)/python benches/rdt_soak.py --rate-hz 500 --seconds 600

@@ -8,10 +8,10 @@ use granular_id::multiband::MultiBandSpec;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 use granular_id::{Extractor, FeatureSpec, Model};
 
-#[path = "twins/models.rs"]
+#[path = "core/twins/models.rs"]
 mod models;
 #[allow(dead_code)] // strategies
-#[path = "twins/signals.rs"]
+#[path = "core/twins/signals.rs"]
 mod signals;
 
 /// Runs something often and asserts that memory was neither taken nor given back.

@@ -6,10 +6,7 @@ use granular_id::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 use granular_id::{BatchShape, Error, Extractor, FeatureSpec, SosState};
 use proptest::prelude::*;
 
-#[path = "twins/signals.rs"]
-mod signals;
-
-use signals::{bits, spec, uniform, value};
+use crate::twins::signals::{bits, spec, uniform, value};
 
 prop_compose! {
     /// Every option of a specification, with ranges for all axes or for each.

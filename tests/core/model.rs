@@ -16,15 +16,10 @@ use granular_id::{Error, FeatureSpec, Model};
 use proptest::prelude::*;
 
 #[allow(dead_code)] // its `main`
-#[path = "../examples/identify.rs"]
+#[path = "../../examples/identify.rs"]
 mod identify;
-#[path = "twins/models.rs"]
-mod models;
-#[allow(dead_code)] // strategies
-#[path = "twins/signals.rs"]
-mod signals;
 
-use models::{no_flipped_bit_is_read, random_model, without_digest};
+use crate::twins::models::{no_flipped_bit_is_read, random_model, without_digest};
 
 fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|value| value.to_bits()).collect()

@@ -6,13 +6,8 @@ use granular_id::stream::{Standing, StreamingIdentifier};
 use granular_id::{Error, FeatureSpec};
 use proptest::prelude::*;
 
-#[path = "twins/models.rs"]
-mod models;
-#[path = "twins/signals.rs"]
-mod signals;
-
-use models::random_model;
-use signals::{bits, spec, uniform, value};
+use crate::twins::models::random_model;
+use crate::twins::signals::{bits, spec, uniform, value};
 
 proptest! {
     #[test]

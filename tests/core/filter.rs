@@ -7,7 +7,7 @@ use granular_id::{
 use proptest::prelude::*;
 
 /// Written by `make_filter_golden.py`.
-const GOLDEN: &str = include_str!("data/filter_golden.txt");
+const GOLDEN: &str = include_str!("../data/filter_golden.txt");
 
 struct Golden {
     name: &'static str,

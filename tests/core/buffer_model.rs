@@ -1,12 +1,9 @@
 //! The buffer from outside, against a naive one that keeps every row in a queue and sorts.
 
-#[path = "twins/buffer.rs"]
-mod naive;
-
+use crate::twins::buffer::{Naive, PERIOD};
 use granular_id::buffer::{
     wrench_buffer, BufferSpec, BufferedRow, Fill, Pushed, Reader, Row, WindowSpec, Writer,
 };
-use naive::{Naive, PERIOD};
 use proptest::prelude::*;
 
 /// 600, or as many as `GRANULAR_ID_CASES` says.

@@ -4,7 +4,7 @@ use granular_id::model::{Decoding, Fault, Features, Loss, ModelParts, Notes, Ten
 use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::{FeatureSpec, Model};
 
-use crate::signals::uniform;
+use super::signals::uniform;
 
 /// One-vs-one, with everything that provisional answers and bounds need.
 pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: FeatureSpec) -> Model {

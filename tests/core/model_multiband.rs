@@ -11,15 +11,8 @@ use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
 
-#[path = "twins/models.rs"]
-#[allow(dead_code)] // the additive ones
-mod models;
-#[path = "twins/signals.rs"]
-#[allow(dead_code)] // strategies of filters
-mod signals;
-
-use models::{no_flipped_bit_is_read, random_banded, without_digest};
-use signals::{bits, uniform};
+use crate::twins::models::{no_flipped_bit_is_read, random_banded, without_digest};
+use crate::twins::signals::{bits, uniform};
 
 fn noise(seed: u64, n: usize) -> Vec<f64> {
     let mut noise = uniform(seed);
@@ -296,7 +289,7 @@ fn features_that_do_not_fit_are_faults() {
     let parts = |features: Features<'static>| {
         let model = random_banded(2, 8, 1, MultiBandSpec::default());
         let coef: Vec<f64> = (0..model.n_features()).map(|feature| model.coef(0, feature)).collect();
-        models::parts_of(features, &coef, 8, 1).unwrap_err()
+        crate::twins::models::parts_of(features, &coef, 8, 1).unwrap_err()
     };
     let spec = MultiBandSpec::default();
     let one = granular_id::multiband::n_bands(8);

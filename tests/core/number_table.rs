@@ -1,8 +1,5 @@
 //! Tables of numbers from outside: what is written comes back, and the reader agrees with a slow, obvious twin.
 
-#[path = "twins/number_table.rs"]
-mod twin;
-
 use granular_id::number_table::{parse, write, Column};
 use proptest::prelude::*;
 
@@ -11,7 +8,7 @@ fn bits(values: &[f64]) -> Vec<u64> {
 }
 
 fn check(text: &[u8], n_columns: usize) {
-    match (parse(text, n_columns), twin::read(text, n_columns)) {
+    match (parse(text, n_columns), crate::twins::number_table::read(text, n_columns)) {
         (Ok(values), Ok(expected)) => assert_eq!(bits(&values), bits(&expected)),
         (got, expected) => assert_eq!(got, expected, "{:?}", text.escape_ascii().to_string()),
     }

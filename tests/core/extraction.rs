@@ -5,10 +5,7 @@ use granular_id::histogram::Outside;
 use granular_id::{BatchShape, Error, Extractor, FeatureSpec, Path, SosState, UniformBins};
 use proptest::prelude::*;
 
-#[path = "twins/signals.rs"]
-mod signals;
-
-use signals::{bits, spec, uniform, value};
+use crate::twins::signals::{bits, spec, uniform, value};
 
 /// What [`Extractor`] promises, written out without lanes, blocks or threads.
 fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
