@@ -1,10 +1,12 @@
-"""The one exception that reading and writing recordings raises about a file."""
+"""The one exception that reading and writing recordings raises about a file; libraries that are not there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from os import PathLike, fspath
+from types import ModuleType
 from typing import ParamSpec, TypeVar
 
 _P = ParamSpec("_P")
@@ -103,3 +105,12 @@ def attempt(
     except RecordingFileError as error:
         problems.append(error)
         return None
+
+
+def need(module: str, *, extra: str, why: str) -> ModuleType:
+    """Import a library, or say how to install it."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = module.partition(".")[0]
+        raise ImportError(f"{library} is needed {why}: pip install 'granular-id[{extra}]'") from error

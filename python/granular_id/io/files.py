@@ -7,8 +7,9 @@ import re
 import stat
 import sys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -150,14 +151,27 @@ def _gunzipped(data: bytes, path: Path, max_bytes: int) -> bytes:
     return text
 
 
-def check_expansion(path: Path, n_bytes: int, expanded: int, *, place: str | None = None) -> None:
-    """Refuse what would need far more memory than the file has bytes, as bombs do and recordings do not."""
-    if expanded > max(FREE_BYTES, MAX_EXPANSION * n_bytes):
-        problem = (
-            f"would expand from {n_bytes} to {expanded} bytes, more than {MAX_EXPANSION} times as many; "
-            "recordings do not compress like that"
-        )
-        raise RecordingFileError(path, problem, place=place)
+@dataclass
+class Expansion:
+    """The bytes that one file has been given in memory, counted before they are taken."""
+
+    path: Path
+    n_bytes: int
+    expanded: int = 0
+
+    def spend(self, n_bytes: int, place: str) -> None:
+        """Count bytes about to be allocated; refuse what bombs need and recordings do not."""
+        self.expanded += n_bytes
+        if self.expanded > max(FREE_BYTES, MAX_EXPANSION * self.n_bytes):
+            problem = (
+                f"would expand from {self.n_bytes} to {self.expanded} bytes, more than {MAX_EXPANSION} times as many; "
+                "recordings do not compress like that"
+            )
+            raise self.fault(place, problem)
+
+    def fault(self, place: str, problem: str) -> RecordingFileError:
+        """Return the error to raise about one place of the file."""
+        return RecordingFileError(self.path, problem, place=place)
 
 
 def _checked_size(status: os.stat_result, path: Path, max_bytes: int) -> int:
@@ -167,3 +181,22 @@ def _checked_size(status: os.stat_result, path: Path, max_bytes: int) -> int:
         problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}"
         raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
     return status.st_size
+
+
+_MOST_PARTS = 200_000
+"""Lists, objects and eighths of items; each takes about 100 bytes and 4 microseconds to become a frozen tree."""
+
+_PARTS_PER_RECORDING = 64
+_ITEMS_PER_PART = 8
+
+
+def check_parts(texts: Iterable[str], name: str, n_recordings: int = 0) -> None:
+    """Refuse JSON that would become many times its size in memory: ``[{},{},{}, ...]`` becomes thirty times."""
+    parts = items = 0
+    for text in texts:
+        parts += text.count("{") + text.count("[")
+        items += text.count(",") + text.count(":")
+    most = max(_MOST_PARTS, _PARTS_PER_RECORDING * n_recordings)
+    if parts + items // _ITEMS_PER_PART > most:
+        came = f"{name} holds {parts} lists and objects with {items} items"
+        raise ValueError(f"{came}; wanted at most {most} lists and objects")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, as_floats, checked_text, freeze
-from granular_id.io.json_text import check_parts
+from granular_id.io.files import check_parts
 from granular_id.recording import KNOWN_FLAGS, StepReport
 
 NO_TRIGGER = -1

@@ -28,10 +28,9 @@ from numpy.typing import NDArray
 from granular_id._checks import freeze
 from granular_id._schema import EACH, check_form
 from granular_id.io.errors import RecordingFileError, printable
-from granular_id.io.files import bytes_of
+from granular_id.io.files import bytes_of, check_parts
 from granular_id.io.flat import FlatRecordings, flatten, unflatten
 from granular_id.io.formats import read_file
-from granular_id.io.json_text import check_parts
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset

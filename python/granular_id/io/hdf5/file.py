@@ -14,8 +14,7 @@ from granular_id.io.arrays.names import ROLES, role_of
 from granular_id.io.arrays.stated import orders_axes, what_has_unit
 from granular_id.io.arrays.tree import MAX_DEPTH
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.expansion import Expansion
-from granular_id.io.files import open_bounded
+from granular_id.io.files import Expansion, open_bounded
 from granular_id.io.flat import FORMAT, NUMBERS, RECORDING_BYTES, TEXTS, VERSION, FlatRecordings, unflatten
 from granular_id.io.hdf5.save import SAMPLES, UNITS
 from granular_id.io.hdf5.storage import attribute, has, is_group, is_text, member, opened, values

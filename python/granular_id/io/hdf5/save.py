@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
-from granular_id.io.extras import need
+from granular_id.io.errors import need
 from granular_id.io.flat import FORMAT, NUMBERS, OPTIONAL, VERSION, FlatRecordings, flatten
 from granular_id.recording import Dataset, unit_of
 

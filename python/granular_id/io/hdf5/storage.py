@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.expansion import Expansion
-from granular_id.io.extras import need
+from granular_id.io.errors import RecordingFileError, naming, need
+from granular_id.io.files import Expansion
 
 _HARD_LINK = 0
 

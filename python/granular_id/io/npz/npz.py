@@ -20,8 +20,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.tree import plain_texts, texts
 from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.expansion import Expansion
-from granular_id.io.files import open_bounded
+from granular_id.io.files import Expansion, open_bounded
 from granular_id.io.flat import (
     FORMAT,
     NUMBERS,

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
 from granular_id._core import interleave
-from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.extras import need
+from granular_id.io.errors import RecordingFileError, naming, need
 from granular_id.io.files import open_bounded, read_bounded
 from granular_id.io.flat import FlatRecordings, unflatten
 from granular_id.io.flat_checks import NO_TRIGGER

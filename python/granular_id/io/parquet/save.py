@@ -14,7 +14,7 @@ import numpy as np
 
 from granular_id._checks import FloatArray, checked_index, thaw
 from granular_id._progress import ProgressCallback
-from granular_id.io.extras import need
+from granular_id.io.errors import need
 from granular_id.io.flat import flatten
 from granular_id.io.folder_save import checked_dataset, new_folder, write_history
 from granular_id.io.parquet.layout import (

@@ -23,8 +23,7 @@ from granular_id.io.columns import (
     columns_of,
     split_unit,
 )
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.extras import need
+from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.files import refuse_outside
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions

@@ -9,7 +9,7 @@ from pathlib import Path
 from granular_id import _core
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback
-from granular_id.io.extras import need
+from granular_id.io.errors import need
 from granular_id.io.folder_save import checked_dataset, history_json, indexed_folder, refuse_other_axes
 from granular_id.io.ros.mcap_own import OWN_NAME, own_records, wire_stamps
 from granular_id.io.ros.wrench import DEFINITION, LONGEST_FRAME, encode_wrenches

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.extras import need
+from granular_id.io.errors import need
 from granular_id.io.ros.wrench import DEFINITION, STAMPED, Refuse, Wrenches
 
 __all__ = ["MessageType", "may_hold_wrench", "message_type"]

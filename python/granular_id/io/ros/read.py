@@ -16,8 +16,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.extras import need
+from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.files import check_file, list_folder, open_bounded, refuse_outside
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.clock import recording_of
