@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from granular_id.live import host_ns
-from granular_id.live.source import WrenchSink
-from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source import ThreadedSource, WrenchSink
 
 __all__ = ["PolledMotion", "PollingSource", "PushStart", "library"]
 

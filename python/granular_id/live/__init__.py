@@ -13,23 +13,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from granular_id._core import Block, Window, WindowError, WrenchBuffer, WrenchReader, host_ns
     from granular_id.live.answers import identify
-    from granular_id.live.capture import Capture
-    from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+    from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason, Push
     from granular_id.live.identification import LiveIdentifier
     from granular_id.live.monitor import MonitorServer
     from granular_id.live.plugins import open_robot
-    from granular_id.live.push import Push
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
     from granular_id.live.replay import ReplaySource
-    from granular_id.live.robot import Motion, Robot
-    from granular_id.live.robots import CallbackRobot, ManualRobot
+    from granular_id.live.robot import CallbackRobot, ManualRobot, Motion, Robot
     from granular_id.live.setup import setup_of
     from granular_id.live.sim import SimRobot, SimSource
     from granular_id.live.snapshot import Snapshot
     from granular_id.live.snapshot_builder import SnapshotBuilder
-    from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
-    from granular_id.live.source_thread import ThreadedSource
+    from granular_id.live.source import Health, SourceInfo, ThreadedSource, WrenchSource, open_source
     from granular_id.live.source_url import SourceUrl
     from granular_id.live.stopping import stop_on_signals
     from granular_id.live.stream import Stream, opened
@@ -40,23 +36,19 @@ if TYPE_CHECKING:
 _HOMES = {
     "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
     "live.answers": ("identify",),
-    "live.capture": ("Capture",),
-    "live.capture_state": ("CaptureError", "CaptureState", "FailureReason"),
+    "live.capture": ("Capture", "CaptureError", "CaptureState", "FailureReason", "Push"),
     "live.identification": ("LiveIdentifier",),
     "live.monitor": ("MonitorServer",),
     "live.plugins": ("open_robot",),
-    "live.push": ("Push",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
     "live.replay": ("ReplaySource",),
-    "live.robot": ("Motion", "Robot"),
-    "live.robots": ("CallbackRobot", "ManualRobot"),
+    "live.robot": ("CallbackRobot", "ManualRobot", "Motion", "Robot"),
     "live.setup": ("setup_of",),
     "live.sim": ("SimRobot", "SimSource"),
     "live.snapshot": ("Snapshot",),
     "live.snapshot_builder": ("SnapshotBuilder",),
-    "live.source": ("Health", "SourceInfo", "WrenchSource", "open_source"),
-    "live.source_thread": ("ThreadedSource",),
+    "live.source": ("Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_source"),
     "live.source_url": ("SourceUrl",),
     "live.stopping": ("stop_on_signals",),
     "live.stream": ("Stream", "opened"),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from granular_id.identifier import Identifier
-from granular_id.live.capture_state import CaptureError
+from granular_id.live.capture import CaptureError
 from granular_id.live.identification import LiveIdentifier
 from granular_id.live.robot import Robot
 from granular_id.live.setup import setup_of

@@ -2,27 +2,176 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, finite_number, whole_number
-from granular_id._text import fixed
-from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-from granular_id.live.captured import rate_complaint, recording_of
-from granular_id.live.clock import ArrivalClock, late_s
-from granular_id.live.lag import LagWatch
-from granular_id.live.rest import Rest
-from granular_id.live.rows import BlockLike, Rows, filled
-from granular_id.live.runs import Break, runs
+from granular_id._core import host_ns
+from granular_id._text import counted, fixed, verb
+from granular_id.live.rows import (
+    ArrivalClock,
+    BlockLike,
+    Rows,
+    filled,
+    late_s,
+    measured_rate_hz,
+    start_utc_s,
+)
 from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
-from granular_id.recording import Recording
+from granular_id.recording import Recording, SampleFlag
 
-__all__ = ["Capture"]
+if TYPE_CHECKING:
+    from granular_id.identifier import Decision
+
+__all__ = ["Capture", "CaptureError", "CaptureState", "FailureReason", "Push", "meta_of"]
+
+_NEW_LOOKS = 10
+"""How often rows are looked at anew for being at rest, within the time that they are to rest."""
+
+
+class CaptureState(Enum):
+    """States of a capture, in the order it goes through them."""
+
+    IDLE = "idle"
+    """Nothing was fed yet."""
+    ARMING = "arming"
+    """Rows at rest are gathered, as many as belong before the trigger."""
+    ARMED = "armed"
+    """They are there: the motion may begin."""
+    TRIGGERED = "triggered"
+    """The motion has begun, its rows are taken."""
+    COMPLETE = "complete"
+    """All rows are there, and nothing is wrong with them."""
+    FAILED = "failed"
+    """There will be no recording; `Capture.reason` says why."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will change."""
+        return self in (CaptureState.COMPLETE, CaptureState.FAILED)
+
+
+class FailureReason(Enum):
+    """Why there is no recording."""
+
+    TRIGGER_TOO_EARLY = "trigger too early"
+    """Triggered before enough rows at rest were there."""
+    NO_REST = "no rest"
+    """The tool never rested as long as it should before the motion."""
+    OVERFLOW = "overflow"
+    """Rows were overwritten before they were read."""
+    GAP = "gap"
+    """More instants without a sample than `max_gap`."""
+    SATURATION = "saturation"
+    """The sensor was at the end of its range."""
+    RESTART = "restart"
+    """The sensor's time began anew."""
+    RATE = "rate"
+    """The samples came at another rate than the source's."""
+    LAG = "lag"
+    """Samples without a time of the sensor's own came in late for too long."""
+    NO_TRIGGER = "no trigger"
+    """Nothing triggered within the time."""
+    NO_ROWS = "no rows"
+    """The source delivered nothing any more."""
+    SOURCE = "source"
+    """The source died or came to its end."""
+    ROBOT = "robot"
+    """The robot refused the motion, or it failed."""
+    INTERRUPTED = "interrupted"
+    """Ended from outside: Ctrl-C or another signal, or the program went on to something else."""
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether the next capture would fail as well: nobody delivers, nobody moves, the program is to end."""
+        return self in _LASTING
+
+
+_LASTING = frozenset(
+    (
+        FailureReason.SOURCE,
+        FailureReason.ROBOT,
+        FailureReason.NO_ROWS,
+        FailureReason.NO_TRIGGER,
+        FailureReason.INTERRUPTED,
+    )
+)
+
+
+class CaptureError(RuntimeError):
+    """A capture that gave no recording.
+
+    Parameters
+    ----------
+    reason : FailureReason
+    text : str
+        What happened, in words.
+    """
+
+    def __init__(self, reason: FailureReason, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+    def __reduce__(self) -> tuple[type[CaptureError], tuple[FailureReason, str]]:
+        return type(self), (self.reason, str(self))
+
+
+@dataclass(frozen=True)
+class Push:
+    """What came of one push.
+
+    Attributes
+    ----------
+    decision : Decision or None
+        The answer; None where the capture failed before there was one.
+    reason : FailureReason or None
+        Why the capture failed, if it did; `text` says it in words.
+    text : str
+    truth : str or None
+        The material, where the source knows it: simulations and recordings played again.
+    """
+
+    decision: Decision | None = None
+    reason: FailureReason | None = None
+    text: str = ""
+    truth: str | None = None
+
+    @property
+    def is_right(self) -> bool | None:
+        """Whether the answer is the truth; None where either is missing.
+
+        An answer that it is like no known material is right where the model does not know the truth.
+        """
+        if self.decision is None or self.truth is None:
+            return None
+        if self.decision.unknown:
+            return self.truth not in dict(self.decision.ranking)
+        return self.decision.label == self.truth
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all of it as plain JSON-like values."""
+        return {
+            "decision": None if self.decision is None else self.decision.to_dict(),
+            "failure": None if self.reason is None else {"reason": self.reason.value, "text": self.text},
+            "truth": self.truth,
+        }
+
+    def __str__(self) -> str:
+        if self.decision is None:
+            return f"no answer: {self.text}"
+        verdict = {True: "  right", False: f"  WRONG, it was {self.truth}", None: ""}[self.is_right]
+        if self.is_right and self.decision.unknown:
+            verdict += f", it was {self.truth}"
+        if self.is_right is not None and self.truth not in dict(self.decision.ranking):
+            verdict += ", which the model does not know"
+        return f"{self.decision}{verdict}"
 
 
 class Capture:
@@ -115,8 +264,8 @@ class Capture:
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = finite_number("rate_tolerance", rate_tolerance, least=0)
-        self._lag = LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
-        self._rest = Rest(self.n_pre, finite_number("timeout_s", timeout_s, least=0), self.rate_hz)
+        self._lag = _LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
+        self._rest = _Rest(self.n_pre, finite_number("timeout_s", timeout_s, least=0), self.rate_hz)
         self._utc_at_zero_s = utc_at_zero_s
         self._device_clock = info is None or info.device_clock
         self._speed = 1.0 if info is None else info.speed
@@ -157,7 +306,7 @@ class Capture:
             self._judge_lag(0, lag_s)
             return Rows.none().wrench
         if self._epoch not in (None, block.epoch):
-            self._break(Break(FailureReason.RESTART, "the sensor's time began anew"))
+            self._break(_Break(FailureReason.RESTART, "the sensor's time began anew"))
             self._last = Rows.none()
             self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._epoch = block.epoch
@@ -165,8 +314,8 @@ class Capture:
         first = not len(self._last)
         self._last = rows[-1:]
         taken: list[Rows] = []
-        for run in runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
-            if isinstance(run, Break):
+        for run in _runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
+            if isinstance(run, _Break):
                 self._break(run)
             else:
                 self._take(run, taken)
@@ -229,21 +378,25 @@ class Capture:
             raise RuntimeError(f"the capture is {self.state.value}: {self.n_rows} of {self.n_samples} rows")
         facts = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz, **(meta or {})}
         rows = self.rows
-        if self._speed == 1 and (late := late_s(rows.time_s, rows.host_ns)) > self.max_lag_s:
+        if self._speed == 1 and (late := late_s(rows)) > self.max_lag_s:
             facts["late_s"] = late
-        return recording_of(
-            rows,
-            facts,
-            info=self.info,
-            utc_at_zero_s=self._utc_at_zero_s,
+        if self._utc_at_zero_s is None:
+            start_time = start_utc_s(rows, time.time() - 1e-9 * host_ns())
+        else:
+            start_time = round(self._utc_at_zero_s + float(rows.time_s[0]), 6)
+        return Recording(
+            rows.wrench,
             rate_hz=self.rate_hz,
             label=label,
             session=session,
             name=name,
             trigger_index=self.n_pre,
+            start_time=start_time,
+            meta=meta_of(self.info, facts),
+            flags=rows.flags,
         )
 
-    def _break(self, why: Break) -> None:
+    def _break(self, why: _Break) -> None:
         if self.state is CaptureState.TRIGGERED:
             self.fail(why.reason, f"{why.text}, {self.n_rows} of {self.n_samples} rows in")
             return
@@ -252,7 +405,7 @@ class Capture:
         if not self._rest.n_left:
             self._fail(self._rest.why_over())
 
-    def _fail(self, why: Break) -> None:
+    def _fail(self, why: _Break) -> None:
         self.fail(why.reason, why.text)
 
     def _take(self, rows: Rows, taken: list[Rows]) -> None:
@@ -295,7 +448,7 @@ class Capture:
         return rows[len(resting) :]
 
     def _as_due(self, rows: Rows) -> Rows:
-        """Give rows the host time at which they were due: a trigger by the host's clock is not moved by lateness."""
+        """Give rows the host time at which they were due: late ones do not move a trigger by the host's clock."""
         if not self._device_clock:
             return rows
         return replace(rows, host_ns=self._arrival.due_ns(rows.time_s, rows.host_ns))
@@ -306,11 +459,14 @@ class Capture:
         self.n_rows += len(rows)
         if self.n_rows < self.n_samples:
             return
-        complaint = rate_complaint(self.rows, self.rate_hz, self._rate_tolerance, self.info)
-        if complaint is not None:
-            self.fail(FailureReason.RATE, complaint)
-        else:
+        measured_hz = measured_rate_hz(self.rows, device_clock=self._device_clock)
+        if not self._device_clock:
+            measured_hz /= self._speed
+        if abs(measured_hz / self.rate_hz - 1) <= self._rate_tolerance:
             self.state = CaptureState.COMPLETE
+            return
+        wanted = f"{self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
+        self.fail(FailureReason.RATE, f"measured {measured_hz:.6g} Hz, wanted {wanted}")
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
         if self._device_clock:  # a complete recording is none the worse for it
@@ -318,3 +474,114 @@ class Capture:
         complaint = self._lag.complaint(n_rows, lag_s)
         if complaint is not None and self.state is CaptureState.TRIGGERED:
             self.fail(FailureReason.LAG, complaint)
+
+
+@dataclass(frozen=True)
+class _Break:
+    """Something between two rows, after which they do not belong together; `n_rows` are left out for it."""
+
+    reason: FailureReason
+    text: str
+    n_rows: int = 0
+
+
+def _runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> Iterator[Rows | _Break]:
+    """Cut rows where something is wrong; saturated ones are left out.
+
+    What is missing before the `first` rows of all is nobody's loss.
+    """
+    gap = rows.missing_before > 0
+    if first and len(gap):
+        gap[0] = False
+    saturated = np.zeros(len(rows), dtype=np.bool_) if allow_saturated else rows.has(SampleFlag.SATURATED)
+    start = 0
+    for at in np.flatnonzero(gap | saturated).tolist():
+        if at > start:
+            yield rows[start:at]
+        when = f"at {fixed(rows.time_s[at], 3)} s of the sensor's time"
+        if gap[at]:
+            n = int(rows.missing_before[at])
+            yield _Break(
+                FailureReason.GAP,
+                f"{counted(n, 'sample')} ({1e3 * n / rate_hz:g} ms) {verb(n, 'is', 'are')} missing {when}",
+            )
+        start = at
+        if saturated[at]:
+            yield _Break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}", 1)
+            start = at + 1
+    if start < len(rows):
+        yield rows[start:]
+
+
+class _Rest:
+    """The newest rows at rest, as many as belong before the trigger, and what broke them last.
+
+    `n_left` rows may still come before the trigger, those that are no rest too.
+    """
+
+    def __init__(self, n_rows: int, timeout_s: float, rate_hz: float) -> None:
+        self.rows = Rows.none()
+        self.n_left = round(timeout_s * rate_hz)
+        self._n_rows, self._timeout_s = n_rows, timeout_s
+        self._broken: _Break | None = None
+
+    @property
+    def n_wanted(self) -> int:
+        return self._n_rows - len(self.rows)
+
+    def add(self, rows: Rows) -> None:
+        self.n_left -= len(rows)
+        kept = Rows.joined([self.rows, rows])
+        self.rows = kept[max(0, len(kept) - self._n_rows) :]
+
+    def begin_anew(self, why: _Break) -> None:
+        self.n_left = max(self.n_left - why.n_rows, 0)
+        self.rows, self._broken = Rows.none(), why
+
+    def look_again(self, complaint: str) -> None:
+        """Let the oldest rows go, because the trigger sees no rest in all of them."""
+        # A fixed share, so that nothing depends on how rows come in.
+        self.rows = self.rows[max(1, self._n_rows // _NEW_LOOKS) :]
+        self._broken = _Break(FailureReason.NO_REST, complaint)
+
+    def is_accepted(self) -> None:
+        self._broken = None
+
+    def why_early(self, n_more: int) -> _Break:
+        text = f"triggered after {len(self.rows) + n_more} rows at rest, wanted {self._n_rows}"
+        if self._broken is None:
+            return _Break(FailureReason.TRIGGER_TOO_EARLY, text)
+        return _Break(self._broken.reason, f"{text}: {self._broken.text}")
+
+    def why_over(self) -> _Break:
+        text = f"nothing triggered within {self._timeout_s:g} s"
+        if self._broken is not None:
+            text += f"; the rest was broken last by this: {self._broken.text}"
+        return _Break(FailureReason.NO_TRIGGER, text)
+
+
+class _LagWatch:
+    """Tells when the newest row is late for so long that it is no stumble any more."""
+
+    def __init__(self, max_lag_s: float, patience_s: float, rate_hz: float) -> None:
+        self.max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
+        self._patience_s = finite_number("lag_patience_s", patience_s, least=0)
+        self._rate_hz = rate_hz
+        self._n_late = 0
+
+    def complaint(self, n_rows: int, lag_s: float) -> str | None:
+        """Note the lag after `n_rows` more rows; return what is wrong, once it is."""
+        if lag_s <= self.max_lag_s:
+            self._n_late = 0
+            return None
+        self._n_late += n_rows
+        if self._n_late < self._patience_s * self._rate_hz and lag_s <= self.max_lag_s + self._patience_s:
+            return None
+        wanted = f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
+        return f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}"
+
+
+def meta_of(info: SourceInfo | None, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the metadata of a recording: what its source says, and `facts`."""
+    of_source = {} if info is None else {"source": info.to_dict(), "synthetic": info.synthetic}
+    return {**of_source, **facts}

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import WrenchReader
-from granular_id.live.capture import Capture
-from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
+from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.rows import BlockLike, Rows
 from granular_id.live.setup import starts_exactly
@@ -36,14 +35,8 @@ _BEHIND_S, _AHEAD_S = 0.02, 30.0
 class Step:
     """What came of one look at the buffer.
 
-    Attributes
-    ----------
-    block : Block
-        All rows that were read, none perhaps.
-    rows : ndarray, shape (k, 6)
-        Those that belong to the capture, in order.
-    motion : Motion or None
-        The robot's, once commanded.
+    All rows that were read, none perhaps; those of them that belong to the capture, shape (k, 6); and the motion of the
+    robot, once commanded.
     """
 
     block: BlockLike

@@ -11,10 +11,8 @@ from granular_id._core import AXES
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
-from granular_id.live.capture_state import CaptureError, CaptureState, FailureReason
-from granular_id.live.captured import meta_of
+from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
-from granular_id.live.push import Push
 from granular_id.live.robot import checked_move
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder

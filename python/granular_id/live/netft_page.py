@@ -6,14 +6,12 @@ assumed: a page that does not give them, or gives what no sensor has, is refused
 
 from __future__ import annotations
 
-import threading
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from http.client import HTTPConnection, HTTPException
-from socket import SHUT_RDWR
+from http.client import HTTPConnection, HTTPException, HTTPResponse
 
 from granular_id._core import RDT_SCALE_LIMITS
 
@@ -33,7 +31,7 @@ PATH = "/netftapi2.xml"
 MAX_PAGE_BYTES = 64 * 1024
 """A page has some 4 KiB."""
 TIMEOUT_S = 2.0
-"""For the whole page: a box on the same network answers within hundredths of a second."""
+"""A box on the same network answers within hundredths of a second."""
 
 _LBF = Fraction("4.4482216152605")
 _KGF = Fraction("9.80665")
@@ -87,8 +85,6 @@ class NetftPage:
         Samples per second within the sensor, which `ft_sequence` counts (``runrate``, or ``setrate``); None: not told.
     full_scale : tuple of 6 float, or None
         Range of the calibration, N and N m (``cfgmr``).
-    records_per_datagram : int or None
-        In buffered mode (``comrdtbsiz``).
     product, serial : str
         Name of the product, and serial number of the calibration (``cfgcalsn``); empty where not told.
     is_axia : bool
@@ -105,7 +101,6 @@ class NetftPage:
     rate_hz: float
     tick_hz: float | None
     full_scale: tuple[float, ...] | None
-    records_per_datagram: int | None
     product: str
     serial: str
     is_axia: bool
@@ -124,16 +119,7 @@ KEPT = (
 
 
 def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> NetftPage:
-    """Ask a box for its page.
-
-    Parameters
-    ----------
-    host : str
-        Name or address of the box.
-    port : int, default 80
-        Where it serves HTTP.
-    timeout_s : float, default 2
-        For everything together, however slowly bytes come.
+    """Ask a box for its page, which must be there within `timeout_s`.
 
     Raises
     ------
@@ -153,34 +139,20 @@ def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> Net
     """
     url = f"http://{host}{PATH}" if port == 80 else f"http://{host}:{port}{PATH}"
     connection = HTTPConnection(host, port, timeout=timeout_s)
-    expired = threading.Event()
-
-    def give_up() -> None:
-        expired.set()
-        with suppress(OSError):  # closed already: it was a matter of microseconds
-            link.shutdown(SHUT_RDWR)
-
-    # a time-out of the socket begins anew with every byte
-    alarm = threading.Timer(timeout_s, give_up)
+    until_s = time.monotonic() + timeout_s
     try:
-        connection.connect()
-        link = connection.sock  # the connection forgets it before the answer is read
-        alarm.start()
         connection.request("GET", PATH, headers={"Connection": "close"})
         response = connection.getresponse()
-        text = response.read(MAX_PAGE_BYTES + 1)
+        text = _read(response, until_s)
+    except TimeoutError as error:
+        raise TimeoutError(f"{url} did not answer within {timeout_s:g} s") from error
     except (OSError, HTTPException) as error:
-        if expired.is_set() or isinstance(error, TimeoutError):
-            raise TimeoutError(f"{url} did not answer within {timeout_s:g} s") from error
         raise ConnectionError(
             f"{url} cannot be read: {error or type(error).__name__}; is the address that of the sensor box? "
             "(its page may be at another port: http_port)"
         ) from error
     finally:
-        alarm.cancel()
         connection.close()
-    if expired.is_set():
-        raise TimeoutError(f"{url} did not answer within {timeout_s:g} s")
     if response.status != 200:
         raise NetftPageError(
             f"{url} answers {response.status} {response.reason}; wanted the page of a Net F/T box"
@@ -190,20 +162,22 @@ def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> Net
     return parse_page(text, url)
 
 
-def parse_page(text: bytes, url: str) -> NetftPage:
-    """Read the page's text.
+def _read(response: HTTPResponse, until_s: float) -> bytes:
+    text = b""
+    while len(text) <= MAX_PAGE_BYTES and (piece := response.read1(MAX_PAGE_BYTES)):
+        text += piece
+        if time.monotonic() > until_s:  # the socket's time-out begins anew with every piece
+            raise TimeoutError
+    return text
 
-    Parameters
-    ----------
-    text : bytes
-        XML.
-    url : str
-        What errors call it.
+
+def parse_page(text: bytes, url: str) -> NetftPage:
+    """Read the page's text; `url` is what errors call it.
 
     Raises
     ------
     NetftPageError
-        No XML, a DOCTYPE, or a field that is missing, stands there twice or makes no sense.
+        No XML, or a field that is missing, stands there twice or makes no sense.
 
     Examples
     --------
@@ -231,7 +205,6 @@ wanted a number above 0 (counts per unit of force)
         rate_hz=float(fields.positive("comrdtrate", "records per second")),
         tick_hz=fields.tick_hz(),
         full_scale=fields.full_scale(force_unit, torque_unit),
-        records_per_datagram=fields.whole("comrdtbsiz"),
         product=product,
         serial=fields.text("cfgcalsn"),
         is_axia="axia" in product.lower() or ("setrate" in fields.values and "runrate" not in fields.values),
@@ -240,24 +213,9 @@ wanted a number above 0 (counts per unit of force)
     )
 
 
-class _DoctypeError(Exception):
-    pass
-
-
-class _Builder(ET.TreeBuilder):
-    """A tree without DOCTYPE: entities could make a short page long, or lead elsewhere."""
-
-    def doctype(self, *_: object) -> None:
-        raise _DoctypeError
-
-
 def _values(text: bytes, url: str) -> dict[str, str]:
-    parser = ET.XMLParser(target=_Builder())
     try:
-        parser.feed(text)
-        root = parser.close()
-    except _DoctypeError:
-        raise NetftPageError(f"{url} has a DOCTYPE, which no Net F/T page has") from None
+        root = ET.fromstring(text)
     except (ET.ParseError, ValueError, LookupError) as error:  # an encoding that is none is a LookupError
         raise NetftPageError(f"{url} is no XML: {error}; wanted the page of a Net F/T box") from error
     values: dict[str, str] = {}
@@ -276,7 +234,6 @@ class _Fields:
     url: str
 
     def refuse(self, name: str, wanted: str) -> NetftPageError:
-        """Make the error for a field."""
         value = self.values.get(name)
         came = "missing" if value is None else repr(value[:60])
         return NetftPageError(f"{self.url}: field {name} is {came}; wanted {wanted}")
@@ -286,14 +243,12 @@ class _Fields:
         return "".join(c for c in self.values.get(name, "") if c.isprintable())[:100]
 
     def positive(self, name: str, what: str) -> Fraction:
-        """Return a field as an exact number above zero."""
         value = _number(self.values.get(name, ""))
         if value is None or value <= 0:
             raise self.refuse(name, f"a number above 0 ({what})")
         return value
 
     def unit(self, name: str, units: Mapping[str, Fraction]) -> Fraction:
-        """Return what a unit is worth."""
         value = units.get(self.values.get(name, ""))
         if value is None:
             raise self.refuse(name, "one of " + ", ".join(units))
@@ -307,7 +262,6 @@ class _Fields:
         return float(value)
 
     def tick_hz(self) -> float | None:
-        """Return the internal rate, if it is told."""
         for name in ("runrate", "setrate"):
             value = _number(self.values.get(name, ""))
             if value is not None and _TICK_HZ[0] <= value <= _TICK_HZ[1]:
@@ -321,11 +275,6 @@ class _Fields:
         units = [force_unit] * 3 + [torque_unit] * 3
         known = [n * unit for n, unit in zip(numbers, units, strict=False) if n is not None and n > 0]
         return tuple(float(n) for n in known) if len(known) == len(parts) == 6 else None
-
-    def whole(self, name: str) -> int | None:
-        """Return a field as a whole number, if it is one."""
-        value = self.values.get(name, "")
-        return int(value) if value.isascii() and value.isdigit() and len(value) < 10 else None
 
 
 def _number(text: str) -> Fraction | None:

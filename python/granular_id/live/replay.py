@@ -10,11 +10,10 @@ from bisect import bisect_right
 import numpy as np
 
 from granular_id._checks import finite_number, positive_number
+from granular_id._core import host_ns
 from granular_id._text import counted
 from granular_id.io import load
-from granular_id.live.clock import host_ns
-from granular_id.live.source import SourceInfo, WrenchSink
-from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
 from granular_id.live.source_url import SourceUrl
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
 from granular_id.recording import AXES, Dataset, setups_in, values_in

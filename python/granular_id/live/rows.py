@@ -1,9 +1,9 @@
-"""Rows as they leave a buffer, cut and joined: what captures and triggers look at."""
+"""Rows as they leave a buffer: cut, joined, and told by their clocks; what captures and triggers look at."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from granular_id.recording import SampleFlag
 
-__all__ = ["BlockLike", "Rows"]
+__all__ = ["ArrivalClock", "BlockLike", "Rows", "filled", "late_s", "measured_rate_hz", "start_utc_s"]
 
 _COLUMNS = ("wrench", "time_s", "host_ns", "flags", "missing_before")
 
+_DRIFT = 1e-4
+"""No two clocks agree better than this, relative, whatever tolerance is asked for."""
+
 
 class BlockLike(Protocol):
-    """What `WrenchReader.read` returns, as far as a capture needs it."""
+    """What `WrenchReader.read` returns, as far as a capture needs it; arrays of n rows."""
 
     @property
     def wrench(self) -> NDArray[np.float64]:
@@ -25,19 +28,19 @@ class BlockLike(Protocol):
 
     @property
     def time_s(self) -> NDArray[np.float64]:
-        """Device time, shape (n,)."""
+        """Device time."""
 
     @property
     def host_ns(self) -> NDArray[Any]:
-        """When each row came in, by the host's monotonic clock, shape (n,)."""
+        """When each row came in, by the host's monotonic clock."""
 
     @property
     def flags(self) -> NDArray[np.uint8]:
-        """Bits of `SampleFlag`, shape (n,)."""
+        """Bits of `SampleFlag`."""
 
     @property
     def missing_before(self) -> NDArray[Any]:
-        """Instants without a row since the row before, shape (n,)."""
+        """Instants without a row since the row before."""
 
     @property
     def epoch(self) -> int:
@@ -52,18 +55,7 @@ class BlockLike(Protocol):
 
 @dataclass(frozen=True)
 class Rows:
-    """Some rows in order: a piece of one block, or several joined.
-
-    Attributes
-    ----------
-    wrench : ndarray, shape (n, 6)
-    time_s : ndarray, shape (n,)
-        Device time.
-    host_ns : ndarray of int64, shape (n,)
-        When each row came in.
-    flags : ndarray of uint8, shape (n,)
-    missing_before : ndarray of int64, shape (n,)
-    """
+    """Some rows in order: a piece of one block, or several joined; the columns are those of `BlockLike`."""
 
     wrench: NDArray[np.float64]
     time_s: NDArray[np.float64]
@@ -74,21 +66,14 @@ class Rows:
     @classmethod
     def of(cls, block: BlockLike) -> Rows:
         """Take the rows of a block."""
-        return cls(
-            block.wrench,
-            block.time_s,
-            np.asarray(block.host_ns).astype(np.int64),
-            block.flags,
-            np.asarray(block.missing_before).astype(np.int64),
-        )
+        host_ns, missing = (np.asarray(c).astype(np.int64) for c in (block.host_ns, block.missing_before))
+        return cls(block.wrench, block.time_s, host_ns, block.flags, missing)
 
     @classmethod
     def none(cls) -> Rows:
         """Return no rows."""
-        empty = np.zeros(0)
-        return cls(
-            np.zeros((0, 6)), empty, empty.astype(np.int64), empty.astype(np.uint8), empty.astype(np.int64)
-        )
+        numbers = np.zeros(0, np.int64)
+        return cls(np.zeros((0, 6)), np.zeros(0), numbers, np.zeros(0, np.uint8), numbers)
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
@@ -110,41 +95,24 @@ class Rows:
 
 
 def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
-    """Put a straight line into gaps of at most `max_gap` instants, flagged ``GAP_FILLED``.
+    """Put a straight line into gaps of at most `max_gap` instants, flagged ``GAP_FILLED``; longer ones stay.
 
-    What is saturated or of bad status at either end is so in between.
-
-    Parameters
-    ----------
-    before : Rows
-        The row before the first one; none at all where nothing may be joined to it.
-    rows : Rows
-    max_gap : int
-
-    Returns
-    -------
-    Rows
-        With the filled instants in between; longer gaps stay as they are.
+    `before` is the row before the first one; none at all where nothing may be joined to it. What is saturated or of
+    bad status at either end is so in between.
     """
     small = (rows.missing_before > 0) & (rows.missing_before <= max_gap)
     if not len(before) and len(small):
         small[0] = False
-    where = np.flatnonzero(small)
-    if not len(where):
+    if not small.any():
         return rows
-    line = Rows.joined([before, rows])
-    shift = len(before)
+    line, shift = Rows.joined([before, rows]), len(before)
     parts, done = [], 0
-    for at in where.tolist():
+    for at in np.flatnonzero(small).tolist():
         left, right = line[at + shift - 1 : at + shift], line[at + shift : at + shift + 1]
         parts += [rows[done:at], _between(left, right, int(rows.missing_before[at]))]
         done = at
-    parts.append(rows[done:])
-    whole = Rows.joined(parts)
-    still = whole.missing_before > max_gap
-    return Rows(
-        whole.wrench, whole.time_s, whole.host_ns, whole.flags, np.where(still, whole.missing_before, 0)
-    )
+    whole = Rows.joined([*parts, rows[done:]])
+    return replace(whole, missing_before=np.where(whole.missing_before > max_gap, whole.missing_before, 0))
 
 
 _PASSED_ON = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
@@ -159,3 +127,56 @@ def _between(left: Rows, right: Rows, n: int) -> Rows:
         np.repeat((left.flags | right.flags) & _PASSED_ON | np.uint8(SampleFlag.GAP_FILLED), n),
         np.zeros(n, dtype=np.int64),
     )
+
+
+def measured_rate_hz(rows: Rows, *, device_clock: bool) -> float:
+    """Return the rate of at least two rows without gaps: the slope of a straight line through their times.
+
+    By the sensor's own time, or by when they came in, where a single late row weighs little.
+    """
+    times = rows.time_s if device_clock else 1e-9 * (rows.host_ns - rows.host_ns[0])
+    step = np.arange(len(rows)) - 0.5 * (len(rows) - 1)
+    slope_s = float(step @ (times - times[0])) / float(step @ step)
+    return 1.0 / slope_s if slope_s > 0 else float("inf")
+
+
+def start_utc_s(rows: Rows, origin_utc_s: float) -> float:
+    """Return the time of day of the first row, s since 1970; `origin_utc_s` is that of the monotonic clock's zero.
+
+    Rows arrive late, never early: the row that needed least time after its device time tells how the clocks
+    stand (the lower envelope of host minus device).
+    """
+    offset_s = float(np.min(1e-9 * rows.host_ns - rows.time_s))
+    return round(origin_utc_s + float(rows.time_s[0]) + offset_s, 6)
+
+
+def late_s(rows: Rows) -> float:
+    """Return how late rows came in at most, against the one that came soonest after its device time."""
+    delays_s = 1e-9 * (rows.host_ns - rows.host_ns[0]) - (rows.time_s - rows.time_s[0])
+    return round(float(np.ptp(delays_s)), 6)
+
+
+class ArrivalClock:
+    """Tells when rows were due by the host's clock: rows that come late do not count, only those that came soonest.
+
+    `speed` is device seconds per second; the sensor's clock may run `drift` faster or slower than that, relative.
+    """
+
+    def __init__(self, speed: float, drift: float) -> None:
+        self._per_second, self._drift = 1e9 / speed, max(drift, _DRIFT)
+        self._first: tuple[float, int] | None = None
+        self._offset = float("inf")
+
+    def due_ns(self, time_s: NDArray[np.float64], arrived_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return when the next rows were due, shape (n,): not later than they came, and the same in any pieces."""
+        if not len(time_s):
+            return arrived_ns
+        if self._first is None:
+            self._first = float(time_s[0]), int(arrived_ns[0])
+        device_ns = self._per_second * (time_s - self._first[0])
+        host_ns = arrived_ns - self._first[1]
+        # The offset of a clock that is slower grows: what is least of (offset - drift) follows it.
+        tilted = (1 + self._drift) * device_ns
+        offset = np.minimum.accumulate(np.concatenate([[self._offset], host_ns - tilted]))[1:]
+        self._offset = float(offset[-1])
+        return self._first[1] + np.rint(tilted + offset).astype(np.int64)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from granular_id._checks import argument_error
 from granular_id.live.plugins import open_robot
-from granular_id.live.robot import Robot
-from granular_id.live.robots import ManualRobot
+from granular_id.live.robot import ManualRobot, Robot
 from granular_id.live.source import WrenchSource
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, Trigger
 

@@ -8,33 +8,36 @@ from __future__ import annotations
 import math
 import secrets
 import threading
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import positive_number, sampling_rate, whole_number
-from granular_id.live.clock import host_ns
+from granular_id._checks import finite_number, positive_number, sampling_rate, whole_number
+from granular_id._core import host_ns
 from granular_id.live.robot import Pose, checked_move
-from granular_id.live.sim_faults import Fault, FaultPlan
-from granular_id.live.sim_world import PlannedPush, SimWorld
-from granular_id.live.source import SourceInfo, WrenchSink
-from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
 from granular_id.live.source_url import SourceUrl
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import (
     FRAME,
     PAPER_MATERIALS,
     SIGN,
+    Conditions,
     Material,
     Nuisance,
     Rig,
     Sensor,
+    draw_push,
+    push_meta,
+    random_stream,
     resolve_materials,
+    simulate_push,
 )
 
-__all__ = ["SimMotion", "SimRobot", "SimSource", "open_url"]
+__all__ = ["Fault", "SimMotion", "SimRobot", "SimSource", "SimWorld", "open_url"]
 
 UNKNOWN = "unknown"
 """Name of the source that draws its materials."""
@@ -44,6 +47,232 @@ _PERIOD_S = 0.004
 
 _LONGEST_S = 1.0
 """Samples handed over at once at most, device seconds, after the computer was suspended."""
+
+LEAD_S = 0.5
+"""From a command to the motion: a robot plans that long, and a recording's rest fits into it."""
+
+# First element of the key of each random stream: what was simulated live is none of what `synthesize` makes.
+_LIVE, _REST, _CHOICE, _PHASE = 10, 0, 1, 2
+# Pushes through unknown materials are others than those through named ones, under the same seed too.
+_FIRST_UNKNOWN = 1_000_000
+
+FaultKind = Literal["gap", "saturation", "restart", "stall", "death"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a simulated sensor.
+
+    Parameters
+    ----------
+    kind : {"gap", "saturation", "restart", "stall", "death"}
+        Samples are lost; samples stand at the end of the range; the sensor's time begins anew; nothing comes
+        for a while and then everything at once; the source dies.
+    after_s : float, optional
+        Device time from the start of the next motion; may be negative. None: now.
+    rows : int, default 1
+        How many samples a gap or saturation takes.
+    stall_s : float, default 0
+        How long a stall takes, seconds of the host.
+
+    Examples
+    --------
+    >>> from granular_id.live.sim import Fault
+    >>> Fault("gap", after_s=1.0, rows=3).rows
+    3
+    """
+
+    kind: FaultKind
+    after_s: float | None = None
+    rows: int = 1
+    stall_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(FaultKind):
+            raise ValueError(f"kind must be one of {', '.join(get_args(FaultKind))}, got {self.kind!r}")
+        if self.after_s is not None:
+            finite_number("after_s", self.after_s)
+        whole_number("rows", self.rows)
+        finite_number("stall_s", self.stall_s, least=0)
+
+
+class _FaultPlan:
+    """Faults that wait for their sample; filled from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._waiting: list[tuple[float | None, Fault]] = []
+
+    def add(self, fault: Fault, tick: float | None) -> None:
+        with self._lock:
+            self._waiting.append((tick, fault))
+
+    def follow(self, start_tick: float, rate_hz: float) -> None:
+        with self._lock:
+            self._waiting = [
+                (start_tick + (fault.after_s or 0.0) * rate_hz if tick is None else tick, fault)
+                for tick, fault in self._waiting
+            ]
+
+    def take(self, before: float) -> tuple[float, Fault] | None:
+        """Remove and return the first fault due before a sample; None where there is none."""
+        with self._lock:
+            due = [(tick, fault) for tick, fault in self._waiting if tick is not None and tick < before]
+            if not due:
+                return None
+            first = min(due, key=lambda item: item[0])
+            self._waiting.remove(first)
+            return first
+
+
+@dataclass
+class PlannedPush:
+    """A push that has been commanded: its samples from `first_tick`, the command, to `end_tick`, the end of the motion.
+
+    The motion begins at `start_tick`, as a rule between two samples; `meta` is what was drawn for it.
+    """
+
+    material: Material
+    first_tick: int
+    start_tick: float
+    end_tick: int
+    wrench: NDArray[np.float64]
+    meta: dict[str, Any]
+
+
+class SimWorld:
+    """Materials under a tool, sample by sample.
+
+    At rest the sensor reads its zero point and noise. A push plays `simulate_push`, under conditions drawn anew for
+    each from a `Nuisance`, from the command to its end: the rest before the motion belongs to it. So the samples
+    of push number k follow from the seed alone, whenever it was commanded.
+
+    Mounting, calibration and fill are drawn once per session, and are the same in every world of that seed. `unknown`
+    draws the material of each push; else it is the first. `rig`, `nuisance` and `sensor` are those of `synthesize`.
+    """
+
+    def __init__(
+        self,
+        materials: Sequence[Material],
+        rate_hz: float,
+        seed: int,
+        *,
+        session: int = 0,
+        unknown: bool = False,
+        rig: Rig | None = None,
+        nuisance: Nuisance | None = None,
+        sensor: Sensor | None = None,
+    ) -> None:
+        self.rate_hz = rate_hz
+        self.sensor = sensor or Sensor()
+        self._materials = tuple(materials)
+        self._seed = random_stream(seed, _LIVE)
+        self._session = session
+        self._unknown = unknown
+        self._rig = rig or Rig()
+        self._nuisance = nuisance or Nuisance()
+        self._lock = threading.Lock()
+        self._tick = 0
+        self._n_pushes = 0
+        self._push: PlannedPush | None = None
+        self._truth: str | None = None
+        self._set_up()
+
+    @property
+    def tick(self) -> int:
+        """Number of the next sample."""
+        return self._tick
+
+    @property
+    def truth(self) -> str | None:
+        """Material of the latest push; None before the first."""
+        return self._truth
+
+    @property
+    def push(self) -> PlannedPush | None:
+        """The push that is commanded or under way."""
+        return self._push
+
+    def plan(
+        self, speed_m_s: float, duration_s: float, on_plan: Callable[[PlannedPush], object] | None = None
+    ) -> PlannedPush:
+        """Command a push, which begins about half a second after the next sample.
+
+        `on_plan` is called with it before its first sample can be asked for. Refused while another one is under way
+        (RuntimeError), and where it would run into the wall of the container (ValueError).
+        """
+        self._refuse_while_moving()
+        material, conditions, stream = self._material, self._conditions, self._stream
+        rig = replace(self._rig, speed_m_s=speed_m_s)
+        lead_s = (round(LEAD_S * self.rate_hz) - self._phase) / self.rate_hz
+        # Takes some milliseconds: outside the lock, so that samples go on meanwhile.
+        wrench = simulate_push(
+            material,
+            rig=rig,
+            rate_hz=self.rate_hz,
+            duration_s=lead_s + duration_s,
+            lead_s=lead_s,
+            sensor=self.sensor,
+            conditions=conditions,
+            seed=stream,
+        )
+        meta = push_meta(material, rig, conditions, lead_s) | {"push": self._n_pushes}
+        with self._lock:
+            self._refuse_while_moving()
+            start_tick = self._tick + lead_s * self.rate_hz
+            push = PlannedPush(material, self._tick, start_tick, self._tick + len(wrench), wrench, meta)
+            if on_plan is not None:
+                on_plan(push)
+            self._push, self._truth = push, material.name
+            return push
+
+    def _refuse_while_moving(self) -> None:
+        if self._push is not None:
+            raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
+
+    def cut(self, push: PlannedPush) -> None:
+        """Stop a push where it is: the tool leaves the bed."""
+        with self._lock:
+            if self._push is push:
+                push.end_tick = self._tick
+                self._finish()
+
+    def advance(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+        """Return the next `n` samples: wrench (n, 6) and flags (n,)."""
+        wrench, done = np.empty((n, 6)), 0
+        with self._lock:
+            while done < n:
+                if self._push is None:
+                    part = self.sensor.read(np.tile(self._conditions.tare, (n - done, 1)), self._rest_noise)
+                else:
+                    at = self._tick - self._push.first_tick
+                    part = self._push.wrench[at : at + n - done]
+                wrench[done : done + len(part)] = part
+                done += len(part)
+                self._tick += len(part)
+                if self._push is not None and self._tick >= self._push.end_tick:
+                    self._finish()
+        saturated = np.any(np.abs(wrench) >= np.asarray(self.sensor.full_scale), axis=1)
+        return wrench, saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED)
+
+    def _finish(self) -> None:
+        self._push = None
+        self._n_pushes += 1
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Fill the container and zero the sensor for the next push."""
+        which = int(self._rng(_CHOICE).integers(len(self._materials))) if self._unknown else 0
+        self._material = self._materials[which]
+        number = self._n_pushes + _FIRST_UNKNOWN * self._unknown
+        drawn = draw_push(self._material, number, self._session, self._seed, self._nuisance)
+        self._conditions: Conditions = drawn[0]
+        self._stream: np.random.SeedSequence = drawn[2]
+        self._phase = float(self._rng(_PHASE).uniform())
+        self._rest_noise = self._rng(_REST)
+
+    def _rng(self, what: int) -> np.random.Generator:
+        return np.random.default_rng(random_stream(self._seed, what, int(self._unknown), self._n_pushes))
 
 
 class SimSource(ThreadedSource):
@@ -107,7 +336,7 @@ class SimSource(ThreadedSource):
             )
         )
         self._start_ns: int | None = None
-        self._faults = FaultPlan()
+        self._faults = _FaultPlan()
         self._zero_tick = 0
 
     @property

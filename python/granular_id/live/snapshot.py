@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from granular_id.identifier import Decision
-    from granular_id.live.push import Push
+    from granular_id.live.capture import Push
 
 __all__ = ["GIVEN", "SYNTHETIC", "Answer", "Entry", "Figure", "Outcome", "Snapshot", "Words", "printable"]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from granular_id.identifier import Decision
-    from granular_id.live.push import Push
+    from granular_id.live.capture import Push
     from granular_id.live.rows import BlockLike
 
 __all__ = ["SnapshotBuilder"]

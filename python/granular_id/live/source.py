@@ -6,6 +6,8 @@ what it measures (`SourceInfo`), writes rows into a buffer from `start` to `stop
 
 from __future__ import annotations
 
+import threading
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, fields
 from importlib import import_module
@@ -17,7 +19,7 @@ from granular_id._checks import checked_text, finite_number, freeze, positive_nu
 from granular_id.live.plugins import SOURCES, known_schemes, open_plugin
 from granular_id.live.source_url import SourceUrl
 
-__all__ = ["SCHEMES", "Health", "SourceInfo", "WrenchSink", "WrenchSource", "open_source"]
+__all__ = ["SCHEMES", "Health", "SourceInfo", "ThreadedSource", "WrenchSink", "WrenchSource", "open_source"]
 
 SCHEMES: Mapping[str, tuple[str, str]] = {
     "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
@@ -28,6 +30,10 @@ SCHEMES: Mapping[str, tuple[str, str]] = {
 
 Other packages bring more: see `granular_id.live.plugins`.
 """
+
+
+_STOP_S = 5.0
+"""How long `stop` waits for the thread: longer than any driver call should take to return."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +169,89 @@ class WrenchSource(Protocol):
 
     def health(self) -> Health:
         """Tell how it is; never raises, never waits."""
+
+
+class ThreadedSource(ABC):
+    """A source that writes rows from one Python thread.
+
+    Subclasses implement `deliver`; start, stop, errors and health are kept here. What `deliver` raises ends the
+    source and becomes the error in `health`; when it returns by itself, the source has finished.
+
+    Parameters
+    ----------
+    info : SourceInfo
+
+    Notes
+    -----
+    A Python thread shares the interpreter with everything else, and can be late by tens of milliseconds when
+    others compute: good enough for drivers that queue, for simulations and replays. `rdt` has a thread in Rust.
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        self._info = info
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+        self._error: str | None = None
+        self._finished = False
+
+    @property
+    def info(self) -> SourceInfo:
+        """What the source measures."""
+        return self._info
+
+    @abstractmethod
+    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+        """Write rows until there are no more or `stopping` is set; runs in the source's own thread."""
+
+    def counters(self) -> dict[str, int]:
+        """Return what `health` is to tell beside; nothing by default."""
+        return {}
+
+    def start(self, buffer: WrenchSink) -> None:
+        """Begin to write rows into `buffer`.
+
+        Raises
+        ------
+        RuntimeError
+            It has been started or stopped before: every source runs once.
+        """
+        if self._thread is not None or self._stopping.is_set():
+            how = "stopped" if self._thread is None else "started"
+            raise RuntimeError(f"{self._info.name} was {how} before; open the source anew")
+        self._thread = threading.Thread(
+            target=self._work, args=(buffer,), name=f"source {self._info.name}", daemon=True
+        )
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and wait for it.
+
+        Raises
+        ------
+        RuntimeError
+            The thread does not end within 5 s: a driver hangs.
+        """
+        self._stopping.set()
+        if self._thread is None or self._thread is threading.current_thread():
+            return
+        self._thread.join(_STOP_S)
+        if self._thread.is_alive():
+            raise RuntimeError(f"{self._info.name} did not stop within {_STOP_S:g} s: its driver hangs")
+
+    def health(self) -> Health:
+        """Tell how the source is."""
+        error, finished = self._error, self._finished
+        over = finished or error is not None or self._stopping.is_set()
+        alive = self._thread is not None and self._thread.is_alive()
+        return Health(alive and not over, error, finished, self.counters())
+
+    def _work(self, buffer: WrenchSink) -> None:
+        try:
+            self.deliver(buffer, self._stopping)
+        except Exception as error:  # whatever a driver raises: `health` tells it
+            self._error = f"{type(error).__name__}: {error}"
+        else:
+            self._finished = not self._stopping.is_set()
 
 
 def open_source(url: str, **options: object) -> WrenchSource:

@@ -38,12 +38,7 @@ class SourceUrl:
 
     @classmethod
     def parse(cls, url: object, options: Mapping[str, object]) -> SourceUrl:
-        """Take a URL apart.
-
-        Raises
-        ------
-        TypeError, ValueError
-            Not a text, no scheme, a port or an option that cannot be read, an option given twice.
+        """Take a URL apart, or say what cannot be read, is missing or stands there twice.
 
         Examples
         --------
@@ -73,13 +68,7 @@ class SourceUrl:
         return cls(url, scheme.lower(), host, port, path, _merged(url, query, options))
 
     def allow(self, *names: str) -> None:
-        """Refuse every option but these.
-
-        Raises
-        ------
-        ValueError
-            Naming the first unknown option and the known ones.
-        """
+        """Refuse every option but these; the error names them."""
         unknown = sorted(set(self.options) - set(names))
         if unknown:
             known = ", ".join(sorted(names)) or "none"

@@ -40,16 +40,8 @@ _TOLD: WeakSet[threading.Thread] = WeakSet()
 class InMotion:
     """A robot that may move, from `begin` until it stands or was stopped.
 
-    Attributes
-    ----------
-    signum : int or None
-        The signal that told it to stop.
-    is_ending : bool
-        Whether the thread that drives it has called ``stop()``.
-    moves : bool
-        Whether a motion was commanded, of a machine.
-    was_stopped : bool
-        Whether ``stop()`` was called and has returned or failed; where there is no robot, nothing is left to do.
+    `signum` is the signal that told it to stop; `is_ending`: the thread that drives it has called ``stop()``;
+    `moves`: a motion of a machine was commanded; `was_stopped`: ``stop()`` is over, or there is no robot.
     """
 
     def __init__(self, robot: Robot | None) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import positive_number
-from granular_id.live.clock import host_ns
+from granular_id._core import host_ns
 from granular_id.live.robot import Motion
 from granular_id.live.rows import Rows
 

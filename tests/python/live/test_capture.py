@@ -1,45 +1,128 @@
-"""Captures: which rows they take, however these come in."""
+"""Captures: which rows they take, however these come in; what they refuse, and what they wait out."""
 
 from __future__ import annotations
 
+import pickle
 import re
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from capture_cases import RATE_HZ, Block, Line, N, capture, moving_at, run
-from granular_id.live.capture_state import CaptureState, FailureReason
-from granular_id.live.clock import start_utc_s
+from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.robot import TimedMotion
+from granular_id.live.rows import Rows, start_utc_s
+from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, TimeTrigger
 from granular_id.recording import SampleFlag
 
+RATE_HZ, N, PRE_S = 500.0, 400, 0.1  # 50 rows of rest
+COLUMNS = ("wrench", "time_s", "host_ns", "flags", "missing_before")
+NO_CLOCK = SourceInfo("x", RATE_HZ, device_clock=False)
 
-def test_rows_are_those_around_the_trigger():
+
+@dataclass
+class Block:
+    """A block as a reader returns it."""
+
+    wrench: np.ndarray
+    time_s: np.ndarray
+    host_ns: np.ndarray
+    flags: np.ndarray
+    missing_before: np.ndarray
+    epoch: int = 0
+    missed: int = 0
+
+    def __len__(self):
+        return len(self.time_s)
+
+
+@dataclass
+class Line:
+    """A whole stream; faults are put in, then it is cut."""
+
+    wrench: np.ndarray
+    time_s: np.ndarray
+    host_ns: np.ndarray
+    flags: np.ndarray
+    missing_before: np.ndarray
+    epoch: np.ndarray = field(default=None)
+
+    @classmethod
+    def of(cls, n, *, seed=0):
+        rng = np.random.default_rng(seed)
+        time_s = 10 + np.arange(n) / RATE_HZ
+        return cls(
+            wrench=rng.normal(size=(n, 6)) * 0.02,
+            time_s=time_s,
+            host_ns=(5e9 + 1e9 * time_s + rng.uniform(0, 5e5, n)).astype(np.uint64),
+            flags=np.zeros(n, dtype=np.uint8),
+            missing_before=np.zeros(n, dtype=np.uint32),
+            epoch=np.zeros(n, dtype=np.int64),
+        )
+
+    def without(self, at, n):
+        """Lose n rows from `at` on."""
+        keep = np.r_[0:at, at + n : len(self.time_s)]
+        lost = Line(*(getattr(self, name)[keep] for name in COLUMNS), epoch=self.epoch[keep])
+        lost.missing_before[at] = n
+        return lost
+
+    def blocks(self, cuts=()):
+        """Cut before these rows, and wherever an epoch ends."""
+        n = len(self.time_s)
+        epochs = np.flatnonzero(np.diff(self.epoch)) + 1
+        for a, b in pairwise(sorted({0, n, *epochs.tolist(), *(int(c) for c in cuts if c < n)})):
+            yield Block(*(getattr(self, name)[a:b] for name in COLUMNS), epoch=int(self.epoch[a]))
+
+
+def run(capture, line, cuts=()):
+    """Feed a stream and return the rows that the capture gave back."""
+    return np.concatenate([capture.feed(block) for block in line.blocks(cuts)])
+
+
+def capture(trigger, **options):
+    return Capture(
+        RATE_HZ, trigger=trigger, **{"n_samples": N, "pre_s": PRE_S, "utc_at_zero_s": 1.7e9, **options}
+    )
+
+
+def moving_at(line, row):
+    """A trigger whose motion begins between a row and the one before."""
+    motion = TimedMotion(0, 1.0)
+    motion.start_time_s = float(line.time_s[row]) - 0.4 / RATE_HZ
+    return MotionTrigger(motion)
+
+
+def test_a_recording_has_the_rows_around_the_trigger_and_says_what_is_known():
     line = Line.of(1000)
     taker = capture(moving_at(line, 300))
-    rows = run(taker, line, cuts=range(0, 1000, 7))
-    assert taker.state is CaptureState.COMPLETE
-    assert np.array_equal(rows, line.wrench[250 : 250 + N])
+    states, rows = [taker.state], []
+    for block in line.blocks(range(0, 1000, 7)):
+        rows.append(taker.feed(block))
+        if taker.state is not states[-1]:
+            states.append(taker.state)
+    assert [state.name for state in states] == ["IDLE", "ARMING", "ARMED", "TRIGGERED", "COMPLETE"]
     recording = taker.recording("rice", session="s", name="n", meta={"robot": {"a": 1}})
-    assert np.array_equal(recording.wrench, rows)
-    assert recording.trigger_index == taker.n_pre == 50
-    assert recording.rate_hz == RATE_HZ
+    assert np.array_equal(np.concatenate(rows), line.wrench[250 : 250 + N])
+    assert np.array_equal(recording.wrench, line.wrench[250 : 250 + N])
+    assert (recording.trigger_index, taker.n_pre, recording.rate_hz) == (50, 50, RATE_HZ)
     assert (recording.label, recording.session, recording.name) == ("rice", "s", "n")
     assert recording.start_time == pytest.approx(1.7e9 + line.time_s[250], abs=1e-6)
-    assert taker.trigger_time_s == line.time_s[300]
-    assert recording.flags is None
-    assert recording.meta["robot"]["a"] == 1
-    assert recording.meta["trigger"] == "motion"
+    assert (taker.trigger_time_s, recording.flags) == (line.time_s[300], None)
+    assert (recording.meta["robot"]["a"], recording.meta["trigger"]) == (1, "motion")
+    with pytest.raises(RuntimeError, match="the capture is idle: 0 of 400 rows"):
+        capture(ManualTrigger()).recording()
 
 
-def triggers(line, row, kind):
+def trigger_of(line, row, kind):
     if kind == "motion":
         return moving_at(line, row)
     if kind == "host":
-        motion = TimedMotion(int(line.host_ns[row]), 1.0)
-        return MotionTrigger(motion)
+        return MotionTrigger(TimedMotion(int(line.host_ns[row]), 1.0))
     if kind == "time":
         return TimeTrigger([line.time_s[0] - 1, line.time_s[row] - 1e-4, line.time_s[row] + 0.1])
     if kind == "manual":
@@ -51,21 +134,23 @@ def triggers(line, row, kind):
 
 @settings(max_examples=60)
 @given(
-    cuts=st.lists(st.integers(1, 999), max_size=60),
+    cuts=st.one_of(st.lists(st.integers(1, 999), max_size=60), st.just(range(1000))),
     row=st.integers(50, 600),
     kind=st.sampled_from(["motion", "host", "time", "manual", "force"]),
     gap=st.one_of(st.none(), st.integers(60, 640)),
+    saturated=st.one_of(st.none(), st.integers(0, 640)),
     max_gap=st.integers(0, 3),
 )
-def test_pieces_do_not_matter(cuts, row, kind, gap, max_gap):
+def test_pieces_do_not_matter(cuts, row, kind, gap, saturated, max_gap):
     """The same stream in any pieces: the same rows, the same recording, the same failure."""
     line = Line.of(1000, seed=row)
     line.wrench[row:, 0] += 3.0
     line.host_ns = np.maximum.accumulate(line.host_ns)
+    if saturated is not None:
+        line.flags[saturated] = SampleFlag.SATURATED
     if gap is not None:
         line = line.without(gap, 2)
-    whole = capture(triggers(line, row, kind), max_gap=max_gap)
-    pieces = capture(triggers(line, row, kind), max_gap=max_gap)
+    whole, pieces = (capture(trigger_of(line, row, kind), max_gap=max_gap) for _ in range(2))
     all_rows, rows = run(whole, line), run(pieces, line, cuts)
     assert (whole.state, whole.reason, whole.text) == (pieces.state, pieces.reason, pieces.text)
     assert whole.state.is_over
@@ -75,49 +160,25 @@ def test_pieces_do_not_matter(cuts, row, kind, gap, max_gap):
         assert np.array_equal(pieces.recording().wrench, rows)
 
 
-def test_one_row_at_a_time():
-    line = Line.of(700)
-    taker = capture(moving_at(line, 200))
-    rows = run(taker, line, cuts=range(700))
-    assert np.array_equal(rows, line.wrench[150 : 150 + N])
-
-
 def test_no_rest_wanted():
     line = Line.of(600)
     taker = capture(moving_at(line, 7), pre_s=0)
-    rows = run(taker, line, cuts=[3, 7, 9])
-    assert np.array_equal(rows, line.wrench[7 : 7 + N])
+    assert np.array_equal(run(taker, line, cuts=[3, 7, 9]), line.wrench[7 : 7 + N])
     assert taker.recording().trigger_index == 0
 
 
 @pytest.mark.parametrize("cut", [299, 300, 301])
-def test_gap_that_may_be_filled(cut):
+def test_a_gap_that_may_be_filled(cut):
     full = Line.of(700)
-    line = full.without(300, 3)
     taker = capture(moving_at(full, 200), max_gap=3)
-    rows = run(taker, line, cuts=[cut])
-    assert taker.state is CaptureState.COMPLETE
-    recording = taker.recording()
+    rows = run(taker, full.without(300, 3), cuts=[cut])
+    flags = taker.recording().flags
     share = np.arange(1, 4)[:, np.newaxis] / 4
     line_between = full.wrench[299] + share * (full.wrench[303] - full.wrench[299])
     assert np.allclose(rows[150:153], line_between, atol=1e-15)
-    assert np.flatnonzero(recording.flags).tolist() == [150, 151, 152]
-    assert set(recording.flags[150:153]) == {SampleFlag.GAP_FILLED}
     assert np.array_equal(rows[153:], full.wrench[303 : 150 + N])
-    assert recording.n_samples == N
-
-
-def test_states_in_order():
-    line = Line.of(700)
-    taker = capture(moving_at(line, 100))
-    seen = [taker.state]
-    for block in line.blocks(range(0, 700, 10)):
-        taker.feed(block)
-        if taker.state is not seen[-1]:
-            seen.append(taker.state)
-    assert [state.name for state in seen] == ["IDLE", "ARMING", "ARMED", "TRIGGERED", "COMPLETE"]
-    with pytest.raises(RuntimeError, match="the capture is idle: 0 of 400 rows"):
-        capture(ManualTrigger()).recording()
+    assert np.flatnonzero(flags).tolist() == [150, 151, 152]
+    assert set(flags[150:153]) == {SampleFlag.GAP_FILLED}
 
 
 def test_an_empty_block_changes_nothing():
@@ -128,40 +189,21 @@ def test_an_empty_block_changes_nothing():
 
 
 def test_start_time_comes_from_the_row_that_came_soonest():
-    time_s = np.arange(5) / 500
-    late_ns = np.array([300, 900, 100, 500, 800]) * 1000
-    arrived = (7e9 + 1e9 * time_s).astype(np.int64) + late_ns
-    assert start_utc_s(time_s, arrived, 1e9) == pytest.approx(1e9 + 7 + 100e-6, abs=1e-6)
-
-
-def test_force_trigger_is_relative_to_the_rest():
-    line = Line.of(900)
-    line.wrench[:, 2] += 40.0
-    line.wrench[400:, 1] -= 0.8
-    taker = capture(ForceTrigger(0.5))
-    rows = run(taker, line, cuts=[123])
-    assert np.array_equal(rows, line.wrench[350 : 350 + N])
-    with pytest.raises(ValueError, match="pre_s must be above 0"):
-        run(capture(ForceTrigger(), pre_s=0), line)
+    time_s, none = np.arange(5) / 500, np.zeros(5, np.int64)
+    arrived = (7e9 + 1e9 * time_s).astype(np.int64) + np.array([300, 900, 100, 500, 800]) * 1000
+    rows = Rows(np.zeros((5, 6)), time_s, arrived, none.astype(np.uint8), none)
+    assert start_utc_s(rows, 1e9) == pytest.approx(1e9 + 7 + 100e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("cuts", [[], range(900), [7, 333, 334]])
-def test_the_end_of_the_last_push_is_no_rest(cuts):
-    """The force of a push that still goes on is not taken for the level at rest, however rows come in."""
+def test_the_force_is_told_from_its_level_at_rest_and_the_end_of_the_last_push_is_none(cuts):
     line = Line.of(900)
+    line.wrench[:, 2] += 40.0
     line.wrench[:200, 0] += np.linspace(4, 0, 200)
     line.wrench[400:, 1] -= 0.8
-    rows = run(capture(ForceTrigger(0.5)), line, cuts=cuts)
-    assert np.array_equal(rows, line.wrench[350 : 350 + N])
-
-
-def test_a_tool_that_never_rests_is_waited_for_and_told_of():
-    line = Line.of(2000)
-    line.wrench[:, 0] += 2 * np.sin(np.arange(2000) / 5)
-    taker = capture(ForceTrigger(0.5), timeout_s=1)
-    assert len(run(taker, line, cuts=[3])) == 0
-    assert taker.reason is FailureReason.NO_TRIGGER
-    assert re.search(r"within 1 s; .* the force moved by 2\.?\d* N before the motion", taker.text)
+    assert np.array_equal(run(capture(ForceTrigger(0.5)), line, cuts), line.wrench[350 : 350 + N])
+    with pytest.raises(ValueError, match="pre_s must be above 0"):
+        run(capture(ForceTrigger(), pre_s=0), line)
 
 
 @pytest.mark.parametrize(
@@ -174,19 +216,236 @@ def test_a_tool_that_never_rests_is_waited_for_and_told_of():
         ({"max_gap": -1}, ValueError, "max_gap must be at least 0"),
         ({"rate_tolerance": float("nan")}, ValueError, "rate_tolerance must be finite"),
         ({"timeout_s": "1"}, TypeError, "timeout_s must be a number"),
+        ({"trigger": ForceTrigger}, TypeError, r"trigger must be a trigger like ForceTrigger\(\), got"),
+        ({"trigger": "force"}, TypeError, r"trigger must be a trigger like ForceTrigger\(\), got"),
     ],
 )
 def test_bad_options(options, error, match):
     with pytest.raises(error, match=match):
-        capture(ManualTrigger(), **options)
-
-
-def test_a_kind_of_trigger_is_none():
-    for wrong in (ForceTrigger, "force", None):
-        with pytest.raises(TypeError, match=r"trigger must be a trigger like ForceTrigger\(\), got"):
-            capture(wrong)
-
-
-def test_bad_threshold():
+        capture(**{"trigger": ManualTrigger(), **options})
     with pytest.raises(ValueError, match="threshold_n must be positive"):
         ForceTrigger(0)
+
+
+@pytest.mark.parametrize("row", [0, 49, 50])
+def test_a_trigger_before_the_rest_is_there(row):
+    line = Line.of(600)
+    taker = capture(moving_at(line, row))
+    rows = run(taker, line, cuts=[20, 33])
+    if row == 50:
+        assert np.array_equal(rows, line.wrench[:N])
+        return
+    assert not len(rows)
+    with pytest.raises(CaptureError, match=f"triggered after {row} rows at rest, wanted 50") as raised:
+        taker.recording()
+    assert raised.value.reason is FailureReason.TRIGGER_TOO_EARLY
+
+
+def test_overflow_fails_unless_it_was_before_the_first_row():
+    """Between two pushes a reader may stand still for longer than the buffer: refilling takes its time."""
+    line = Line.of(600)
+    for late in (0, 1):
+        taker = capture(moving_at(line, 100))
+        blocks = list(line.blocks([200]))
+        blocks[late].missed = 17
+        rows = np.concatenate([taker.feed(block) for block in blocks])
+        assert np.array_equal(rows, line.wrench[50:200] if late else line.wrench[50 : 50 + N])
+        assert taker.reason is (FailureReason.OVERFLOW if late else None)
+    assert taker.text.startswith("17 rows were overwritten")
+
+
+def lost(at, n):
+    return lambda line: line.without(at, n)
+
+
+def flagged(flag, *rows):
+    def put(line):
+        line.flags[list(rows)] = flag
+        return line
+
+    return put
+
+
+def restarted(row):
+    def put(line):
+        line.epoch[row:] = 1
+        return line
+
+    return put
+
+
+def first_missing(line):
+    line.missing_before[0] = 9
+    return line
+
+
+SATURATED = SampleFlag.SATURATED
+
+
+@pytest.mark.parametrize(
+    ("fault", "options", "reason", "text"),
+    [
+        (lost(100, 5), {}, None, ""),
+        (first_missing, {}, None, ""),
+        (
+            lost(270, 5),
+            {},
+            "gap",
+            "^triggered after 25 rows at rest, wanted 50: 5 samples .10 ms. are missing",
+        ),
+        (lost(400, 3), {}, "gap", "3 samples .6 ms. are missing at 10.806 s .*150 of 400 rows in"),
+        (lost(400, 3), {"max_gap": 2}, "gap", "3 samples"),
+        (flagged(SATURATED, 100, 101, 102), {}, None, ""),
+        (flagged(SATURATED, 280), {}, "saturation", "end of its range at 10.560 s"),
+        (flagged(SATURATED, 300), {}, "saturation", "end of its range at 10.600 s"),
+        (flagged(SATURATED, 450), {}, "saturation", "end of its range at 10.900 s"),
+        (flagged(SATURATED, 450), {"allow_saturated": True}, None, ""),
+        (flagged(SampleFlag.BAD_STATUS, 450), {}, None, ""),
+        (restarted(100), {}, None, ""),
+        (restarted(280), {}, "restart", "time began anew"),
+        (restarted(450), {}, "restart", "time began anew"),
+    ],
+)
+@pytest.mark.parametrize("cuts", [[], range(0, 900, 10)])
+def test_faults_long_before_the_trigger_are_waited_out_and_others_refused(fault, options, reason, text, cuts):
+    full = Line.of(900)
+    line = fault(Line.of(900))
+    taker = capture(moving_at(full, 300), **options)
+    rows = run(taker, line, cuts)
+    if reason is not None:
+        assert taker.reason is FailureReason(reason)
+        assert re.search(text, taker.text)
+        return
+    assert np.array_equal(rows, full.wrench[250 : 250 + N])
+    flags = line.flags[250 : 250 + N]
+    assert np.array_equal(taker.recording().flags, flags if flags.any() else None)
+
+
+def test_a_line_from_a_saturated_sample_is_no_rest():
+    line = Line.of(900).without(260, 2)
+    line.flags[259] = SATURATED
+    taker = capture(moving_at(Line.of(900), 311), max_gap=2)
+    run(taker, line)
+    assert taker.reason is FailureReason.SATURATION
+    assert "triggered after 49 rows at rest" in taker.text, "those filled in do not count"
+    allowed = capture(moving_at(Line.of(900), 300), max_gap=2, allow_saturated=True)
+    run(allowed, line)
+    both = int(SATURATED | SampleFlag.GAP_FILLED)
+    assert allowed.recording().flags[9:12].tolist() == [SATURATED, both, both]
+
+
+@pytest.mark.parametrize("off", [0.0009, 0.0011, -0.0009, -0.0011])
+def test_the_rate_of_the_sensors_own_clock(off):
+    line = Line.of(900)
+    line.time_s = line.time_s[0] + np.arange(900) / (RATE_HZ * (1 + off))
+    taker = capture(moving_at(line, 200))
+    run(taker, line)
+    assert taker.reason is (None if abs(off) < 0.001 else FailureReason.RATE)
+    assert taker.reason is None or "wanted 500 Hz within 0.1 %" in taker.text
+
+
+def test_the_rate_without_one_is_measured_by_arrival():
+    line = Line.of(900)
+    line.host_ns = (1e9 * np.arange(900) / 480).astype(np.uint64)
+    taker = capture(moving_at(line, 200), info=NO_CLOCK)
+    run(taker, line)
+    assert taker.reason is FailureReason.RATE
+    assert "measured 480 Hz" in taker.text
+
+
+@pytest.mark.parametrize("cuts", [[], range(700), [3, 310, 311]])
+def test_late_rows_move_no_trigger_and_are_told(cuts):
+    """Rows come in by 75 at once, the first of them 0.148 s late; the robot knows the host's clock only."""
+    line = Line.of(750)
+    due_ns = (5e9 + 1e9 * line.time_s).astype(np.int64)
+    line.host_ns = np.repeat(due_ns[74::75], 75).astype(np.uint64)
+    trigger = MotionTrigger(TimedMotion(int(due_ns[310]) - 800_000, 1.0))
+    taker = capture(trigger)
+    assert np.array_equal(run(taker, line, cuts), line.wrench[260 : 260 + N])
+    assert taker.recording().meta["late_s"] == pytest.approx(0.148)
+    by_arrival = capture(trigger, info=NO_CLOCK, rate_tolerance=1)
+    run(by_arrival, line, cuts)
+    assert by_arrival.trigger_time_s == line.time_s[300], "when each was measured, nobody knows"
+
+
+@pytest.mark.parametrize("drift", [-1e-3, -5e-5, 5e-5, 1e-3])
+def test_clocks_that_drift_move_no_trigger(drift):
+    line = Line.of(15_000)
+    due_ns = (5e9 + 1e9 * (1 + drift) * line.time_s).astype(np.int64)
+    line.host_ns = due_ns.astype(np.uint64)
+    taker = capture(MotionTrigger(TimedMotion(int(due_ns[14_000]) - 800_000, 1.0)))
+    run(taker, line, range(0, 15_000, 100))
+    assert taker.trigger_time_s == line.time_s[14_000]
+
+
+@pytest.mark.parametrize(
+    ("lags", "options", "fails"),
+    [
+        ([0.0] * 35, {}, False),
+        ([0.0, 0.05] * 17 + [0.0], {}, False),  # it stumbles, and recovers
+        ([0.0] * 10 + [0.05] * 25, {}, True),
+        ([0.0] * 10 + [0.13] + [0.0] * 24, {}, True),
+        ([0.0] * 10 + [0.021] + [0.0] * 24, {"lag_patience_s": 0}, True),
+        ([0.3] * 3 + [0.0] * 32, {}, False),  # nothing was recorded yet
+        ([0.3] * 35, {"info": None}, False),  # each row bears its own time
+    ],
+)
+def test_lag(lags, options, fails):
+    line = Line.of(700)
+    taker = capture(moving_at(line, 100), **{"info": NO_CLOCK, **options})
+    cuts = np.linspace(0, 700, len(lags) + 1)[1:-1].round()
+    for block, lag_s in zip(line.blocks(cuts), lags, strict=True):
+        taker.feed(block, lag_s)
+    assert taker.reason is (FailureReason.LAG if fails else None)
+    assert not fails or "ms late; wanted at most 20 ms" in taker.text
+
+
+def never_rests(line):
+    line.wrench[:, 0] += 2 * np.sin(np.arange(len(line.wrench)) / 5)
+    return line
+
+
+@pytest.mark.parametrize("cuts", [[], range(1000), [3, 249, 250, 700]])
+@pytest.mark.parametrize(
+    ("trigger", "fault", "text"),
+    [
+        (ManualTrigger, lambda line: line, "^nothing triggered within 0.5 s$"),
+        (ManualTrigger, flagged(SATURATED, *range(0, 1000, 20)), "end of its range at 10.4"),
+        (
+            ManualTrigger,
+            flagged(SATURATED, *range(1000)),
+            "end of its range at 10.498 s of the sensor's time$",
+        ),
+        (ForceTrigger, never_rests, r"within 0.5 s; .* the force moved by 2\.?\d* N before the motion"),
+    ],
+)
+def test_what_never_triggers_is_not_waited_for_for_ever_and_says_why(trigger, fault, text, cuts):
+    taker = capture(trigger(), timeout_s=0.5)
+    assert not len(run(taker, fault(Line.of(1000)), cuts))
+    assert taker.reason is FailureReason.NO_TRIGGER
+    assert re.search(text, taker.text)
+
+
+@pytest.mark.parametrize(("row", "reason"), [(249, None), (251, FailureReason.NO_TRIGGER)])
+def test_the_time_for_the_trigger_is_counted_in_rows(row, reason):
+    line = Line.of(700)
+    taker = capture(moving_at(line, row), timeout_s=0.5)
+    run(taker, line)
+    assert taker.reason is reason
+
+
+def test_every_reason_is_explained():
+    page = Path(__file__).parents[3] / "docs" / "live" / "recording.md"
+    lines = page.read_text("utf-8").splitlines()
+    explained = {line.split("`")[1] for line in lines if line.startswith("| `")}
+    assert {one.name for one in (*FailureReason, *CaptureState)} <= explained
+
+
+def test_failure_from_outside():
+    taker = capture(ManualTrigger())
+    taker.fail(FailureReason.SOURCE, "the source died: cable")
+    taker.fail(FailureReason.GAP, "later")
+    assert (taker.reason, taker.text) == (FailureReason.SOURCE, "the source died: cable")
+    assert not len(taker.feed(next(Line.of(10).blocks())))
+    error = pickle.loads(pickle.dumps(CaptureError(FailureReason.GAP, "why")))
+    assert (error.reason, str(error)) == (FailureReason.GAP, "why")

@@ -23,7 +23,7 @@ from granular_id.live import (
 )
 from granular_id.live.monitor import frame
 from granular_id.live.replay import ReplaySource
-from granular_id.live.sim_faults import Fault
+from granular_id.live.sim import Fault
 from granular_id.live.terminal import screen
 from granular_id.recording import Dataset
 
@@ -96,7 +96,6 @@ def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_
 
 def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
     chosen = Dataset([pushes[k] for k in (0, 13, 5)])
-    scores = model.scores(chosen.X)
     with opened(ReplaySource(chosen, speed=20, pause_s=0.5)) as stream:
         live = LiveIdentifier(stream, model)
         for recording, expected in zip(chosen, model.losses(chosen.X), strict=True):
@@ -105,7 +104,6 @@ def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
             assert push.decision.label == recording.label == push.truth
             losses = dict(push.decision.ranking)
             assert [losses[name] for name in model.classes] == expected.tolist()
-    assert scores.shape == (3, 1)
 
 
 def test_recorded_and_live_windows_are_the_same_rows(model, tmp_path):
@@ -121,16 +119,22 @@ def test_recorded_and_live_windows_are_the_same_rows(model, tmp_path):
     assert again.ranking == decision.ranking
 
 
-def test_provisional_answers_grow_into_the_final_one(model):
-    seen = []
+def test_provisional_answers_grow_into_the_final_one_and_views_see_them(model):
+    seen, kept = [], Kept()
     with opened(SimSource("rice", seed=4, speed=5)) as stream:
-        push = LiveIdentifier(stream, model).push(seen.append)
+        push = LiveIdentifier(stream, model, views=Views([kept])).push(seen.append)
     n_seen = [decision.n_seen for decision in seen]
     assert n_seen == sorted(set(n_seen))
     assert len(n_seen) > 3
     assert not any(decision.final for decision in seen[:-1])
     assert seen[-1] == push.decision
     assert push.decision.seconds == model.n_samples / model.rate_hz
+    states = [snapshot.state for snapshot in kept.snapshots]
+    assert {"arming", "triggered"} & set(states)
+    last = kept.snapshots[-1]
+    assert (last.state, last.decision, last.synthetic) == ("complete", push.decision, True)
+    assert last.counts.sum() <= 6 * model.n_samples
+    assert (last.n_captures, last.n_correct) == (1, 1)
 
 
 @pytest.mark.parametrize(
@@ -166,20 +170,6 @@ def test_filled_gaps_and_saturation_are_warned_of_where_they_are_allowed(model):
         push = LiveIdentifier(stream, model, max_gap=2, allow_saturated=True).push()
     assert push.decision.warnings == ("gap", "saturation")
     assert push.decision.final
-
-
-def test_views_see_every_state_and_the_last_answer(model):
-    kept = Kept()
-    with opened(SimSource("rice", seed=6, speed=5)) as stream:
-        push = LiveIdentifier(stream, model, views=Views([kept])).push()
-    states = [snapshot.state for snapshot in kept.snapshots]
-    assert {"arming", "triggered"} & set(states)
-    assert states[-1] == "complete"
-    last = kept.snapshots[-1]
-    assert last.decision == push.decision
-    assert last.synthetic
-    assert last.counts.sum() <= 6 * model.n_samples
-    assert (last.n_captures, last.n_correct) == (1, 1)
 
 
 def shown(snapshot):
@@ -237,11 +227,13 @@ def test_what_is_like_no_known_material_stands_and_nobody_pushing_changes_nothin
     assert len(after[-1].history) == 1
 
 
-def test_identify_yields_one_decision_per_push(model, tmp_path):
+def test_identify_yields_one_decision_per_push_until_the_source_ends(model, pushes, tmp_path):
     path = tmp_path / "m.safetensors"
     model.save(path)
     labels = [decision.label for decision in gid.identify("sim:rice?seed=3&speed=20", path, n=2)]
     assert labels == ["rice", "rice"]
+    source = ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
+    assert len(list(gid.identify(source, model))) == 2
 
 
 def test_without_a_number_it_waits_however_long_nobody_pushes(model):
@@ -252,11 +244,6 @@ def test_without_a_number_it_waits_however_long_nobody_pushes(model):
         assert waited == [FailureReason.NO_TRIGGER] * 3
         with pytest.raises(CaptureError, match=r"nothing triggered within 0\.5 s"):
             next(live.pushes(1))
-
-
-def test_identify_ends_with_a_replay(model, pushes):
-    source = ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
-    assert len(list(gid.identify(source, model))) == 2
 
 
 def test_identify_raises_or_skips_what_could_not_be_captured(model):
@@ -272,17 +259,35 @@ def test_identify_raises_or_skips_what_could_not_be_captured(model):
     assert decision.final
 
 
-def test_refusals_name_what_does_not_fit(model, pushes):
-    with pytest.raises(ValueError, match="the model is for 500 Hz, simulated rice delivers 100 Hz"):
-        next(gid.identify("sim:rice?rate_hz=100", model))
-    with pytest.raises(ValueError, match="on_failure must be 'raise' or 'skip', got 'stop'"):
-        gid.identify("sim:rice", model, on_failure="stop")
-    with pytest.raises(ValueError, match="n must be a whole number of at least 1, or None, got 0"):
-        gid.identify("sim:rice", model, n=0)
-    unknown = Dataset([gid.Recording(r.wrench, rate_hz=500, label=r.label) for r in pushes])
-    other = gid.Identifier.fit(unknown, "hfmh", estimate=False)
-    with pytest.raises(ValueError, match="pre_s must be given"):
-        next(gid.identify("sim:rice", other))
+@pytest.mark.parametrize(
+    ("source", "options", "words"),
+    [
+        ("sim:rice?rate_hz=100", {}, "the model is for 500 Hz, simulated rice delivers 100 Hz"),
+        ("sim:rice", {"on_failure": "stop"}, "on_failure must be 'raise' or 'skip', got 'stop'"),
+        ("sim:rice", {"n": 0}, "n must be a whole number of at least 1, or None, got 0"),
+        ("sim:rice", {"pre_s": 0.2}, "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
+    ],
+)
+def test_refusals_name_what_does_not_fit(model, source, options, words):
+    with pytest.raises(ValueError, match=words):
+        next(gid.identify(source, model, **options))
+
+
+def test_other_axes_and_an_unknown_rest_are_refused(pushes):
+    def fitted(axes, **known):
+        turned = [
+            gid.Recording(
+                r.wrench[:, axes], rate_hz=500, label=r.label, axes=[r.axes[k] for k in axes], **known
+            )
+            for r in pushes
+        ]
+        return gid.Identifier.fit(Dataset(turned), "hfmh", estimate=False)
+
+    with opened("sim:rice?seed=1") as stream:
+        with pytest.raises(ValueError, match="for the axes tz ty tx fz fy fx;"):
+            LiveIdentifier(stream, fitted([5, 4, 3, 2, 1, 0], trigger_index=50))
+        with pytest.raises(ValueError, match="pre_s must be given"):
+            LiveIdentifier(stream, fitted([0, 1, 2, 3, 4, 5]))
 
 
 class Arm(SimSource):
@@ -302,21 +307,6 @@ def test_a_model_of_simulated_recordings_is_called_so_on_every_view_of_a_real_se
     for snapshot in kept.snapshots:
         assert not snapshot.synthetic
         assert "the model was trained on SYNTHETIC recordings" in " ".join(snapshot.warnings)
-
-
-def test_six_axes_of_another_order_are_refused(pushes):
-    turned = Dataset(
-        [
-            gid.Recording(r.wrench[:, ::-1], rate_hz=500, label=r.label, axes=r.axes[::-1], trigger_index=50)
-            for r in pushes
-        ]
-    )
-    model = gid.Identifier.fit(turned, "hfmh", estimate=False)
-    with (
-        opened("sim:rice?seed=1") as stream,
-        pytest.raises(ValueError, match="for the axes tz ty tx fz fy fx;"),
-    ):
-        LiveIdentifier(stream, model)
 
 
 def test_the_early_rule_is_looked_at_as_often_as_when_it_was_calibrated(model):

@@ -23,13 +23,14 @@ STOP, START, BIAS, LATCH = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code i
 
 
 def test_a_url_is_enough():
-    with FakeNetft(signal()) as box, opened(box.url) as stream:
+    with FakeNetft(signal()) as box, opened(box.url + "&variant=axia&rate_hz=500&resume=1") as stream:
         until(lambda: stream.buffer.stats()["written"] >= 50)
         np.testing.assert_array_equal(stream.buffer.window(10).wrench.shape, (10, 6))
         health = stream.health()
         assert health.running
         assert health.error is None
         assert isinstance(stream.source, WrenchSource)
+        assert stream.info.meta["variant"] == "axia"
     assert not stream.health().running
 
 
@@ -265,51 +266,53 @@ def test_on_robot_has_a_fixed_scale_and_its_own_requests():
         RdtSource("127.0.0.1", variant="onrobot", rate_hz=300)
 
 
-def test_an_axia_is_told_by_its_page():
-    with FakeNetft(product="Ethernet Axia80-M20") as box:
-        assert source_of(box).info.meta["variant"] == "axia"
-        assert source_of(box, variant="netft").info.meta["variant"] == "netft"
-    changes = {"prodname": None, "runrate": None, "setrate": "7812"}
-    with FakeNetft(tick_hz=7812, page_changes=changes) as box:
-        info = source_of(box).info
-        assert (info.meta["variant"], info.tick_hz, info.filter_hz) == ("axia", 7812, None)
+@pytest.mark.parametrize(
+    ("page", "options", "told"),
+    [
+        ({}, {"rate_hz": 500}, ("netft", 500, 7000)),
+        ({"prodname": "Ethernet Axia80-M20"}, {}, ("axia", 500, 7000)),
+        ({"prodname": "Ethernet Axia80-M20"}, {"variant": "netft"}, ("netft", 500, 7000)),
+        ({"prodname": None, "runrate": None, "setrate": "7812"}, {}, ("axia", 500, 7812)),
+        ({"runrate": None}, {"tick_hz": 7000}, ("netft", 500, 7000)),
+        ({"comrdtrate": "2333"}, {}, ("netft", 7000 / 3, 7000)),  # as it is, where the page rounds
+        ({"runrate": "7812"}, {}, ("netft", 500, 7812)),  # no divisor: the mean
+    ],
+)
+def test_what_page_and_options_say_of_kind_and_rates(page, options, told):
+    with FakeNetft(page_changes=page) as box:
+        info = source_of(box, **options).info
+    assert (info.meta["variant"], info.rate_hz, info.tick_hz) == told
 
 
-def test_stated_rates():
-    with FakeNetft(page_changes={"runrate": None}) as box:
-        with pytest.raises(NetftPageError, match=r"runrate and setrate .* state it: tick_hz=7000"):
-            source_of(box)
-        assert source_of(box, tick_hz=7000, rate_hz=500).info.tick_hz == 7000
-    # an index of a table, as some firmware gives it, is no rate
-    with (
-        FakeNetft(page_changes={"runrate": None, "setrate": "4"}) as box,
-        pytest.raises(NetftPageError, match="state it"),
-    ):
-        source_of(box)
-    with FakeNetft() as box:
-        with pytest.raises(ValueError, match=r"rate_hz=1000 was stated, .* says 500 \(comrdtrate\)"):
-            source_of(box, rate_hz=1000)
-        with pytest.raises(ValueError, match=r"tick_hz=7812 was stated, .* says 7000"):
-            source_of(box, tick_hz=7812)
+@pytest.mark.parametrize(
+    ("page", "options", "error", "words"),
+    [
+        ({"runrate": None}, {}, NetftPageError, r"runrate and setrate .* state it: tick_hz=7000"),
+        # an index of a table, as some firmware gives it, is no rate
+        ({"runrate": None, "setrate": "4"}, {}, NetftPageError, "state it"),
+        ({}, {"rate_hz": 1000}, ValueError, r"rate_hz=1000 was stated, .* says 500 \(comrdtrate\)"),
+        ({}, {"tick_hz": 7812}, ValueError, r"tick_hz=7812 was stated, .* says 7000"),
+        ({}, {"variant": "ati"}, ValueError, "variant must be one of"),
+    ],
+)
+def test_rates_and_kinds_that_are_refused(page, options, error, words):
+    with FakeNetft(page_changes=page) as box, pytest.raises(error, match=words):
+        source_of(box, **options)
 
 
-def test_urls():
-    with FakeNetft() as box:
-        assert isinstance(open_source(box.url + "&variant=axia&rate_hz=500&resume=1"), RdtSource)
-        assert open_source(box.url, buffered=True, variant="netft").info.meta["variant"] == "netft"
-        for options, words in [
-            ("&variant=atii", "one of auto, netft, axia, onrobot"),
-            ("&rate_hz=fast", "a number above 0"),
-            ("&resume=yes", "one of 0, 1"),
-        ]:
-            with pytest.raises(ValueError, match=words):
-                open_source(box.url + options)
-    with pytest.raises(ValueError, match="no host"):
-        open_source("rdt:?variant=onrobot")
-    with pytest.raises(ValueError, match="the path '/x'"):
-        open_source("rdt://box/x")
-    with pytest.raises(ValueError, match="variant must be one of"):
-        RdtSource("box", variant="ati")
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("rdt://box?variant=atii", "one of auto, netft, axia, onrobot"),
+        ("rdt://box?rate_hz=fast", "a number above 0"),
+        ("rdt://box?resume=yes", "one of 0, 1"),
+        ("rdt:?variant=onrobot", "no host"),
+        ("rdt://box/x", "the path '/x'"),
+    ],
+)
+def test_urls_that_are_refused(url, words):
+    with pytest.raises(ValueError, match=words):
+        open_source(url)
 
 
 def test_the_receiver_checks_by_itself():

@@ -9,11 +9,9 @@ from contextlib import contextmanager
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, strategies as st
 
 from granular_id.live.netft_page import (
     FORCE_UNITS,
-    MAX_PAGE_BYTES,
     TORQUE_UNITS,
     NetftPageError,
     parse_page,
@@ -112,9 +110,8 @@ def test_a_field_that_contradicts_itself_is_refused():
 
 
 def test_what_may_be_missing():
-    bare = page(prodname=None, cfgcalsn=None, cfgmr=None, runrate=None, comrdtbsiz=None, setuserfilter=None)
+    bare = page(prodname=None, cfgcalsn=None, cfgmr=None, runrate=None, setuserfilter=None)
     assert (bare.product, bare.serial, bare.full_scale, bare.tick_hz) == ("", "", None, None)
-    assert bare.records_per_datagram is None
     assert page(cfgmr="1;2;3;4;5").full_scale is None
     assert page(cfgmr="1,2 3;4,5,0").full_scale is None
     assert page(cfgmr="1,2 3;4,5,6").full_scale == (1, 2, 3, 4, 5, 6)
@@ -122,45 +119,17 @@ def test_what_may_be_missing():
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        b"",
-        b"<netft>",
-        b"no page at all",
-        b"\x00" * 100,
-        b'<?xml version="1.0" encoding="no-such"?><a/>',
-        b"<netft>" + b"<a>" * 5000,
-    ],
+    "text", [b"", b"<netft>", b"no page at all", b'<?xml version="1.0" encoding="no-such"?><a/>']
 )
 def test_what_is_no_xml_is_refused(text):
     with pytest.raises(NetftPageError, match=f"^{URL} is no XML"):
         parse_page(text, URL)
 
 
-def test_entities_are_refused():
-    laughs = b'<!DOCTYPE l [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;">]><netft><cfgcpf>&b;</cfgcpf></netft>'
-    for text in (laughs, b"<!DOCTYPE html><html></html>", laughs.decode().encode("utf-16")):
-        with pytest.raises(NetftPageError, match="has a DOCTYPE"):
-            parse_page(text, URL)
-
-
-@given(st.binary(max_size=200), st.integers(0, 600), st.integers(0, 600))
-def test_damaged_pages_are_read_or_refused(junk, start, stop):
-    whole = page_text({})
-    try:
-        read = parse_page(whole[:start] + junk + whole[stop:], URL)
-    except NetftPageError as error:
-        refusal = str(error)
-    else:
-        refusal = URL
-        assert read.counts_per_newton > 0
-    assert refusal.startswith(URL)
-
-
 def test_reading_over_http():
     with FakeNetft(rate_hz=1000) as box:
         read = read_page("127.0.0.1", box.http_port)
-    assert (read.rate_hz, read.tick_hz, read.records_per_datagram) == (1000, 7000, 40)
+    assert (read.rate_hz, read.tick_hz) == (1000, 7000)
     assert read.url == f"http://127.0.0.1:{box.http_port}/netftapi2.xml"
     assert read.fields["scfgfu"] == "N"
 
@@ -180,12 +149,7 @@ def test_nobody_serves():
         (b"SSH-2.0-OpenSSH_9.2\r\n", ConnectionError, "cannot be read"),
         (b"", ConnectionError, "cannot be read"),
         (http(b"", b"HTTP/1.0 404 Not Found\r\n\r\n"), NetftPageError, "answers 404 Not Found"),
-        (
-            http(b"", b"HTTP/1.0 301 Moved\r\nLocation: http://127.0.0.1:1/\r\n\r\n"),
-            NetftPageError,
-            "answers 301",
-        ),
-        (http(b"x" * (MAX_PAGE_BYTES + 1)), NetftPageError, "longer than 65536 bytes"),
+        (http(b"", b"HTTP/1.0 301 Moved\r\nLocation: /x\r\n\r\n"), NetftPageError, "answers 301"),
         (http(b"x" * (1 << 22)), NetftPageError, "longer than 65536 bytes"),
         (http(b"<html></html>"), NetftPageError, "field cfgcpf is missing"),
     ],
@@ -195,18 +159,12 @@ def test_other_servers(answer, kind, words):
         read_page("127.0.0.1", port)
 
 
-@pytest.mark.parametrize("head", [b"", b"HTTP/1.0 200 OK\r\n", b"HTTP/1.0 200 OK\r\n\r\n"])
-def test_a_server_that_drips_is_left(head):
+@pytest.mark.parametrize(
+    ("chunks", "pause_s"),
     # each byte comes in time: only the whole takes too long
-    drops = [b"X" for _ in range(100)]
-    words = r"did not answer within 0\.3 s|cannot be read"
-    with server(head, *drops, pause_s=0.02) as port, pytest.raises(OSError, match=words):
+    [([b""], 1.0), ([http(b""), *[b"X"] * 100], 0.02)],
+)
+def test_a_server_that_says_nothing_or_drips_is_left(chunks, pause_s):
+    words = r"did not answer within 0\.3 s"
+    with server(*chunks, pause_s=pause_s) as port, pytest.raises(TimeoutError, match=words):
         read_page("127.0.0.1", port, timeout_s=0.3)
-
-
-def test_a_server_that_says_nothing_is_left():
-    with (
-        server(b"", pause_s=1.0) as port,
-        pytest.raises(TimeoutError, match=r"did not answer within 0\.2 s"),
-    ):
-        read_page("127.0.0.1", port, timeout_s=0.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ import pytest
 from granular_id.io import save
 from granular_id.live.replay import ReplaySource
 from granular_id.live.sim import SimSource
-from granular_id.live.source import SCHEMES, Health, SourceInfo, WrenchSource, open_source
-from granular_id.live.source_thread import ThreadedSource
+from granular_id.live.source import SCHEMES, Health, SourceInfo, ThreadedSource, WrenchSource, open_source
 from granular_id.live.source_url import SourceUrl
+from granular_id.live.stream import opened
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import synthesize
 from sink_cases import Sink, eventually
@@ -52,17 +53,19 @@ def test_bad_urls(url, match):
         open_source(url)
 
 
-def test_bad_values_by_keyword():
-    with pytest.raises(TypeError, match="url must be a str like 'sim:rice'"):
-        open_source(5)
-    with pytest.raises(ValueError, match=r"option 'speed' .* is given twice"):
-        open_source("sim:rice?speed=2", speed=3)
-    with pytest.raises(ValueError, match="option speed=True"):
-        open_source("sim:rice", speed=True)
-    with pytest.raises(ValueError, match="option materials=7"):
-        open_source("sim:unknown", materials=7)
-    with pytest.raises(FileNotFoundError, match="nowhere"):
-        open_source("replay:nowhere")
+@pytest.mark.parametrize(
+    ("url", "options", "error", "match"),
+    [
+        (5, {}, TypeError, "url must be a str like 'sim:rice'"),
+        ("sim:rice?speed=2", {"speed": 3}, ValueError, r"option 'speed' .* is given twice"),
+        ("sim:rice", {"speed": True}, ValueError, "option speed=True"),
+        ("sim:unknown", {"materials": 7}, ValueError, "option materials=7"),
+        ("replay:nowhere", {}, FileNotFoundError, "nowhere"),
+    ],
+)
+def test_bad_values_by_keyword(url, options, error, match):
+    with pytest.raises(error, match=match):
+        open_source(url, **options)
 
 
 def test_options_by_url_and_by_keyword_are_the_same():
@@ -125,21 +128,24 @@ def test_info_says_what_is_known():
 
 
 class Counting(ThreadedSource):
-    """Ten rows, and then an end or a fault."""
+    """Some rows, and then an end or a fault; or it waits to be stopped."""
 
-    def __init__(self, error=None):
+    def __init__(self, n=10, error=None, wait_s=0.0):
         super().__init__(SourceInfo("counting", 500, device_clock=False))
-        self._fault = error
+        self._n, self._fault, self._wait_s = n, error, wait_s
 
     def deliver(self, buffer, stopping):
-        for n in range(10):
+        for n in range(self._n):
             buffer.push([n] * 6)
         if self._fault is not None:
             raise self._fault
+        stopping.wait(self._wait_s)
 
 
 def test_a_source_that_ends_and_one_that_dies():
     source, sink = Counting(), Sink()
+    assert isinstance(source, WrenchSource)
+    assert not isinstance(object(), WrenchSource)
     assert source.health() == Health(running=False)
     source.start(sink)
     sink.wait(10)
@@ -153,7 +159,7 @@ def test_a_source_that_ends_and_one_that_dies():
     with pytest.raises(RuntimeError, match="counting was stopped before"):
         unused.start(sink)
 
-    dying = Counting(OSError("unplugged"))
+    dying = Counting(error=OSError("unplugged"))
     dying.start(Sink())
     eventually(lambda: dying.health().error is not None)
     assert dying.health() == Health(running=False, error="OSError: unplugged")
@@ -163,22 +169,51 @@ def test_a_source_that_ends_and_one_that_dies():
 def test_a_driver_that_hangs_is_told(monkeypatch):
     release = threading.Event()
 
-    class Hanging(ThreadedSource):
+    class Hanging(Counting):
         def deliver(self, buffer, stopping):
             release.wait(20)
 
-    monkeypatch.setattr("granular_id.live.source_thread._STOP_S", 0.05)
-    source = Hanging(SourceInfo("slow driver", 500, device_clock=True))
+    monkeypatch.setattr("granular_id.live.source._STOP_S", 0.05)
+    source = Hanging()
     source.start(Sink())
-    with pytest.raises(RuntimeError, match=r"slow driver did not stop within 0\.05 s: its driver hangs"):
+    with pytest.raises(RuntimeError, match=r"counting did not stop within 0\.05 s: its driver hangs"):
         source.stop()
     release.set()
 
 
-def test_own_source_fits_the_protocol():
-    assert isinstance(Counting(), WrenchSource)
-    assert isinstance(SimSource("rice", seed=1), WrenchSource)
-    assert not isinstance(object(), WrenchSource)
+@pytest.mark.parametrize(
+    ("source", "options", "error", "match"),
+    [
+        (
+            partial(Counting, 0, wait_s=20),
+            {"first_row_s": 0.1},
+            TimeoutError,
+            r"delivered nothing within 0\.1 s",
+        ),
+        (partial(Counting, 0), {}, ConnectionError, "counting came to its end before its first row"),
+        (partial(Counting, 0, OSError("no route")), {}, ConnectionError, "counting: OSError: no route"),
+        (Counting, {"seconds": 0}, ValueError, "seconds must be positive"),
+        (Counting, {"first_row_s": 0}, ValueError, "first_row_s must be positive"),
+        (int, {}, TypeError, "source must be a URL or have info, start, stop and health, got int"),
+    ],
+)
+def test_streams_that_do_not_begin(source, options, error, match):
+    with pytest.raises(error, match=match), opened(source(), **options):
+        pass
+
+
+def test_a_stream_is_stopped_whatever_happens():
+    def use(source):
+        with opened(source) as stream:
+            assert stream.health().running
+            assert stream.health().counters["written"] > 0
+            assert 0 <= stream.lag_s() < 5
+            raise ZeroDivisionError
+
+    source = SimSource("rice", seed=1)
+    with pytest.raises(ZeroDivisionError):
+        use(source)
+    assert not source.health().running
 
 
 def test_replay_gives_the_samples_back(tmp_path):
@@ -218,17 +253,20 @@ def test_replay_is_paced(tmp_path):
     assert not source.health().finished
 
 
-def test_replay_refuses_what_has_no_common_rate():
-    irregular = Recording(np.zeros((3, 6)), time_s=[0, 0.1, 0.3], label="a")
-    slow = Recording(np.zeros((3, 6)), rate_hz=100, label="a")
+@pytest.mark.parametrize(
+    ("other", "match"),
+    [
+        ({"time_s": [0, 0.1, 0.3]}, "are irregular; resample them first"),
+        ({"rate_hz": 100}, "resample them first"),
+        ({"rate_hz": 500, "axes": ("fx", "fz")}, "has the axes fx fz; wanted fx fy fz tx ty tz"),
+    ],
+)
+def test_replay_refuses_what_has_no_common_rate_or_axes(other, match):
+    n_axes = len(other.get("axes", range(6)))
+    odd = Recording(np.zeros((3, n_axes)), label="a", **other)
     fast = Recording(np.zeros((3, 6)), rate_hz=500, label="a")
-    odd = Recording(np.zeros((3, 2)), rate_hz=500, label="a", axes=("fx", "fz"))
-    with pytest.raises(ValueError, match="are irregular; resample them first"):
-        ReplaySource(Dataset([fast, irregular]))
-    with pytest.raises(ValueError, match="resample them first"):
-        ReplaySource(Dataset([fast, slow]))
-    with pytest.raises(ValueError, match="has the axes fx fz; wanted fx fy fz tx ty tz"):
-        ReplaySource(Dataset([odd]))
+    with pytest.raises(ValueError, match=match):
+        ReplaySource(Dataset([odd] if n_axes == 2 else [fast, odd]))
 
 
 def test_replay_knows_where_the_motion_began():
