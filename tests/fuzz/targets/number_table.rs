@@ -2,7 +2,7 @@
 
 #![no_main]
 
-#[path = "../../twins/number_table.rs"]
+#[path = "../../core/twins/number_table.rs"]
 mod twin;
 
 use granular_id::number_table::{parse, write, Column};
