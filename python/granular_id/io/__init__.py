@@ -1,6 +1,6 @@
 """Readers and writers of recordings: one file per format; ``load`` and ``save`` pick it."""
 
-from granular_id.io.csv.save import save_csv
+from granular_id.io.csv import save_csv
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.loading import load
 from granular_id.io.saving import save

@@ -24,26 +24,49 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from granular_id.io.units import NAMED, factor
 from granular_id.recording import AXES
 
-__all__ = [
-    "ABOUT",
-    "FLAGS",
-    "LABEL",
-    "MASK",
-    "MASKS",
-    "RATE",
-    "RATES",
-    "RECORDING",
-    "SESSION",
-    "TIME",
-    "ColumnError",
-    "axis_of",
-    "columns_of",
-    "refusal",
-    "split_unit",
-]
+# Units in which files state their values, and what one of each is in N, N m, s or Hz: the one table.
+
+_INCH_M = 0.0254
+_POUND_N = 4.4482216152605
+
+_FACTORS: dict[str, dict[float, str]] = {
+    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", 9.80665: "kgf"},
+    "N m": {
+        1.0: "nm newtonmetre newtonmetres newtonmeter newtonmeters",
+        1e-3: "mnm nmm",
+        1e3: "knm",
+        _POUND_N * _INCH_M: "lbfin",
+    },
+    "s": {
+        1.0: "s sec secs second seconds",
+        1e-3: "ms msec millisecond milliseconds",
+        1e-6: "us usec \N{GREEK SMALL LETTER MU}s microsecond microseconds",
+        1e-9: "ns nsec nanosecond nanoseconds",
+    },
+    "Hz": {1.0: "hz hertz", 1e3: "khz"},
+}  # fmt: skip
+
+_KNOWN = {
+    quantity: {name: value for value, names in table.items() for name in names.split()}
+    for quantity, table in _FACTORS.items()
+}
+
+NAMED = tuple(name for known in _KNOWN.values() for name in known)
+"""How units of columns are written, in lower case without separators."""
+
+_SEPARATORS = re.compile(r"[\s_.*\N{MIDDLE DOT}\N{DOT OPERATOR}-]+")
+
+
+def factor(unit: str, wanted: str) -> float | None:
+    """Return what one `unit` is in the unit that is wanted; None for one that is not known."""
+    plain = _SEPARATORS.sub("", unit.strip().removeprefix("[").removesuffix("]"))
+    if plain.startswith("M"):
+        return None
+    plain = plain.lower().replace("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
+    return _KNOWN[wanted].get(plain)
+
 
 TIME, FLAGS = "time", "flags"
 RECORDING, LABEL, SESSION, RATE, MASK = "recording", "label", "session", "rate", "mask"
@@ -87,12 +110,12 @@ _OTHER_UNITS = (
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
 
-_SEPARATORS = r"[\s_./-]+"
+_COLUMN_SEPARATORS = r"[\s_./-]+"
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
-    rf"(.+?){_SEPARATORS}("
+    rf"(.+?){_COLUMN_SEPARATORS}("
     + "|".join(sorted({*_OTHER_UNITS, *NAMED}, key=len, reverse=True))
     + r"|n[\s_.*-]m)",
     re.IGNORECASE,
@@ -217,7 +240,7 @@ def _what_in_table(name: str) -> str | None:
     meaning = _meaning(name)
     if meaning.scale is not None:
         return meaning.axis
-    plain = re.sub(_SEPARATORS, "", name.strip().lower())
+    plain = re.sub(_COLUMN_SEPARATORS, "", name.strip().lower())
     if plain not in ABOUT and meaning.unit is not None and factor(meaning.unit, "Hz") is not None:
         plain = re.sub(r"[^a-z]", "", plain).removesuffix(meaning.unit.lower())  # "fs [kHz]"
     return ABOUT.get(plain)
@@ -240,4 +263,4 @@ def _meaning(name: str) -> _Meaning:
 def _word(text: str) -> str | None:
     text = text.lower()
     path = _PATH.match(text)
-    return _WORDS.get(re.sub(_SEPARATORS, "", text[path.end() :] if path else text))
+    return _WORDS.get(re.sub(_COLUMN_SEPARATORS, "", text[path.end() :] if path else text))

@@ -31,7 +31,7 @@ from granular_id._text import counted, verb
 from granular_id.io.columns import ABOUT, LABEL, SESSION
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import list_folder, read_bounded, refuse_outside
-from granular_id.io.flat_checks import checked_history
+from granular_id.io.flat import checked_history
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.formats import format_of
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, read_index

@@ -8,22 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granular_id._checks import argument_error
-from granular_id.io.csv.file import read_csv
-from granular_id.io.csv.gm10 import is_gm10, read_gm10
-from granular_id.io.csv.save import save_csv
+from granular_id.io.csv import read_csv, save_csv
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import check_place
-from granular_id.io.hdf5.file import read_hdf5
-from granular_id.io.hdf5.save import save_hdf5
-from granular_id.io.matlab.mat import read_mat
-from granular_id.io.npz.npy import read_npy
-from granular_id.io.npz.npz import read_npz, save_npz
+from granular_id.io.gm10 import is_gm10, read_gm10
+from granular_id.io.hdf5 import read_hdf5, save_hdf5
+from granular_id.io.matlab import read_mat
+from granular_id.io.npz import read_npy, read_npz, save_npz
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.layout import is_parquet_archive
-from granular_id.io.parquet.save import save_parquet
+from granular_id.io.parquet.archive import is_parquet_archive, save_parquet
 from granular_id.io.parquet.table import read_parquet
 from granular_id.io.ros.echo import is_echo, read_echo
-from granular_id.io.ros.mcap_save import save_mcap
+from granular_id.io.ros.mcap import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros
 from granular_id.io.source import FileContent, FileSource
 

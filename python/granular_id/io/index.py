@@ -16,9 +16,9 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from granular_id.io.csv.numbers import plain_number, split_header, split_rows
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.files import check_parts, read_text_bounded
+from granular_id.io.numbers import plain_number, split_header, split_rows
 from granular_id.io.source import FileSource
 
 INDEX_NAME = "index.csv"

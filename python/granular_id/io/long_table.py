@@ -15,12 +15,11 @@ from granular_id.io.arrays.details import Entries, stated_rates
 from granular_id.io.arrays.names import Role, role_of
 from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
 from granular_id.io.arrays.tree import Origin
-from granular_id.io.columns import LABEL, RATE, RECORDING, SESSION, TIME, split_unit
+from granular_id.io.columns import LABEL, RATE, RECORDING, SESSION, TIME, factor, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.io.stamped import stamped_recording
-from granular_id.io.units import factor
 from granular_id.recording import AXES, Recording
 
 __all__ = ["Coded", "LongTable", "Stated", "recordings_of", "refuse_mask"]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id.io.columns import factor
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
-from granular_id.io.units import factor
 from granular_id.recording import (
     STATED_TOLERANCE,
     Recording,

@@ -15,7 +15,7 @@ from granular_id._checks import argument_error, checked_text, freeze, thaw
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
-from granular_id.io.npz.npz import save_npz
+from granular_id.io.npz import save_npz
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
 from granular_id.live.robot import Motion, Robot, checked_move
 from granular_id.live.setup import starts_exactly

@@ -43,7 +43,7 @@ def main():
     """Write all of them."""
     sys.path.insert(0, str(HERE.parents[1] / "python"))
     import ros_cases as ros
-    from granular_id.io.ros.mcap_save import save_mcap
+    from granular_id.io.ros.mcap import save_mcap
     from granular_id.recording import Dataset, StepReport
 
     wrench, stamps = expected()

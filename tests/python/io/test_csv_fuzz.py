@@ -14,7 +14,7 @@ from effort import cases
 from granular_id._core import write_number_table
 from granular_id.io import RecordingFileError, load
 from granular_id.io.columns import axis_of
-from granular_id.io.csv.numbers import parse_numbers
+from granular_id.io.numbers import parse_numbers
 from granular_id.recording import AXES
 
 GOOD = b"time,fx,fy,fz,tx,ty,tz\r\n0.00,1.5,-2,3e0,.4,5,+6\r\n0.01,1,2,3,4,5,6\n0.02, 1, 2, 3,4,5,6\n"

@@ -7,7 +7,7 @@ import pytest
 
 from granular_id.evaluation import evaluate
 from granular_id.io import RecordingFileError, load
-from granular_id.io.csv.gm10 import is_gm10
+from granular_id.io.gm10 import is_gm10
 from granular_id.spaces import HFMH, RawSignal
 
 NAMES = "baysalt\nbroad bean\nsand\n"

@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as hnp
 from effort import cases
 from granular_id.io import RecordingFileError, load
 from granular_id.io.errors import attempt
-from granular_id.io.matlab.mat import read_variables
+from granular_id.io.matlab import read_variables
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 

@@ -12,8 +12,7 @@ from hypothesis import given, settings, strategies as st
 from dataset_strategies import assert_same_bits, recordings as any_recording
 from effort import cases
 from granular_id.io import RecordingFileError, load
-from granular_id.io.ros.mcap_own import CHANGED_NOTE
-from granular_id.io.ros.mcap_save import save_mcap
+from granular_id.io.ros.mcap import CHANGED_NOTE, save_mcap
 from granular_id.recording import Dataset, Recording, StepReport
 
 pytest.importorskip("mcap")

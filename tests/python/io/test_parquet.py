@@ -9,8 +9,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from dataset_strategies import assert_same_bits, datasets
 from effort import cases
 from granular_id.io import load, save
-from granular_id.io.parquet.archive import ParquetArchive
-from granular_id.io.parquet.save import _repeats, save_parquet
+from granular_id.io.parquet.archive import ParquetArchive, _repeats, save_parquet
 from granular_id.recording import Dataset, Recording, StepReport
 
 pa = pytest.importorskip("pyarrow")
@@ -149,7 +148,7 @@ def test_many_recordings_go_into_several_files(tmp_path):
 
 
 def test_long_recordings_do_not_share_a_row_group(tmp_path, monkeypatch):
-    monkeypatch.setattr("granular_id.io.parquet.save._MAX_GROUP_SAMPLES", 10)
+    monkeypatch.setattr("granular_id.io.parquet.archive._MAX_GROUP_SAMPLES", 10)
     data = Dataset([Recording(np.full((n, 6), n), rate_hz=500, name=str(n)) for n in (4, 5, 20, 3, 7, 1)])
     archive = ParquetArchive(save_parquet(data, tmp_path / "archive"))
     assert [part.n_samples for part in archive.partitions] == [9, 20, 10, 1]

@@ -20,8 +20,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from granular_id.io.ros.message_type import MessageType, message_type
-from granular_id.io.ros.wrench import encode_wrenches
+from granular_id.io.ros.messages import MessageType, encode_wrenches, message_type
 from ros_cases import (
     MCAP,
     ROS1,

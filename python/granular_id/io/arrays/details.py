@@ -14,11 +14,10 @@ from granular_id.io.arrays.found import Found, labels_of, whole_numbers
 from granular_id.io.arrays.names import Role, plain_name
 from granular_id.io.arrays.stated import Units, single_unit, time_unit_in_name
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
-from granular_id.io.columns import TIME, split_unit
-from granular_id.io.flat_checks import NO_TRIGGER
+from granular_id.io.columns import TIME, factor, split_unit
+from granular_id.io.flat import NO_TRIGGER
 from granular_id.io.options import LoadOptions
 from granular_id.io.stamped import NOT_SECONDS, RATE_TOLERANCE, unlikely_step
-from granular_id.io.units import factor
 
 Entries = dict[Role, dict[str, Any]]
 """What the entries of a level are for, by their names: role, then name to node."""

@@ -29,8 +29,7 @@ from granular_id.io.arrays.shapes import THREE, Known
 from granular_id.io.arrays.stated import names_of
 from granular_id.io.arrays.tree import MAX_DEPTH, Origin, as_tree, is_numbers
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.flat import FlatRecordings, joined, unflatten
-from granular_id.io.flat_checks import NO_TRIGGER
+from granular_id.io.flat import NO_TRIGGER, FlatRecordings, joined, unflatten
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from granular_id._checks import FloatArray
+from granular_id._checks import FloatArray, all_finite
 from granular_id.io.arrays.names import FORCES, TORQUES, plain_name
 from granular_id.io.arrays.stated import Units
 from granular_id.io.arrays.tree import Origin, has_axis, is_leaf
-from granular_id.io.bulk import all_finite
 from granular_id.io.columns import split_unit
 from granular_id.recording import AXES
 

@@ -11,8 +11,7 @@ from typing import Any
 from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
-from granular_id.io.columns import TIME, split_unit
-from granular_id.io.units import factor
+from granular_id.io.columns import TIME, factor, split_unit
 from granular_id.recording import AXES, unit_of
 
 Units = Mapping[str, tuple[str, tuple[str, ...]]]

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.columns import axis_of
-from granular_id.io.csv.numbers import parse_numbers
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import open_bounded, read_text_bounded
+from granular_id.io.numbers import parse_numbers
 from granular_id.io.options import LoadOptions
-from granular_id.io.ros.clock import recording_of
-from granular_id.io.ros.wrench import WRENCH_TYPES, Wrenches
+from granular_id.io.ros.messages import WRENCH_TYPES, Wrenches
+from granular_id.io.ros.read import recording_of
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 

@@ -7,7 +7,7 @@ messages are decoded and its clock is settled.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,16 +15,22 @@ from typing import Any, BinaryIO, NoReturn
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.files import check_file, list_folder, open_bounded, refuse_outside
 from granular_id.io.options import LoadOptions
-from granular_id.io.ros.clock import recording_of
-from granular_id.io.ros.mcap_own import CHANGED_NOTE, OWN_NAME, OwnRecords, restored
-from granular_id.io.ros.topics import Topic, chosen_topic
+from granular_id.io.ros.mcap import CHANGED_NOTE, OWN_NAME, OwnRecords, restored
+from granular_id.io.ros.messages import (
+    STAMPED,
+    WRENCH_TYPES,
+    MessageType,
+    Wrenches,
+    may_hold_wrench,
+    message_type,
+)
 from granular_id.io.source import FileContent, FileSource
-
-__all__ = ["is_bag_folder", "read_ros"]
+from granular_id.io.stamped import SINCE_1970, stamped_recording
 
 _METADATA_NAME = "metadata.yaml"
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -200,3 +206,165 @@ def _mcap(file: BinaryIO, path: Path) -> _Bag:
             times = [log_ns for log_ns, _ in log]
             topics[key].count, topics[key].span_ns = len(log), max(times) - min(times)
     return _Bag(list(topics.values()), own=own)
+
+
+# The topics of a bag, and which of them holds the wrench.
+
+_LISTED = 12
+_ENCODINGS = ("cdr", "ros1")
+
+
+@dataclass
+class Topic:
+    """One topic: its type without the ``/msg/`` of ROS 2; its messages (log time in ns, bytes), where they are kept."""
+
+    name: str
+    type_name: str
+    encoding: str
+    definition: str = ""
+    node: str | None = None
+    messages: Iterable[tuple[int, bytes]] = ()
+    count: int = 0
+    span_ns: int = 0
+
+    @property
+    def is_wrench(self) -> bool:
+        """Whether the messages are wrenches, of the plain types."""
+        return self.type_name in WRENCH_TYPES and self.encoding in _ENCODINGS
+
+    @property
+    def may_hold_wrench(self) -> bool:
+        """Whether the messages are wrenches, or may have them as fields."""
+        return self.is_wrench or (self.encoding in _ENCODINGS and may_hold_wrench(self.definition))
+
+    @property
+    def message_type(self) -> MessageType:
+        """The type of the messages, by its definition; ValueError where that is no proper one."""
+        return message_type(self.type_name, self.definition, self.encoding)
+
+    def field_asked(self, asked: str | None) -> str | None:
+        """Return the field of its messages that was asked for ("": any); None where another topic was."""
+        name, asked = self.name.strip("/"), None if asked is None else asked.strip("/")
+        if asked in (None, name):
+            return ""
+        return asked[len(name) + 1 :] or None if asked.startswith(f"{name}.") else None
+
+    def __str__(self) -> str:
+        rate = f", {(self.count - 1) * 1e9 / self.span_ns:.4g} Hz" if self.span_ns > 0 else ""
+        encoding = "" if self.encoding in _ENCODINGS else f" in {self.encoding[:80]}"
+        return f"{self.name[:80]} ({self.type_name[:80]}{encoding}, {self.count} messages{rate})"
+
+
+def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tuple[Topic, str, list[str]]:
+    """Return the one topic to read, which field of its messages is the wrench ("" the whole), and notes."""
+    every = [topic for topic in topics if topic.count]
+    # the name itself first: MCAP may have dots in names of topics
+    named = [topic for topic in every if topic.field_asked(asked) == ""]
+    named = named or [topic for topic in every if topic.field_asked(asked) and not topic.is_wrench]
+    holding = [topic for topic in named if topic.may_hold_wrench]
+    if asked is not None and (len(named) != 1 or not holding):
+        what = "messages of two types" if len(named) > 1 else "no wrenches" if named else "no messages"
+        raise RecordingFileError(path, f"has {what} on topic {asked!r}; it has {_listed(every)}")
+    plain = [topic for topic in holding if topic.is_wrench]
+    others = [topic for topic in holding if not topic.is_wrench]
+    if len(plain) > 1:
+        problem = f"has {len(plain)} topics with wrenches: {_listed(plain)}; choose by topic="
+        raise RecordingFileError(path, problem)
+    if not plain:
+        return _chosen_inside(others, every, path, asked)
+    beside = [f"wrenches in {_listed(others)} are not read; topic= chooses them"] if others else []
+    return plain[0], "", beside
+
+
+def _chosen_inside(
+    topics: Sequence[Topic], every: Sequence[Topic], path: Path, asked: str | None
+) -> tuple[Topic, str, list[str]]:
+    """Choose among the wrenches inside messages of other types."""
+    inside = [(topic, field) for topic in topics for field in _fields_of(topic, path)]
+    field_asked = topics[0].field_asked(asked) if topics else ""
+    found = [pair for pair in inside if not field_asked or pair[1] == field_asked]
+    if len(found) == 1:
+        topic, field = found[0]
+        return topic, field, [f"the wrench is the field {field} of {topic.type_name}"]
+    if not inside:
+        problem = (
+            f"has no messages of type {STAMPED} or Wrench, nor with one as a field; it has {_listed(every)}"
+        )
+        if any(not topic.definition for topic in every):
+            problem += "; `ros2 bag convert` to mcap, where the types are installed, adds definitions that are missing"
+        raise RecordingFileError(path, problem)
+    listed = ", ".join(f"{topic.name[:80]}.{field[:80]}" for topic, field in inside[:_LISTED])
+    more = f" and {len(inside) - _LISTED} more" if len(inside) > _LISTED else ""
+    some = f"no wrench {asked!r}" if field_asked else f"{len(inside)} wrenches"
+    raise RecordingFileError(path, f"has {some} inside its messages: {listed}{more}; choose by topic=")
+
+
+def _fields_of(topic: Topic, path: Path) -> list[str]:
+    try:
+        return list(topic.message_type.wrenches)
+    except (ValueError, KeyError, RecursionError) as error:
+        raise RecordingFileError(path, f"has {topic}, but {error}") from error
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    more = f" and {len(topics) - _LISTED} more" if len(topics) > _LISTED else ""
+    return ", ".join(map(str, topics[:_LISTED])) + more or "no messages at all"
+
+
+# The clock of messages: which stamps are taken, and the recording that they make.
+
+
+def recording_of(
+    wrenches: Wrenches,
+    log_ns: NDArray[np.int64] | None,
+    source: FileSource,
+    options: LoadOptions,
+    about: Mapping[str, Any],
+    place_of: Callable[[int], dict[str, Any]],
+    notes: list[str],
+) -> FileContent:
+    """Make one recording of messages; what of `about` is empty is left out of its metadata.
+
+    `log_ns` says when messages were logged: their order, and their clock where ``header.stamp`` was never set. None
+    where nobody knows: messages are then in order, and without stamps a rate must be stated.
+    """
+    # As every player does; files may hold them otherwise.
+    order = np.arange(len(wrenches.wrench)) if log_ns is None else np.argsort(log_ns, kind="stable")
+    stamps_ns, clock = _stamps(wrenches, log_ns, notes)
+    first_s, stamps = 0.0, None
+    if stamps_ns is not None:
+        # ns since 1970 do not fit float64: seconds from the first stamp do, rounded once
+        first_ns = int(stamps_ns.min())
+        first_s = first_ns / 10**9  # of integers, rounded once; 1e9 would round twice
+        stamps = (stamps_ns[order] - first_ns) / 1e9
+    recording, remarks = stamped_recording(
+        wrenches.wrench[order],
+        source,
+        options,
+        stamps=stamps,
+        start_time=first_s if first_s > SINCE_1970 else None,
+        meta={key: value for key, value in about.items() if value},
+        locate=lambda i: {} if i is None else place_of(int(order[i])),
+        clock=clock,
+        time_unit="s",
+    )
+    if 0 != first_s <= SINCE_1970:
+        remarks["first_stamp_s"] = first_s
+    return FileContent([recording], [{"name": recording.name, **remarks}] if remarks else [], notes)
+
+
+def _stamps(
+    wrenches: Wrenches, log_ns: NDArray[np.int64] | None, notes: list[str]
+) -> tuple[NDArray[np.int64] | None, str]:
+    """Choose the clock: the sensor's own stamps where they were ever set, else when messages were logged."""
+    stamps_ns = wrenches.stamps_ns
+    jitter = "log times are taken, which jitter more than the sensor's clock"
+    if stamps_ns is None:
+        notes.append(f"messages without a header: {jitter}")
+        return log_ns, "log time"
+    if (len(stamps_ns) > 1 and (stamps_ns == stamps_ns[0]).all()) or not stamps_ns.any():
+        if log_ns is None:
+            return None, "stamps that change"
+        notes.append(f"header.stamp never changes: {jitter}")
+        return log_ns, "log time"
+    return stamps_ns, "header.stamp"

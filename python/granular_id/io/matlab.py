@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import Expansion, open_bounded
-from granular_id.io.hdf5.storage import attribute, is_group, member, opened, values
+from granular_id.io.hdf5 import attribute, is_group, member, opened, values
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 

@@ -8,8 +8,9 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 
 from effort import cases
+from granular_id._checks import all_finite
 from granular_id._core import interleave
-from granular_id.io import bulk
+from granular_id.io.arrays.search import row_major
 
 N = 300_001  # float64: three pieces, the last one short
 
@@ -18,10 +19,10 @@ N = 300_001  # float64: three pieces, the last one short
 @pytest.mark.parametrize("bad", [np.nan, -np.inf])
 def test_one_value_that_is_not_finite_is_found_wherever_it_stands(place, bad):
     values = np.zeros(N)
-    assert bulk.all_finite(values)
+    assert all_finite(values)
     values[place] = bad
-    assert not bulk.all_finite(values)
-    assert not bulk.all_finite(values[::-1])
+    assert not all_finite(values)
+    assert not all_finite(values[::-1])
 
 
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2), (2, 0, 1), (0, 2, 1)])
@@ -29,7 +30,7 @@ def test_one_value_that_is_not_finite_is_found_wherever_it_stands(place, bad):
 def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, shape):
     block = np.arange(np.prod(shape), dtype=float).reshape([shape[i] for i in order])
     block = block.transpose(np.argsort(order))
-    turned = bulk.row_major(block)
+    turned = row_major(block)
     assert block.shape == shape
     assert turned.flags.c_contiguous
     assert turned is block or not block.flags.c_contiguous

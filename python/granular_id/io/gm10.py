@@ -19,15 +19,13 @@ import numpy as np
 
 from granular_id._checks import FloatArray, checked_text
 from granular_id._core import NumberTableError, parse_number_table
-from granular_id.io.csv.numbers import plain_number
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import open_bounded, read_bounded, refuse_outside
+from granular_id.io.numbers import plain_number
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
 from granular_id.recording import Recording
-
-__all__ = ["is_gm10", "read_gm10"]
 
 AXES = ("force",)
 

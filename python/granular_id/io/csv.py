@@ -7,6 +7,7 @@ Names with other units (``fx_mN``) are converted, or refused; other columns are 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import write_number_table
+from granular_id._progress import ProgressCallback
 from granular_id.io.columns import (
     FLAGS,
     LABEL,
@@ -27,13 +30,14 @@ from granular_id.io.columns import (
     columns_of,
     split_unit,
 )
-from granular_id.io.csv.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
+from granular_id.io.folder_save import checked_dataset, indexed_folder, refuse_other_axes
 from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
+from granular_id.io.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, SampleFlag
+from granular_id.recording import AXES, Dataset, Recording, SampleFlag
 
 _TEXTS = (RECORDING, LABEL, SESSION, MASK)
 
@@ -177,3 +181,60 @@ def _flags(column: NDArray[np.float64], path: Path) -> NDArray[np.uint8]:
         problem = f"{column[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {sum(SampleFlag)})"
         raise RecordingFileError(path, problem, line=int(wrong[0]) + 2, column=FLAGS)
     return column.astype(np.uint8)
+
+
+def save_csv(
+    dataset: Dataset, folder: str | os.PathLike[str], *, progress: ProgressCallback | None = None
+) -> Path:
+    """Write a folder of CSV files with an ``index.csv``.
+
+    Samples are written with as many digits as float64 needs; ``load(folder) == dataset`` holds. Everything is
+    written under a temporary name beside `folder` and renamed when complete: no half-written folder is ever seen
+    under the final name.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Of 6-axis recordings.
+    folder : str or path
+        New or empty folder.
+    progress : callable, optional
+        Called as ``progress(files_done, files_in_all, file)``.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        `folder` is a file, a link or a folder with something in it.
+    FileNotFoundError
+        The folder to put it in does not exist.
+    ValueError
+        A recording has other axes.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from granular_id.io import load, save_csv
+    >>> from granular_id.recording import Dataset, Recording
+    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     load(save_csv(data, folder + "/oats")) == data
+    True
+    """
+    refuse_other_axes(checked_dataset(dataset), "CSV")
+    return indexed_folder(dataset, folder, ".csv", _write, progress)
+
+
+def _write(recording: Recording, path: Path) -> None:
+    header = [TIME, *AXES]
+    columns: list[NDArray[np.float64] | NDArray[np.uint8]] = [recording.times(), *recording.wrench.T]
+    if recording.flags is not None:
+        header.append(FLAGS)
+        columns.append(recording.flags)
+    with path.open("wb") as file:
+        file.write(",".join(header).encode("ascii") + b"\n")
+        file.write(write_number_table(columns))

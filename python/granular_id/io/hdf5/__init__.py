@@ -1,1 +1,0 @@
-"""HDF5 files, read within bounds and written."""

@@ -1,1 +1,0 @@
-"""MATLAB files of versions 4 to 7.3, read."""

@@ -1,1 +1,0 @@
-"""NumPy files: ``.npz`` archives, read and written, and ``.npy`` arrays, read."""
