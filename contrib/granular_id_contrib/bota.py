@@ -10,8 +10,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
-from granular_id.live.source_url import SourceUrl
+from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchSink
 from granular_id.recording import SampleFlag
 from granular_id_contrib import NOT_RUN
 from granular_id_contrib.polling import library

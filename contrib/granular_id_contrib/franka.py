@@ -10,9 +10,7 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from granular_id.live.robot import Pose, checked_move
-from granular_id.live.source import SourceInfo
-from granular_id.live.source_url import SourceUrl
+from granular_id.live import Pose, SourceInfo, SourceUrl, checked_move
 from granular_id_contrib import NOT_RUN
 from granular_id_contrib.polling import PolledMotion, PollingSource, PushStart, library
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.live import host_ns
-from granular_id.live.source import ThreadedSource, WrenchSink
+from granular_id.live import ThreadedSource, WrenchSink, host_ns
 
 __all__ = ["PolledMotion", "PollingSource", "PushStart", "library"]
 

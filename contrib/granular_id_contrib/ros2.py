@@ -8,8 +8,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
-from granular_id.live.source_url import SourceUrl
+from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchSink
 from granular_id_contrib import NOT_RUN
 from granular_id_contrib.polling import library
 

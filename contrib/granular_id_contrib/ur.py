@@ -5,13 +5,11 @@ Not run on hardware. Written against ur-rtde 1.6: https://sdurobotics.gitlab.io/
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
-from granular_id._checks import positive_number
-from granular_id.live.robot import Pose, checked_move
-from granular_id.live.source import SourceInfo, WrenchSink
-from granular_id.live.source_url import SourceUrl
+from granular_id.live import Pose, SourceInfo, SourceUrl, WrenchSink, checked_move
 from granular_id_contrib import NOT_RUN
 from granular_id_contrib.polling import PolledMotion, PollingSource, PushStart, library
 
@@ -104,7 +102,9 @@ class URRobot:
     def __init__(self, host: str, acceleration_m_s2: float = 1.2, *, shares_clock: bool = False) -> None:
         self._shares_clock = shares_clock
         self._start = PushStart()
-        self._acceleration = positive_number("acceleration_m_s2", acceleration_m_s2)
+        if not 0 < acceleration_m_s2 < math.inf:
+            raise ValueError(f"acceleration_m_s2 must be positive and finite, got {acceleration_m_s2!r}")
+        self._acceleration = acceleration_m_s2
         self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
         self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
 

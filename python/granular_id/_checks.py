@@ -86,10 +86,10 @@ def sampling_rate(name: str, value: object) -> float:
     return finite_number(name, value, positive=True, most=_MAX_RATE_HZ)
 
 
-def whole_number(name: str, value: object, least: int = 1) -> int:
-    """Return an int of at least `least`."""
+def whole_number(name: str, value: object, least: int = 1, or_else: str = "") -> int:
+    """Return an int of at least `least`; `or_else` is what else would do, for the message."""
     if isinstance(value, bool) or not isinstance(value, Integral):
-        raise argument_error(TypeError, name, f"must be a whole number, got {value!r:.60}")
+        raise argument_error(TypeError, name, f"must be a whole number{or_else}, got {value!r:.60}")
     if value < least:
         raise argument_error(ValueError, name, f"must be at least {least}, got {fixed(int(value))}")
     return int(value)

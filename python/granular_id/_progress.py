@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from threading import Lock
 from time import monotonic
 
+from granular_id._checks import argument_error
+
 ProgressCallback = Callable[[int, int, str], None]
 """Called as ``progress(done, total, what)``: steps finished, steps in all, what the last one was."""
 
@@ -35,13 +37,20 @@ class Ticker:
                 self._callback(self._done, self._total, what)
 
 
+def check_progress(progress: bool | ProgressCallback) -> None:
+    """Refuse what neither says whether to show progress nor can be called."""
+    if not (isinstance(progress, bool) or callable(progress)):
+        raise argument_error(
+            TypeError, "progress", f"must be a bool or callable, got {type(progress).__name__}"
+        )
+
+
 @contextmanager
 def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
     """Show progress for the length of a block: a bar (rich, on a terminal), lines, nothing, or what a callable does."""
+    check_progress(progress)
     if callable(progress):
         yield progress
-    elif not isinstance(progress, bool):
-        raise TypeError(f"progress must be a bool or callable, got {type(progress).__name__}")
     elif progress and sys.stderr.isatty():
         with _bar() as callback:
             yield callback

@@ -147,5 +147,8 @@ def _made(kind: Any, value: Any) -> Any:
         return tuple(_made(parts[0], part) for part in value)
     if origin is np.ndarray:
         (dtype,) = get_args(parts[1])
-        return np.array(value).astype(dtype, casting="same_kind")
+        array = np.array(value)
+        if array.dtype.kind == "b":
+            raise TypeError("wanted numbers, got true or false")
+        return array.astype(dtype, casting="same_kind")
     return value

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from granular_id.cli.method import OneSpace
-from granular_id.cli.options import FORCE, a_share, command, numbers_in, option
+from granular_id.cli.options import FORCE, a_share, command, count, numbers_in, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, print_table, say_written, show
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -33,8 +33,8 @@ def confidence(
     ),
     known: float = option(SURE, "Share of known recordings to be accepted.", default=0.95, callback=a_share),
     compare: bool = option(SURE, "Also compare other ways to see the unknown.", "--compare", default=False),
-    seeds: int = option(SURE, "Random partitions.", default=20, min=1),
-    seed: int = option(SURE, "Same seed, same figures.", default=0, min=0),
+    seeds: int = option(SURE, "Random partitions.", default=20, callback=count(1)),
+    seed: int = option(SURE, "Same seed, same figures.", default=0, callback=count(0)),
     figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
     json: Path | None = option(OUTPUT, "Write all figures, and both rules."),
     force: bool = FORCE,

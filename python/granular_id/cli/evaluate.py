@@ -16,7 +16,7 @@ from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id.cli.method import Features, Method, chosen_spaces
-from granular_id.cli.options import FORCE, command, option, with_defaults
+from granular_id.cli.options import FORCE, command, count, option, with_defaults
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -209,11 +209,17 @@ class Partitions:
     protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
         SPLIT, "auto: paper, and the strictest that the recordings allow.", default="auto"
     )
-    train: int = option(SPLIT, "Training recordings of each class (random partitions).", default=50, min=1)
-    test: int = option(SPLIT, "Test recordings of each class (random partitions).", default=12, min=1)
-    partitions: int = option(SPLIT, "Number of random partitions.", default=20, min=1)
-    folds: int = option(SPLIT, "Folds of kfold, and of session with one session per class.", default=5, min=2)
-    seed: int = option(SPLIT, "Same seed, same numbers.", default=0, min=0)
+    train: int = option(
+        SPLIT, "Training recordings of each class (random partitions).", default=50, callback=count(1)
+    )
+    test: int = option(
+        SPLIT, "Test recordings of each class (random partitions).", default=12, callback=count(1)
+    )
+    partitions: int = option(SPLIT, "Number of random partitions.", default=20, callback=count(1))
+    folds: int = option(
+        SPLIT, "Folds of kfold, and of session with one session per class.", default=5, callback=count(2)
+    )
+    seed: int = option(SPLIT, "Same seed, same numbers.", default=0, callback=count(0))
 
 
 @command
@@ -320,9 +326,9 @@ def demo(
     *,
     output: Path = typer.Option(Path("demo"), "--output", "-o", help="Folder for the files."),
     quick: bool = typer.Option(False, "--quick", help="12 recordings of each material, 5 partitions."),
-    seed: int = typer.Option(0, min=0, help="Same seed, same recordings and numbers."),
+    seed: int = typer.Option(0, callback=count(0), help="Same seed, same recordings and numbers."),
     threads: int | None = typer.Option(
-        None, min=1, help="The numbers do not depend on it. Default: all cores."
+        None, callback=count(1), help="The numbers do not depend on it. Default: all cores."
     ),
     checkpoint: Path | None = typer.Option(None, help=CHECKPOINT),
     force: bool = FORCE,
@@ -397,9 +403,11 @@ def select(
     method: Features,
     *,
     spaces: str = option(CHOICE, "Candidates, by commas. Default: the paper's, but slow ones.", default=""),
-    outer: int = option(CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5, min=2),
-    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4, min=2),
-    seed: int = option(CHOICE, "Same seed, same choice.", default=0, min=0),
+    outer: int = option(
+        CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5, callback=count(2)
+    ),
+    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4, callback=count(2)),
+    seed: int = option(CHOICE, "Same seed, same choice.", default=0, callback=count(0)),
     json: Path | None = option(OUTPUT, "Write everything the choice rests on."),
     force: bool = FORCE,
     quiet: bool = option(OUTPUT, "Print the choice only.", "--quiet", default=False),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_format
 import sys
 import webbrowser
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -195,7 +195,7 @@ def live(
         )
     with ExitStack() as stack:
         stream = stack.enter_context(opened(source, sensing.buffer_s))
-        setup = moving.setup(source)
+        setup = stack.enter_context(closing(moving.setup(source)))
         views = stack.enter_context(Views([]))
         _open_views(views, view=view, port=port, browser=not no_browser, quiet=quiet)
         identifying = LiveIdentifier(
@@ -308,8 +308,7 @@ def record(
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
     n_refused = 0
     for source, names in places:
-        with opened(source, sensing.buffer_s) as stream:
-            setup = moving.setup(source)
+        with opened(source, sensing.buffer_s) as stream, closing(moving.setup(source)) as setup:
             recorder = Recorder(
                 stream,
                 setup.robot,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from granular_id.cli.errors import OPTIONS
-from granular_id.cli.options import above_zero, names_in, numbers_in, option, with_defaults
+from granular_id.cli.options import above_zero, count, names_in, numbers_in, option, with_defaults
 
 if TYPE_CHECKING:
     from sklearn.pipeline import Pipeline
@@ -36,7 +36,9 @@ class Features:
     tare_s: float | None = option(
         PANEL, "Subtract the mean of the first seconds, before the motion.", callback=above_zero
     )
-    threads: int | None = option(PANEL, "The numbers do not depend on it. Default: all cores.", min=1)
+    threads: int | None = option(
+        PANEL, "The numbers do not depend on it. Default: all cores.", callback=count(1)
+    )
 
     def __post_init__(self) -> None:
         self.settings: dict[str, Any] = {

@@ -20,9 +20,20 @@ Group = TypeVar("Group")
 def option(panel: str, text: str, *names: str, default: Any = None, **bounds: Any) -> Any:
     """Return an option with its help in one of the panels of ``--help``; with the default ``...`` it must be given.
 
-    Its name is the parameter's unless given. Bounds are those of typer: `min`, `max`, or a `callback`.
+    Its name is the parameter's unless given. Bounds are a `callback`: `count`, `above_zero`, `a_share`.
     """
     return typer.Option(default, *names, help=text, rich_help_panel=panel, **bounds)
+
+
+def count(least: int) -> Callable[[int | None], int | None]:
+    """Return the callback of an option that refuses whole numbers below `least`."""
+
+    def callback(value: int | None) -> int | None:
+        if value is not None and value < least:
+            raise typer.BadParameter(f"must be at least {least}, got {value}")
+        return value
+
+    return callback
 
 
 def above_zero(value: float | None) -> float | None:

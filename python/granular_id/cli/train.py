@@ -11,7 +11,7 @@ import typer
 
 from granular_id._files import write_json
 from granular_id.cli.method import ONE_VS_ONE, OneSpace
-from granular_id.cli.options import FORCE, a_share, command, option
+from granular_id.cli.options import FORCE, a_share, command, count, option
 from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -67,8 +67,10 @@ def train(
         ESTIMATE, "Share of known materials not called unknown.", default=0.95, callback=a_share
     ),
     early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
-    folds: int = option(ESTIMATE, "Random folds, without sessions and order in time.", default=5, min=2),
-    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0, min=0),
+    folds: int = option(
+        ESTIMATE, "Random folds, without sessions and order in time.", default=5, callback=count(2)
+    ),
+    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0, callback=count(0)),
     figure: Path | None = option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf."),
     json: Path | None = option(OUTPUT, "Write estimates, and accuracy against seconds seen."),
     force: bool = FORCE,

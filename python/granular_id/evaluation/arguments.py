@@ -22,9 +22,9 @@ def check_dataset(data: Dataset) -> None:
 
 def plan_seed(random_state: int | None) -> int:
     """Return the seed: the given one, or for None a fresh one that the result will record."""
-    return (
-        secrets.randbits(32) if random_state is None else whole_number("random_state", random_state, least=0)
-    )
+    if random_state is None:
+        return secrets.randbits(32)
+    return whole_number("random_state", random_state, least=0, or_else=" or None")
 
 
 def plan_spaces(

@@ -118,7 +118,7 @@ def _checked_weightings(block_weights: Any) -> list[Any]:
 
 
 def _each_once(argument: str, values: Any, what: str) -> list[Any]:
-    if isinstance(values, str) or not isinstance(values, Iterable):
+    if isinstance(values, str) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0:
         raise argument_error(
             TypeError, argument, f"must be a sequence of {what}, got {values!r}: put it into a list"
         )

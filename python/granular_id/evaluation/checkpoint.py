@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from granular_id._files import json_value, made_folder, whole_file
 from granular_id._schema import from_json
+from granular_id.evaluation.features import STAGES
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 from granular_id.spaces import Chosen
@@ -146,6 +147,8 @@ class Checkpoint:
             raise ValueError("another partition")
         chosen = None if saved["chosen"] is None else Chosen.from_dict(saved["chosen"])
         answer = from_json(Answer, {**saved, "chosen": None})
+        if any(set(seconds) != set(STAGES) for seconds in (answer.seconds, answer.shared_seconds)):
+            raise ValueError("not the seconds of every stage")
         if answer.predicted.shape != partition.test.shape:
             raise ValueError("not one class number for each tested recording")
         if answer.predicted.min() < 0 or answer.predicted.max() >= self._n_classes:

@@ -279,7 +279,9 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         **{name: saved[name] for name in ("settings", "data", "versions", "synthetic", "command")},
         "notes": tuple(saved["notes"]),
         "controls": tuple(map(Control.from_dict, saved["controls"])),
-        "portrait": saved["portrait"] and from_json(ReportData, saved["portrait"], what="portrait"),
+        "portrait": None
+        if saved["portrait"] is None
+        else from_json(ReportData, saved["portrait"], what="portrait"),
         "chosen": chosen,
         "wall_s": math.nan if saved["wall_s"] is None else saved["wall_s"],
     }

@@ -15,7 +15,7 @@ from sklearn.base import BaseEstimator
 
 from granular_id._checks import checked_flag
 from granular_id._estimators import describe_estimator, versions
-from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._progress import ProgressCallback, Ticker, check_progress, showing
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_dataset, plan_seed, plan_spaces
 from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
@@ -131,6 +131,7 @@ def evaluate(
     """
     start = time.perf_counter()
     check_dataset(data)
+    check_progress(progress)
     controls = checked_flag("controls", controls)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them

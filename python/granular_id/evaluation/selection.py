@@ -17,7 +17,7 @@ from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import describe_estimator, versions
 from granular_id._files import json_value, write_json
-from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id._progress import ProgressCallback, Ticker, check_progress, showing
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_dataset, plan_seed
@@ -150,6 +150,7 @@ def select(
     >>> model = selection.model().fit(data.X, data.y)
     """
     check_dataset(data)
+    check_progress(progress)
     seed = plan_seed(random_state)
     costs = checked_costs(relative_costs)
     X, y = data.X, data.y

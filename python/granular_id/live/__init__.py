@@ -20,12 +20,19 @@ if TYPE_CHECKING:
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
     from granular_id.live.replay import ReplaySource
-    from granular_id.live.robot import CallbackRobot, ManualRobot, Motion, Robot
+    from granular_id.live.robot import CallbackRobot, ManualRobot, Motion, Pose, Robot, checked_move
     from granular_id.live.setup import setup_of
     from granular_id.live.sim import SimRobot, SimSource
     from granular_id.live.snapshot import Snapshot
     from granular_id.live.snapshot_builder import SnapshotBuilder
-    from granular_id.live.source import Health, SourceInfo, ThreadedSource, WrenchSource, open_source
+    from granular_id.live.source import (
+        Health,
+        SourceInfo,
+        ThreadedSource,
+        WrenchSink,
+        WrenchSource,
+        open_source,
+    )
     from granular_id.live.source_url import SourceUrl
     from granular_id.live.stopping import stop_on_signals
     from granular_id.live.stream import Stream, opened
@@ -43,12 +50,12 @@ _HOMES = {
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
     "live.replay": ("ReplaySource",),
-    "live.robot": ("CallbackRobot", "ManualRobot", "Motion", "Robot"),
+    "live.robot": ("CallbackRobot", "ManualRobot", "Motion", "Pose", "Robot", "checked_move"),
     "live.setup": ("setup_of",),
     "live.sim": ("SimRobot", "SimSource"),
     "live.snapshot": ("Snapshot",),
     "live.snapshot_builder": ("SnapshotBuilder",),
-    "live.source": ("Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_source"),
+    "live.source": ("Health", "SourceInfo", "ThreadedSource", "WrenchSink", "WrenchSource", "open_source"),
     "live.source_url": ("SourceUrl",),
     "live.stopping": ("stop_on_signals",),
     "live.stream": ("Stream", "opened"),
@@ -74,6 +81,7 @@ __all__ = [
     "MonitorServer",
     "Motion",
     "MotionTrigger",
+    "Pose",
     "Push",
     "RdtSource",
     "Recorder",
@@ -93,7 +101,9 @@ __all__ = [
     "WindowError",
     "WrenchBuffer",
     "WrenchReader",
+    "WrenchSink",
     "WrenchSource",
+    "checked_move",
     "host_ns",
     "identify",
     "open_robot",

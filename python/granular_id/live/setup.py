@@ -35,6 +35,12 @@ class Setup:
     robot: Robot | None
     trigger: Callable[[], Trigger]
 
+    def close(self) -> None:
+        """End the connection to the robot, where it has one."""
+        close = getattr(self.robot, "close", None)
+        if close is not None:
+            close()
+
 
 def setup_of(
     source: WrenchSource,

@@ -51,7 +51,7 @@ def cut(data, **labels):
             r"class 'oat' has 10 recordings, wanted 12 \(9 to train, 3 to test\)",
         ),
         ({"random_state": -1}, ValueError, "random_state must be at least 0"),
-        ({"random_state": "x"}, TypeError, "random_state must be a whole number, got 'x'"),
+        ({"random_state": "x"}, TypeError, "random_state must be a whole number or None, got 'x'"),
         ({"progress": "yes"}, TypeError, "progress must be a bool or callable, got str"),
     ],
 )
@@ -59,6 +59,13 @@ def test_bad_arguments(data, change, kind, message):
     arguments = {"data": data, "spaces": "raw", **SMALL, **change}
     with pytest.raises(kind, match=message):
         evaluate(arguments.pop("data"), **arguments)
+
+
+def test_bad_progress_leaves_no_checkpoint_behind(data, tmp_path):
+    with pytest.raises(TypeError, match="progress must be a bool or callable, got str") as caught:
+        evaluate(data, "raw", **{**SMALL, "progress": "yes"}, checkpoint=tmp_path / "kept")
+    assert caught.value.argument == "progress"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_bad_data(data):

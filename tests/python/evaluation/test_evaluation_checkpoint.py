@@ -119,6 +119,11 @@ def test_a_finished_one_is_only_read(tmp_path, uninterrupted, monkeypatch):
         lambda text: text.replace('"n_features"', '"n"'),
         lambda text: text.replace('"fingerprint": "', '"fingerprint": "x'),
         lambda text: text.replace('"protocol": "paper"', '"protocol": "kfold"'),
+        lambda text: json.dumps(
+            {**json.loads(text), "predicted": [True] * len(json.loads(text)["predicted"])}
+        ),
+        lambda text: json.dumps({**json.loads(text), "seconds": {}}),
+        lambda text: json.dumps({**json.loads(text), "shared_seconds": {}}),
     ],
 )
 def test_a_damaged_file_is_computed_anew_and_said(kept, uninterrupted, damage):

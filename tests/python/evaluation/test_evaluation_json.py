@@ -96,6 +96,7 @@ BAD = [
     (drop("spaces", 0, "seconds", "gram"), "must hold 'gram'"),
     (drop("portrait"), "must hold 'portrait'"),
     (drop("portrait", "mean"), "must hold 'mean'"),
+    (put("portrait", {}), "portrait must hold"),
     (drop("settings", "seed"), "must hold 'seed'"),
     (drop("data", "summary"), "must hold 'summary'"),
     (put("recordings", 3, "label", "salt"), "does not hold a whole evaluation"),

@@ -90,7 +90,9 @@ def write_mcap(path, topics, compression="ZSTD", *, encoding="cdr", definitions=
             store, schema = (ROS2, "ros2msg") if encoding == "cdr" else (ROS1, "ros1msg")
             kind = {"ros_version": 2} if encoding == "cdr" else {}
             text = store.generate_msgdef(type_name, **kind)[0] if definitions is True else definitions
-            schema_id = writer.register_schema(type_name, schema, text.encode())
+            schema_id = writer.register_schema(
+                type_name, schema, text if isinstance(text, bytes) else text.encode()
+            )
             channel = writer.register_channel(topic, encoding, schema_id)
             for data, time in zip(messages, log_ns, strict=True):
                 writer.add_message(channel, log_time=time, publish_time=time, data=data)

@@ -129,6 +129,34 @@ def test_a_plain_type_with_other_fields_is_read_by_its_definition(tmp_path):
     np.testing.assert_array_equal(recording.wrench, np.roll(samples(), 3, axis=1))
 
 
+@pytest.mark.parametrize("number", ["float32", "int64"])
+def test_numbers_of_another_kind_are_read_by_their_definition(tmp_path, number):
+    vector = f"{number} x\n{number} y\n{number} z\n"
+    text = "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n"
+    text += f"{'=' * 80}\nMSG: geometry_msgs/Vector3\n{vector}"
+    rows = np.arange(120.0).reshape(20, 6)
+    raw = [b"\x00\x01\x00\x00" + row.astype(number).tobytes() for row in rows]
+    topics = {"/ft": ("geometry_msgs/msg/Wrench", raw, even_stamps())}
+    (recording,) = read(write_mcap(tmp_path / "x.mcap", topics, definitions=text)).recordings
+    np.testing.assert_array_equal(recording.wrench, rows)
+
+
+def test_a_comment_in_other_letters_than_utf_8_spoils_nothing(tmp_path):
+    text = ROS2.generate_msgdef(STAMPED, ros_version=2)[0].encode() + "# in N, not \N{DEGREE SIGN}C\n".encode(
+        "latin-1"
+    )
+    topics = one_topic(ROS2, samples(), even_stamps())
+    (recording,) = read(write_mcap(tmp_path / "x.mcap", topics, definitions=text)).recordings
+    np.testing.assert_array_equal(recording.wrench, samples())
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCA", b"Hello, this is text"])
+def test_what_does_not_begin_as_mcap_is_told(tmp_path, content):
+    (tmp_path / "x.mcap").write_bytes(content)
+    with pytest.raises(RecordingFileError, match="does not begin as an MCAP file does"):
+        read(tmp_path / "x.mcap")
+
+
 # -- makers' types
 
 READING = """Header header

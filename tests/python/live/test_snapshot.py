@@ -139,9 +139,10 @@ def test_rows_that_were_overwritten_are_a_gap_and_not_missing():
     assert np.isfinite(np.delete(seen.wrench, slice(100, 140), axis=0)).all()
     assert abs(seen.residual[140:]).max() < 1e-9
     assert (seen.counters["missing"], seen.counters["missed"], seen.counters["rows"]) == (0, 40, 150)
-    builder.rows(block(ROWS[:5], epoch=1, missed=9))
+    builder.rows(block(np.full((5, 6), -7.0), epoch=1, missed=9))
     seen = builder.build("armed")
     assert len(seen.wrench) == 5, "those were of the epoch before"
+    assert abs(seen.residual).max() < 1e-9  # the high-pass begins anew: the step to it is none
     assert seen.counters["epochs"] == 2
 
 

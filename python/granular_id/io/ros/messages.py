@@ -118,6 +118,9 @@ class MessageType:
 
         Bytes that depend on no number hold lengths and texts. Where they are the same, so is the layout.
         """
+        vector = self._store.get_msgdef("geometry_msgs/msg/Vector3").fields
+        if any(kind[1][0] != "float64" for _, kind in vector):
+            return None
         size = len(messages[0])
         order = "<" if self._ros1 or messages[0][1] else ">"
         zeros = self._filled_bytes(first, None, order)

@@ -172,11 +172,12 @@ def _messages_of(reader: Any, connections: list[Any]) -> Iterable[tuple[int, byt
 def _mcap(file: BinaryIO, path: Path) -> _Bag:
     """Read a file from its first record to its last: an index at the end may be missing."""
     reader = need("mcap.stream_reader", extra="ros", why="to read .mcap files").StreamReader
-    if file.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC:
-        file.seek(-len(_MCAP_MAGIC), os.SEEK_END)
-        if file.read() != _MCAP_MAGIC:
-            way_out = f"`mcap recover {path.name} -o whole.mcap` keeps what there is"
-            raise RecordingFileError(path, f"is cut off, the recording was not closed; {way_out}")
+    if file.read(len(_MCAP_MAGIC)) != _MCAP_MAGIC:
+        raise RecordingFileError(path, "does not begin as an MCAP file does")
+    file.seek(-len(_MCAP_MAGIC), os.SEEK_END)
+    if file.read() != _MCAP_MAGIC:
+        way_out = f"`mcap recover {path.name} -o whole.mcap` keeps what there is"
+        raise RecordingFileError(path, f"is cut off, the recording was not closed; {way_out}")
     file.seek(0)
     own = OwnRecords()
     schemas = {0: ("", "")}
@@ -190,7 +191,7 @@ def _mcap(file: BinaryIO, path: Path) -> _Bag:
             log.append((record.log_time, record.data if kept else b""))
         elif kind == "Schema":
             is_text = record.encoding in ("ros1msg", "ros2msg")
-            schemas[record.id] = record.name, record.data.decode() if is_text else ""
+            schemas[record.id] = record.name, record.data.decode("utf-8", "replace") if is_text else ""
         elif kind == "Channel":
             type_name, definition = schemas[record.schema_id]
             key = (record.topic, type_name.replace("/msg/", "/"), record.message_encoding)
