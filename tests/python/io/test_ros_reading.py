@@ -242,7 +242,9 @@ def test_what_is_no_bag_is_refused_by_name(tmp_path, kind):
     data = file.read_bytes()
     for changed in (b"", b"time,fx\n1,2\n", data[: len(data) // 2], data[: len(data) // 3] + data[-99:]):
         file.write_bytes(changed)
-        with pytest.raises(RecordingFileError, match=r"reading it as|cut off|SQLite|does not begin") as caught:
+        with pytest.raises(
+            RecordingFileError, match=r"reading it as|cut off|SQLite|does not begin"
+        ) as caught:
             load(path)
         assert caught.value.path == str(path)
 
