@@ -1,4 +1,4 @@
-"""Names of columns and fields: the one table that says what each means.
+"""Names of columns and fields, and units: the tables that say what each means.
 
 ====== ===================================================== =========================
 column also                                                   unit, where it is named

@@ -1,4 +1,4 @@
-"""A CSV file: one recording, or many told apart by a column.
+"""A CSV file, one recording or many told apart by a column, and the folder of such files that is written.
 
 Line 1 names the columns, in any order: the six axes of a wrench (N, N m), and optionally a time (seconds), ``flags``
 (bits of ``SampleFlag``), and what tells recordings apart and names them. ``columns`` lists the names that are known.

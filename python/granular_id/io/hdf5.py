@@ -365,7 +365,6 @@ def save_hdf5(
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io.hdf5 import read_hdf5
     >>> from granular_id.io.hdf5 import save_hdf5
     >>> from granular_id.recording import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])

@@ -275,9 +275,8 @@ def _answer(source: FileSource, options: LoadOptions) -> tuple[dict[str, Any], l
 def _limit_memory(n_bytes: int) -> None:
     """Let the child map so much more than it has mapped; nothing of it is left to be dumped."""
     statm = Path("/proc/self/statm")
-    if (
-        resource is not None and statm.exists()
-    ):  # Linux; elsewhere the limit is not kept, or counts something else
+    # Linux; elsewhere the limit is not kept, or counts something else
+    if resource is not None and statm.exists():
         _limit("RLIMIT_AS", n_bytes + int(statm.read_text().split()[0]) * resource.getpagesize())
         _limit("RLIMIT_CORE", 0)
 

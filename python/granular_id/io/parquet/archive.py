@@ -1,4 +1,8 @@
-"""Read a native archive: the whole of it, or one row group at a time."""
+"""The native archive, read as a whole or one row group at a time, and written.
+
+``recordings.parquet`` has one row per recording and says in which row group of which file its samples lie;
+``samples/part-00000.parquet`` and so on hold the samples, a column per axis, whole recordings in each row group.
+"""
 
 from __future__ import annotations
 
@@ -268,10 +272,7 @@ def _texts(table: Any, name: str) -> list[str | None]:
     return [values[code] for code in codes.tolist()]
 
 
-# How the native archive is laid out: names of files and columns, and the mark that tells it from other Parquet.
-#
-# ``recordings.parquet`` has one row per recording and says in which row group of which file its samples lie;
-# ``samples/part-00000.parquet`` and so on hold the samples, a column per axis, whole recordings in each row group.
+# Names of files and columns, and the mark that tells an archive from other Parquet.
 
 INDEX_FILE = "recordings.parquet"
 SAMPLES_FOLDER = "samples"
