@@ -261,24 +261,30 @@ class Capture:
             )
         self.trigger = trigger
         self.info = info
+        self.max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
+        """Lag that is no cause for alarm."""
+        self._lag_patience_s = finite_number("lag_patience_s", lag_patience_s, least=0)
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = finite_number("rate_tolerance", rate_tolerance, least=0)
-        self._lag = _LagWatch(max_lag_s, lag_patience_s, self.rate_hz)
-        self._rest = _Rest(self.n_pre, finite_number("timeout_s", timeout_s, least=0), self.rate_hz)
+        self._timeout_s = finite_number("timeout_s", timeout_s, least=0)
         self._utc_at_zero_s = utc_at_zero_s
         self._device_clock = info is None or info.device_clock
         self._speed = 1.0 if info is None else info.speed
-        self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
 
         self.state = CaptureState.IDLE
         self.reason: FailureReason | None = None
         self.text = ""
         self.trigger_time_s: float | None = None
+        self.n_rows = 0
         self._epoch: int | None = None
         self._last = Rows.none()
+        self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
+        self._n_left = round(self._timeout_s * self.rate_hz)  # that may still come before the trigger
+        self._rest = Rows.none()  # the newest ones, as many as belong before the trigger
+        self._broken: _Break | None = None  # what broke the rest last
         self._taken: list[Rows] = []
-        self.n_rows = 0
+        self._n_late = 0
 
     def feed(self, block: BlockLike, lag_s: float = 0.0) -> NDArray[np.float64]:
         """Take the next rows of the stream.
@@ -299,30 +305,13 @@ class Capture:
             return Rows.none().wrench
         if self.state is CaptureState.IDLE:
             self.state = CaptureState.ARMING
+        n_before = len(self._taken)
         if block.missed and self._epoch is not None:  # before the first row it is nobody's loss
             self.fail(FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read")
-            return Rows.none().wrench
-        if not len(block):
-            self._judge_lag(0, lag_s)
-            return Rows.none().wrench
-        if self._epoch not in (None, block.epoch):
-            self._break(_Break(FailureReason.RESTART, "the sensor's time began anew"))
-            self._last = Rows.none()
-            self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
-        self._epoch = block.epoch
-        rows = filled(self._last, Rows.of(block), self._max_gap)
-        first = not len(self._last)
-        self._last = rows[-1:]
-        taken: list[Rows] = []
-        for run in _runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
-            if isinstance(run, _Break):
-                self._break(run)
-            else:
-                self._take(run, taken)
-            if self.state.is_over:
-                break
+        elif len(block):
+            self._go_through(block)
         self._judge_lag(len(block), lag_s)
-        return Rows.joined(taken).wrench
+        return Rows.joined(self._taken[n_before:]).wrench
 
     def fail(self, reason: FailureReason, text: str) -> None:
         """End the capture for a reason from outside, unless it is over already."""
@@ -333,11 +322,6 @@ class Capture:
         """Raise CaptureError if the capture failed."""
         if self.reason is not None:
             raise CaptureError(self.reason, self.text)
-
-    @property
-    def max_lag_s(self) -> float:
-        """Lag that is no cause for alarm."""
-        return self._lag.max_lag_s
 
     @property
     def rows(self) -> Rows:
@@ -396,55 +380,72 @@ class Capture:
             flags=rows.flags,
         )
 
+    def _go_through(self, block: BlockLike) -> None:
+        if self._epoch not in (None, block.epoch):
+            self._break(_Break(FailureReason.RESTART, "the sensor's time began anew"))
+            self._last = Rows.none()
+            self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
+        self._epoch = block.epoch
+        first = not len(self._last)
+        rows = filled(self._last, Rows.of(block), self._max_gap)
+        self._last = rows[-1:]
+        for run in _runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
+            if isinstance(run, _Break):
+                self._break(run)
+            else:
+                self._take(run)
+
     def _break(self, why: _Break) -> None:
         if self.state is CaptureState.TRIGGERED:
             self.fail(why.reason, f"{why.text}, {self.n_rows} of {self.n_samples} rows in")
-            return
-        self.state = CaptureState.ARMING
-        self._rest.begin_anew(why)
-        if not self._rest.n_left:
-            self._fail(self._rest.why_over())
+        elif not self.state.is_over:
+            self.state = CaptureState.ARMING
+            self._rest, self._broken = Rows.none(), why
+            self._n_left -= why.n_rows
+            if self._n_left <= 0:
+                self._fail_untriggered()
 
-    def _fail(self, why: _Break) -> None:
-        self.fail(why.reason, why.text)
-
-    def _take(self, rows: Rows, taken: list[Rows]) -> None:
+    def _take(self, rows: Rows) -> None:
         """Go through rows without a fault among them."""
         while not self.state.is_over:
-            if self.state is CaptureState.ARMING and not self._rest.n_wanted:
+            if self.state is CaptureState.ARMING and len(self._rest) == self.n_pre:
                 self._arm()
             if not len(rows):
                 return
             if self.state is CaptureState.TRIGGERED:
-                self._add(rows[: self.n_samples - self.n_rows], taken)
+                self._add(rows[: self.n_samples - self.n_rows])
                 return
-            rows = self._wait(rows, taken)
+            rows = self._wait(rows)
 
     def _arm(self) -> None:
-        complaint = self.trigger.arm(self._rest.rows)
+        complaint = self.trigger.arm(self._rest)
         if complaint is None:
-            self.state = CaptureState.ARMED
-            self._rest.is_accepted()
-        else:
-            self._rest.look_again(complaint)
+            self.state, self._broken = CaptureState.ARMED, None
+            return
+        # The oldest rows go; a fixed share, so that nothing depends on how rows come in.
+        self._rest = self._rest[max(1, self.n_pre // _NEW_LOOKS) :]
+        self._broken = _Break(FailureReason.NO_REST, complaint)
 
-    def _wait(self, rows: Rows, taken: list[Rows]) -> Rows:
+    def _wait(self, rows: Rows) -> Rows:
         """Look for the trigger in as many rows as may be looked at alike; return the others."""
-        rest, arming = self._rest, self.state is CaptureState.ARMING
-        if not rest.n_left:
-            self._fail(rest.why_over())
+        if self._n_left <= 0:
+            self._fail_untriggered()
             return rows
-        looked = rows[: min(rest.n_left, rest.n_wanted) if arming else rest.n_left]
+        arming = self.state is CaptureState.ARMING
+        wanted = max(1, self.n_pre - len(self._rest)) if arming else self._n_left
+        looked = rows[: min(self._n_left, wanted)]
         found = self.trigger.index(self._as_due(looked))
         if found is not None and arming:
-            self._fail(rest.why_early(found))
+            self._fail_early(len(self._rest) + found)
             return rows
         resting = looked[:found]
-        rest.add(resting)
+        self._n_left -= len(resting)
+        self._rest = Rows.joined([self._rest, resting])
+        self._rest = self._rest[max(0, len(self._rest) - self.n_pre) :]
         if found is not None:
             self.state = CaptureState.TRIGGERED
             self.trigger_time_s = float(looked.time_s[found])
-            self._add(rest.rows, taken)
+            self._add(self._rest)
         return rows[len(resting) :]
 
     def _as_due(self, rows: Rows) -> Rows:
@@ -453,9 +454,8 @@ class Capture:
             return rows
         return replace(rows, host_ns=self._arrival.due_ns(rows.time_s, rows.host_ns))
 
-    def _add(self, rows: Rows, taken: list[Rows]) -> None:
+    def _add(self, rows: Rows) -> None:
         self._taken.append(rows)
-        taken.append(rows)
         self.n_rows += len(rows)
         if self.n_rows < self.n_samples:
             return
@@ -468,12 +468,35 @@ class Capture:
         wanted = f"{self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
         self.fail(FailureReason.RATE, f"measured {measured_hz:.6g} Hz, wanted {wanted}")
 
+    def _fail_early(self, n_rest: int) -> None:
+        text = f"triggered after {n_rest} rows at rest, wanted {self.n_pre}"
+        if self._broken is None:
+            self.fail(FailureReason.TRIGGER_TOO_EARLY, text)
+        else:
+            self.fail(self._broken.reason, f"{text}: {self._broken.text}")
+
+    def _fail_untriggered(self) -> None:
+        text = f"nothing triggered within {self._timeout_s:g} s"
+        if self._broken is not None:
+            text += f"; the rest was broken last by this: {self._broken.text}"
+        self.fail(FailureReason.NO_TRIGGER, text)
+
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
+        """Fail where the newest row is late for so long that it is no stumble any more."""
         if self._device_clock:  # a complete recording is none the worse for it
             return
-        complaint = self._lag.complaint(n_rows, lag_s)
-        if complaint is not None and self.state is CaptureState.TRIGGERED:
-            self.fail(FailureReason.LAG, complaint)
+        is_late = lag_s > self.max_lag_s
+        self._n_late = self._n_late + n_rows if is_late else 0
+        lasts = self._n_late >= self._lag_patience_s * self.rate_hz
+        if (
+            self.state is CaptureState.TRIGGERED
+            and is_late
+            and (lasts or lag_s > self.max_lag_s + self._lag_patience_s)
+        ):
+            wanted = (
+                f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._lag_patience_s:g} ms at most"
+            )
+            self.fail(FailureReason.LAG, f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}")
 
 
 @dataclass(frozen=True)
@@ -511,74 +534,6 @@ def _runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> 
             start = at + 1
     if start < len(rows):
         yield rows[start:]
-
-
-class _Rest:
-    """The newest rows at rest, as many as belong before the trigger, and what broke them last.
-
-    `n_left` rows may still come before the trigger, those that are no rest too.
-    """
-
-    def __init__(self, n_rows: int, timeout_s: float, rate_hz: float) -> None:
-        self.rows = Rows.none()
-        self.n_left = round(timeout_s * rate_hz)
-        self._n_rows, self._timeout_s = n_rows, timeout_s
-        self._broken: _Break | None = None
-
-    @property
-    def n_wanted(self) -> int:
-        return self._n_rows - len(self.rows)
-
-    def add(self, rows: Rows) -> None:
-        self.n_left -= len(rows)
-        kept = Rows.joined([self.rows, rows])
-        self.rows = kept[max(0, len(kept) - self._n_rows) :]
-
-    def begin_anew(self, why: _Break) -> None:
-        self.n_left = max(self.n_left - why.n_rows, 0)
-        self.rows, self._broken = Rows.none(), why
-
-    def look_again(self, complaint: str) -> None:
-        """Let the oldest rows go, because the trigger sees no rest in all of them."""
-        # A fixed share, so that nothing depends on how rows come in.
-        self.rows = self.rows[max(1, self._n_rows // _NEW_LOOKS) :]
-        self._broken = _Break(FailureReason.NO_REST, complaint)
-
-    def is_accepted(self) -> None:
-        self._broken = None
-
-    def why_early(self, n_more: int) -> _Break:
-        text = f"triggered after {len(self.rows) + n_more} rows at rest, wanted {self._n_rows}"
-        if self._broken is None:
-            return _Break(FailureReason.TRIGGER_TOO_EARLY, text)
-        return _Break(self._broken.reason, f"{text}: {self._broken.text}")
-
-    def why_over(self) -> _Break:
-        text = f"nothing triggered within {self._timeout_s:g} s"
-        if self._broken is not None:
-            text += f"; the rest was broken last by this: {self._broken.text}"
-        return _Break(FailureReason.NO_TRIGGER, text)
-
-
-class _LagWatch:
-    """Tells when the newest row is late for so long that it is no stumble any more."""
-
-    def __init__(self, max_lag_s: float, patience_s: float, rate_hz: float) -> None:
-        self.max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
-        self._patience_s = finite_number("lag_patience_s", patience_s, least=0)
-        self._rate_hz = rate_hz
-        self._n_late = 0
-
-    def complaint(self, n_rows: int, lag_s: float) -> str | None:
-        """Note the lag after `n_rows` more rows; return what is wrong, once it is."""
-        if lag_s <= self.max_lag_s:
-            self._n_late = 0
-            return None
-        self._n_late += n_rows
-        if self._n_late < self._patience_s * self._rate_hz and lag_s <= self.max_lag_s + self._patience_s:
-            return None
-        wanted = f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._patience_s:g} ms at most"
-        return f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}"
 
 
 def meta_of(info: SourceInfo | None, facts: Mapping[str, Any]) -> dict[str, Any]:
