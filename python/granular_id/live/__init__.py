@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason, Push
     from granular_id.live.identification import LiveIdentifier
     from granular_id.live.monitor import MonitorServer
-    from granular_id.live.plugins import open_robot
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
     from granular_id.live.replay import ReplaySource
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
         ThreadedSource,
         WrenchSink,
         WrenchSource,
+        open_robot,
         open_source,
     )
     from granular_id.live.source_url import SourceUrl
@@ -46,7 +46,6 @@ _HOMES = {
     "live.capture": ("Capture", "CaptureError", "CaptureState", "FailureReason", "Push"),
     "live.identification": ("LiveIdentifier",),
     "live.monitor": ("MonitorServer",),
-    "live.plugins": ("open_robot",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),
     "live.replay": ("ReplaySource",),
@@ -55,7 +54,15 @@ _HOMES = {
     "live.sim": ("SimRobot", "SimSource"),
     "live.snapshot": ("Snapshot",),
     "live.snapshot_builder": ("SnapshotBuilder",),
-    "live.source": ("Health", "SourceInfo", "ThreadedSource", "WrenchSink", "WrenchSource", "open_source"),
+    "live.source": (
+        "Health",
+        "SourceInfo",
+        "ThreadedSource",
+        "WrenchSink",
+        "WrenchSource",
+        "open_robot",
+        "open_source",
+    ),
     "live.source_url": ("SourceUrl",),
     "live.stopping": ("stop_on_signals",),
     "live.stream": ("Stream", "opened"),

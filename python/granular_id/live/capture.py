@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Capture", "CaptureError", "CaptureState", "FailureReason", "Push", "meta_of"]
 
+SATURATED = np.uint8(SampleFlag.SATURATED)
+
 _NEW_LOOKS = 10
 """How often rows are looked at anew for being at rest, within the time that they are to rest."""
 
@@ -261,8 +263,7 @@ class Capture:
             )
         self.trigger = trigger
         self.info = info
-        self.max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
-        """Lag that is no cause for alarm."""
+        self._max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
         self._lag_patience_s = finite_number("lag_patience_s", lag_patience_s, least=0)
         self._max_gap = whole_number("max_gap", max_gap, least=0)
         self._allow_saturated = bool(allow_saturated)
@@ -324,6 +325,11 @@ class Capture:
             raise CaptureError(self.reason, self.text)
 
     @property
+    def max_lag_s(self) -> float:
+        """Lag that is no cause for alarm."""
+        return self._max_lag_s
+
+    @property
     def rows(self) -> Rows:
         """Everything taken so far."""
         return Rows.joined(self._taken)
@@ -362,7 +368,7 @@ class Capture:
             raise RuntimeError(f"the capture is {self.state.value}: {self.n_rows} of {self.n_samples} rows")
         facts = {"trigger": self.trigger.name, "lead_s": self.n_pre / self.rate_hz, **(meta or {})}
         rows = self.rows
-        if self._speed == 1 and (late := late_s(rows)) > self.max_lag_s:
+        if self._speed == 1 and (late := late_s(rows)) > self._max_lag_s:
             facts["late_s"] = late
         if self._utc_at_zero_s is None:
             start_time = start_utc_s(rows, time.time() - 1e-9 * host_ns())
@@ -485,16 +491,16 @@ class Capture:
         """Fail where the newest row is late for so long that it is no stumble any more."""
         if self._device_clock:  # a complete recording is none the worse for it
             return
-        is_late = lag_s > self.max_lag_s
+        is_late = lag_s > self._max_lag_s
         self._n_late = self._n_late + n_rows if is_late else 0
         lasts = self._n_late >= self._lag_patience_s * self.rate_hz
         if (
             self.state is CaptureState.TRIGGERED
             and is_late
-            and (lasts or lag_s > self.max_lag_s + self._lag_patience_s)
+            and (lasts or lag_s > self._max_lag_s + self._lag_patience_s)
         ):
             wanted = (
-                f"at most {1e3 * self.max_lag_s:g} ms, or more for {1e3 * self._lag_patience_s:g} ms at most"
+                f"at most {1e3 * self._max_lag_s:g} ms, or more for {1e3 * self._lag_patience_s:g} ms at most"
             )
             self.fail(FailureReason.LAG, f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}")
 
@@ -516,7 +522,7 @@ def _runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> 
     gap = rows.missing_before > 0
     if first and len(gap):
         gap[0] = False
-    saturated = np.zeros(len(rows), dtype=np.bool_) if allow_saturated else rows.has(SampleFlag.SATURATED)
+    saturated = np.zeros(len(rows), dtype=np.bool_) if allow_saturated else rows.flags & SATURATED != 0
     start = 0
     for at in np.flatnonzero(gap | saturated).tolist():
         if at > start:

@@ -17,7 +17,7 @@ from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
-from granular_id.live.robot import Motion, Robot, checked_move
+from granular_id.live.robot import Motion, Robot, checked_move, checked_robot
 from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
@@ -99,10 +99,7 @@ class Recorder:
         on_step: Callable[[Step, Capture], object] | None = None,
         **limits: Any,
     ) -> None:
-        if robot is not None and not isinstance(robot, Robot):
-            raise argument_error(
-                TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
-            )
+        robot = None if robot is None else checked_robot(robot)
         if trigger is not None and not callable(trigger):
             raise argument_error(
                 TypeError,

@@ -12,7 +12,16 @@ from typing import Any, Protocol, TextIO, runtime_checkable
 from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id._core import host_ns
 
-__all__ = ["CallbackRobot", "ManualRobot", "Motion", "Pose", "Robot", "TimedMotion", "checked_move"]
+__all__ = [
+    "CallbackRobot",
+    "ManualRobot",
+    "Motion",
+    "Pose",
+    "Robot",
+    "TimedMotion",
+    "checked_move",
+    "checked_robot",
+]
 
 MAX_SPEED_M_S = 1.0
 """Thirty times the paper's: what is faster is a speed in mm/s or cm/s, and would move an arm before anybody notices."""
@@ -78,6 +87,15 @@ class Robot(Protocol):
         Called on every failure and on Ctrl-C, also when nothing moves; a second time, and from another thread, where a
         command may cross with the first call or the main thread is held up (`granular_id.live.stop_on_signals`).
         """
+
+
+def checked_robot(robot: object) -> Robot:
+    """Return a robot, or say what it lacks."""
+    if not isinstance(robot, Robot):
+        raise argument_error(
+            TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
+        )
+    return robot
 
 
 def checked_move(

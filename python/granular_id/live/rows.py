@@ -88,11 +88,6 @@ class Rows:
     def __getitem__(self, rows: slice) -> Rows:
         return Rows(*(getattr(self, name)[rows] for name in _COLUMNS))
 
-    def has(self, flag: SampleFlag) -> NDArray[np.bool_]:
-        """Tell for each row whether it carries a flag, shape (n,)."""
-        carried: NDArray[np.bool_] = (self.flags & np.uint8(flag)) != 0
-        return carried
-
 
 def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
     """Put a straight line into gaps of at most `max_gap` instants, flagged ``GAP_FILLED``; longer ones stay.

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from granular_id._checks import argument_error
-from granular_id.live.plugins import open_robot
-from granular_id.live.robot import ManualRobot, Robot
-from granular_id.live.source import WrenchSource
+from granular_id.live.robot import ManualRobot, Robot, checked_robot
+from granular_id.live.source import WrenchSource, open_robot
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, Trigger
 
 __all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of", "starts_exactly"]
@@ -124,12 +123,8 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return own()
     if robot == "manual":
         return ManualRobot()
-    if isinstance(robot, Robot):
-        return robot
     if not isinstance(robot, str):
-        raise argument_error(
-            TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
-        )
+        return checked_robot(robot)
     if ":" in robot:
         return open_robot(robot)
     raise argument_error(

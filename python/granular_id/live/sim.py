@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import secrets
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -96,35 +96,6 @@ class Fault:
         finite_number("stall_s", self.stall_s, least=0)
 
 
-class _FaultPlan:
-    """Faults that wait for their sample; filled from any thread."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._waiting: list[tuple[float | None, Fault]] = []
-
-    def add(self, fault: Fault, tick: float | None) -> None:
-        with self._lock:
-            self._waiting.append((tick, fault))
-
-    def follow(self, start_tick: float, rate_hz: float) -> None:
-        with self._lock:
-            self._waiting = [
-                (start_tick + (fault.after_s or 0.0) * rate_hz if tick is None else tick, fault)
-                for tick, fault in self._waiting
-            ]
-
-    def take(self, before: float) -> tuple[float, Fault] | None:
-        """Remove and return the first fault due before a sample; None where there is none."""
-        with self._lock:
-            due = [(tick, fault) for tick, fault in self._waiting if tick is not None and tick < before]
-            if not due:
-                return None
-            first = min(due, key=lambda item: item[0])
-            self._waiting.remove(first)
-            return first
-
-
 @dataclass
 class PlannedPush:
     """A push that has been commanded: its samples from `first_tick`, the command, to `end_tick`, the end of the motion.
@@ -132,7 +103,6 @@ class PlannedPush:
     The motion begins at `start_tick`, as a rule between two samples; `meta` is what was drawn for it.
     """
 
-    material: Material
     first_tick: int
     start_tick: float
     end_tick: int
@@ -172,34 +142,18 @@ class SimWorld:
         self._rig = rig or Rig()
         self._nuisance = nuisance or Nuisance()
         self._lock = threading.Lock()
-        self._tick = 0
         self._n_pushes = 0
-        self._push: PlannedPush | None = None
-        self._truth: str | None = None
+        self._faults: list[tuple[float | None, Fault]] = []  # with their samples, None: told by the next push
+        self.tick = 0  # number of the next sample
+        self.push: PlannedPush | None = None  # that is commanded or under way
+        self.truth: str | None = None  # material of the latest push
         self._set_up()
 
-    @property
-    def tick(self) -> int:
-        """Number of the next sample."""
-        return self._tick
-
-    @property
-    def truth(self) -> str | None:
-        """Material of the latest push; None before the first."""
-        return self._truth
-
-    @property
-    def push(self) -> PlannedPush | None:
-        """The push that is commanded or under way."""
-        return self._push
-
-    def plan(
-        self, speed_m_s: float, duration_s: float, on_plan: Callable[[PlannedPush], object] | None = None
-    ) -> PlannedPush:
+    def plan(self, speed_m_s: float, duration_s: float) -> PlannedPush:
         """Command a push, which begins about half a second after the next sample.
 
-        `on_plan` is called with it before its first sample can be asked for. Refused while another one is under way
-        (RuntimeError), and where it would run into the wall of the container (ValueError).
+        Refused while another one is under way (RuntimeError), and where it would run into the wall of the container
+        (ValueError).
         """
         self._refuse_while_moving()
         material, conditions, stream = self._material, self._conditions, self._stream
@@ -219,44 +173,60 @@ class SimWorld:
         meta = push_meta(material, rig, conditions, lead_s) | {"push": self._n_pushes}
         with self._lock:
             self._refuse_while_moving()
-            start_tick = self._tick + lead_s * self.rate_hz
-            push = PlannedPush(material, self._tick, start_tick, self._tick + len(wrench), wrench, meta)
-            if on_plan is not None:
-                on_plan(push)
-            self._push, self._truth = push, material.name
-            return push
+            start_tick = self.tick + lead_s * self.rate_hz
+            self._faults = [
+                (start_tick + (fault.after_s or 0.0) * self.rate_hz if tick is None else tick, fault)
+                for tick, fault in self._faults
+            ]
+            self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, meta)
+            self.truth = material.name
+            return self.push
 
     def _refuse_while_moving(self) -> None:
-        if self._push is not None:
+        if self.push is not None:
             raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
 
     def cut(self, push: PlannedPush) -> None:
         """Stop a push where it is: the tool leaves the bed."""
         with self._lock:
-            if self._push is push:
-                push.end_tick = self._tick
+            if self.push is push:
+                push.end_tick = self.tick
                 self._finish()
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong, now or after the start of the next push; from any thread."""
+        with self._lock:
+            self._faults.append((self.tick if fault.after_s is None else None, fault))
+
+    def fault_before(self, tick: int) -> tuple[float, Fault] | None:
+        """Return the first fault due before a sample, and when it is; forget it where it is due now."""
+        with self._lock:
+            due = [(at, fault) for at, fault in self._faults if at is not None and at < tick]
+            first = min(due, key=lambda item: item[0], default=None)
+            if first is not None and first[0] <= self.tick:
+                self._faults.remove(first)
+            return first
 
     def advance(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
         """Return the next `n` samples: wrench (n, 6) and flags (n,)."""
         wrench, done = np.empty((n, 6)), 0
         with self._lock:
             while done < n:
-                if self._push is None:
+                if self.push is None:
                     part = self.sensor.read(np.tile(self._conditions.tare, (n - done, 1)), self._rest_noise)
                 else:
-                    at = self._tick - self._push.first_tick
-                    part = self._push.wrench[at : at + n - done]
+                    at = self.tick - self.push.first_tick
+                    part = self.push.wrench[at : at + n - done]
                 wrench[done : done + len(part)] = part
                 done += len(part)
-                self._tick += len(part)
-                if self._push is not None and self._tick >= self._push.end_tick:
+                self.tick += len(part)
+                if self.push is not None and self.tick >= self.push.end_tick:
                     self._finish()
         saturated = np.any(np.abs(wrench) >= np.asarray(self.sensor.full_scale), axis=1)
         return wrench, saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED)
 
     def _finish(self) -> None:
-        self._push = None
+        self.push = None
         self._n_pushes += 1
         self._set_up()
 
@@ -336,7 +306,6 @@ class SimSource(ThreadedSource):
             )
         )
         self._start_ns: int | None = None
-        self._faults = _FaultPlan()
         self._zero_tick = 0
 
     @property
@@ -350,13 +319,11 @@ class SimSource(ThreadedSource):
 
     def inject(self, fault: Fault) -> None:
         """Let something go wrong, see `Fault`."""
-        self._faults.add(fault, self.world.tick if fault.after_s is None else None)
+        self.world.inject(fault)
 
     def push(self, speed_m_s: float, duration_s: float) -> PlannedPush:
         """Command a push; what `SimRobot` does."""
-        return self.world.plan(
-            speed_m_s, duration_s, lambda push: self._faults.follow(push.start_tick, self.info.rate_hz)
-        )
+        return self.world.plan(speed_m_s, duration_s)
 
     def device_time_s(self, tick: float) -> float:
         """Return the sensor's time of a sample."""
@@ -386,13 +353,11 @@ class SimSource(ThreadedSource):
     def _write(self, buffer: WrenchSink, n: int, stopping: threading.Event) -> None:
         """Write the next samples: `n` of them, or as many as come before the next fault, or that fault."""
         first = self.world.tick
-        due = self._faults.take(before=first + n)
-        if due is not None and due[0] > first:
-            self._faults.add(due[1], due[0])
-            n = min(n, math.ceil(due[0]) - first)
-        elif due is not None:
-            self._go_wrong(buffer, due[1], stopping)
+        due_tick, fault = self.world.fault_before(first + n) or (first + n, None)
+        if fault is not None and due_tick <= first:
+            self._go_wrong(buffer, fault, stopping)
             return
+        n = math.ceil(due_tick) - first
         wrench, flags = self.world.advance(n)
         buffer.push_block(wrench, self._times_s(first, n), flags=flags)
 

@@ -1,4 +1,4 @@
-"""What a source of wrenches is, and how a URL becomes one.
+"""What a source of wrenches is, and how a URL becomes one, or a robot.
 
 A sensor, a file played again and a simulation are all the same to the rest of the program: something that says
 what it measures (`SourceInfo`), writes rows into a buffer from `start` to `stop`, and tells how it is (`Health`).
@@ -11,15 +11,25 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, fields
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from granular_id._checks import checked_text, finite_number, freeze, positive_number, thaw
-from granular_id.live.plugins import SOURCES, known_schemes, open_plugin
+from granular_id._checks import argument_error, checked_text, finite_number, freeze, positive_number, thaw
+from granular_id.live.robot import Robot
 from granular_id.live.source_url import SourceUrl
 
-__all__ = ["SCHEMES", "Health", "SourceInfo", "ThreadedSource", "WrenchSink", "WrenchSource", "open_source"]
+__all__ = [
+    "SCHEMES",
+    "Health",
+    "SourceInfo",
+    "ThreadedSource",
+    "WrenchSink",
+    "WrenchSource",
+    "open_robot",
+    "open_source",
+]
 
 SCHEMES: Mapping[str, tuple[str, str]] = {
     "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
@@ -28,9 +38,13 @@ SCHEMES: Mapping[str, tuple[str, str]] = {
 }
 """Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form.
 
-Other packages bring more: see `granular_id.live.plugins`.
+Other packages bring more as entry points: scheme -> function that makes a source, or a robot, of a `SourceUrl`.
 """
 
+_SOURCES, _ROBOTS = "granular_id.sources", "granular_id.robots"
+
+_CONTRIBUTED = {_SOURCES: ("bota", "franka", "ros2", "ur"), _ROBOTS: ("franka", "ur")}
+"""Schemes of ``contrib/`` in the repository: known, installed or not."""
 
 _STOP_S = 5.0
 """How long `stop` waits for the thread: longer than any driver call should take to return."""
@@ -293,10 +307,57 @@ def open_source(url: str, **options: object) -> WrenchSource:
     """
     parsed = SourceUrl.parse(url, options)
     if parsed.scheme in SCHEMES:
-        source: WrenchSource | None = import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)
+        source: WrenchSource = import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)
     else:
-        source = open_plugin(SOURCES, parsed)
-    if source is None:
-        known = ", ".join(sorted({*SCHEMES, *known_schemes(SOURCES)}))
-        raise ValueError(f"url {url!r} has the scheme {parsed.scheme!r}; known: {known}")
+        source = _opened_plugin(_SOURCES, "url", parsed)
     return source
+
+
+def open_robot(url: str, **options: object) -> Robot:
+    """Connect to a robot by its URL; nothing moves.
+
+    Robots come from other packages, as entry points of the group ``granular_id.robots``: ``ur://HOST`` and
+    ``franka://HOST`` from ``contrib/`` in the repository.
+
+    Parameters
+    ----------
+    url : str
+        ``ur://192.168.0.3``.
+    **options
+        The same options as after the ``?``, as values of Python.
+
+    Returns
+    -------
+    Robot
+
+    Raises
+    ------
+    ValueError, TypeError
+        No URL, an unknown scheme (the known ones are listed), or options that the robot does not have.
+    ImportError
+        The package of that robot, or its library, is not installed; says which.
+
+    Examples
+    --------
+    >>> from granular_id.live import open_robot
+    >>> open_robot("gantry://here")
+    Traceback (most recent call last):
+    ...
+    ValueError: robot 'gantry://here' has the scheme 'gantry'; known: franka, ur
+    """
+    robot: Robot = _opened_plugin(_ROBOTS, "robot", SourceUrl.parse(url, options))
+    return robot
+
+
+def _opened_plugin(group: str, argument: str, url: SourceUrl) -> Any:
+    found = {point.name: point for point in entry_points(group=group)}
+    if url.scheme in found:
+        return found[url.scheme].load()(url)
+    if url.scheme in _CONTRIBUTED[group]:
+        raise ImportError(
+            f"url {url.text!r} needs granular-id-contrib, which is not installed: pip install ./contrib "
+            "in a clone of the repository of granular-id"
+        )
+    known = {*found, *_CONTRIBUTED[group], *(SCHEMES if group == _SOURCES else ())}
+    text = f"{url.text!r} has the scheme {url.scheme!r}; known: {', '.join(sorted(known))}"
+    raise argument_error(ValueError, argument, text)

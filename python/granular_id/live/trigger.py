@@ -24,14 +24,15 @@ class Trigger(Protocol):
 
     name: str
 
-    def arm(self, rest: Rows, /) -> str | None:
+    def arm(self, _rest: Rows, /) -> str | None:
         """Take note of the rows at rest before the motion: from here on a trigger is welcome.
 
         Returns
         -------
         str or None
-            Why this is no rest; the capture then waits on. None: it is.
+            Why this is no rest; the capture then waits on. None: it is, as for triggers with nothing to learn from it.
         """
+        return None
 
     def index(self, rows: Rows) -> int | None:
         """Return which of these rows is the first one of the motion; None: none of them yet.
@@ -40,7 +41,7 @@ class Trigger(Protocol):
         """
 
 
-class ManualTrigger:
+class ManualTrigger(Trigger):
     """Fires when told: the first row that comes in after `fire`.
 
     Examples
@@ -55,10 +56,6 @@ class ManualTrigger:
     def __init__(self) -> None:
         self._fired_ns: int | None = None
 
-    def arm(self, _rest: Rows, /) -> str | None:
-        """Nothing to learn from the rest."""
-        return None
-
     def fire(self, at_ns: int | None = None) -> None:
         """Begin with the first row that comes in at `at_ns` of the host's monotonic clock, or now."""
         self._fired_ns = host_ns() if at_ns is None else int(at_ns)
@@ -68,7 +65,7 @@ class ManualTrigger:
         return None if self._fired_ns is None else _first(rows.host_ns >= self._fired_ns)
 
 
-class TimeTrigger:
+class TimeTrigger(Trigger):
     """Fires at moments of device time that are known before: those of recordings that are played again.
 
     Parameters
@@ -82,10 +79,6 @@ class TimeTrigger:
     def __init__(self, times_s: ArrayLike) -> None:
         self._times_s = np.asarray(times_s, dtype=np.float64)
         self._seen_s: float | None = None
-
-    def arm(self, _rest: Rows, /) -> str | None:
-        """Nothing to learn from the rest."""
-        return None
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row at or after the first moment that no row shown before has passed."""
@@ -101,7 +94,7 @@ _SLACK_S = 1e-7
 """Device time in seconds is rounded, and a moment that is a sample's own must not become the next one's."""
 
 
-class MotionTrigger:
+class MotionTrigger(Trigger):
     """Fires where the robot's motion begins.
 
     Where the robot shares the sensor's clock, that is the first row at or after the start in device time. Otherwise
@@ -124,10 +117,6 @@ class MotionTrigger:
         """Tell which motion it is."""
         self._motion = motion
 
-    def arm(self, _rest: Rows, /) -> str | None:
-        """Nothing to learn from the rest."""
-        return None
-
     def index(self, rows: Rows) -> int | None:
         """Find the first row of the motion."""
         if self._motion is None:
@@ -137,7 +126,7 @@ class MotionTrigger:
         return _first(rows.host_ns >= self._motion.start_host_ns)
 
 
-class ForceTrigger:
+class ForceTrigger(Trigger):
     """Fires where the force leaves its level at rest.
 
     Parameters

@@ -400,6 +400,18 @@ def test_lag(lags, options, fails):
     assert not fails or "ms late; wanted at most 20 ms" in taker.text
 
 
+def test_reasons_are_short_however_large_the_numbers():
+    line = Line.of(400)
+    line.time_s[300:] = 1e280 * np.arange(1, 101)
+    broken, late = capture(moving_at(line, 100)), capture(moving_at(line, 100), info=NO_CLOCK)
+    run(broken, flagged(SATURATED, 310)(line))
+    late.feed(next(line.blocks()), lag_s=1e300)
+    assert (broken.reason, late.reason) == (FailureReason.SATURATION, FailureReason.LAG)
+    for text in (broken.text, late.text):
+        assert re.search(r"e\+\d{3} ", text)
+        assert not re.search(r"\d{18}", text)
+
+
 def never_rests(line):
     line.wrench[:, 0] += 2 * np.sin(np.arange(len(line.wrench)) / 5)
     return line
