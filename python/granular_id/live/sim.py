@@ -395,7 +395,7 @@ class SimMotion:
 
     def finished(self) -> bool:
         """Tell whether the tool stands again."""
-        return self._source.world.tick >= self._planned.end_tick
+        return self._source.world.push is not self._planned
 
     def report(self) -> Mapping[str, Any]:
         """Return what was drawn for this push, the material too."""

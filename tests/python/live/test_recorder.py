@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def bench(folder, *, speed=20, seed=1, materials="rice", change=None, on_stop=No
 
 
 def files(folder):
-    return sorted(path for path in Path(folder).rglob("*") if path.is_file())
+    return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
 def refused(recorder, match):
@@ -73,15 +73,15 @@ def test_recordings_of_a_simulated_bench(tmp_path):
 
     with bench(tmp_path, session="Monday", n_samples=1600, pre_s=0.25, on_step=watch) as (_, robot, recorder):
         before_s = time.time()
-        recorded = [recorder.record("rice") for _ in range(3)]
+        recorded = [recorder.record("rice") for _ in range(2)]
         assert robot.n_stops == 0
     data = gid.load(tmp_path / "data")
-    assert data.X.shape == (3, 1600, 6)
+    assert data.X.shape == (2, 1600, 6)
     assert [r.wrench.tobytes() for r in data] == [r.recording.wrench.tobytes() for r in recorded]
     assert np.array_equal(np.concatenate(rows), np.concatenate(data.X)), "rows are given while they come"
     assert states[-1] is CaptureState.COMPLETE
     assert (set(data.y), set(data.sessions)) == ({"rice"}, {"Monday"})
-    assert [path.parent.name for path in files(tmp_path / "data")] == ["rice"] * 3
+    assert [path.parent.name for path in files(tmp_path / "data")] == ["rice"] * 2
     for k, recording in enumerate(data):
         assert (recording.trigger_index, recording.rate_hz, recording.flags) == (125, 500, None)
         meta = recording.meta
@@ -90,18 +90,18 @@ def test_recordings_of_a_simulated_bench(tmp_path):
         rest = recording.wrench[:125]
         assert abs(rest - rest.mean(axis=0))[:, 0].max() < 0.12
         assert recording.wrench[125:, 0].max() > rest[:, 0].mean() + 3
-    starts = [r.start_time for r in data]
-    assert np.diff(starts).min() > 3.2, "the sensor's own time, twenty times as fast"
-    assert before_s - 5 < starts[0] < before_s + 60
+    first, second = (r.start_time for r in data)
+    assert second - first > 3.2, "the sensor's own time, twenty times as fast"
+    assert before_s - 5 < first < before_s + 60
     errors = {finding.code for finding in data.check().findings if finding.severity == "error"}
     assert errors <= {"one-label"}
 
 
-def test_same_seed_same_recordings(tmp_path):
+def test_same_seed_same_recordings_at_any_speed(tmp_path):
     made = []
     for speed in (20, 9):
         with bench(tmp_path / str(speed), speed=speed, seed=3, materials="unknown") as (source, _, recorder):
-            made.append([(recorder.record("x").recording.wrench.tobytes(), source.truth) for _ in range(3)])
+            made.append([(recorder.record("x").recording.wrench.tobytes(), source.truth) for _ in range(2)])
     assert made[0] == made[1]
 
 
@@ -121,22 +121,20 @@ def test_somebody_moves_without_being_asked(tmp_path):
 
 
 def test_replayed_recordings_are_recorded_as_they_were(tmp_path):
-    data = gid.synthesize(["rice", "fine sugar"], n_per_class=2, seed=1)
-    source = ReplaySource(data, speed=20, pause_s=6.0)
+    data = gid.synthesize(["rice", "fine sugar"], n_per_class=2, duration_s=1.0, seed=1)
+    source = ReplaySource(data, speed=20, pause_s=3.0)
     made, reason = [], None
     # a busy computer may have missed a beginning
     late = (None, FailureReason.TRIGGER_TOO_EARLY, FailureReason.GAP)
     with opened(source) as stream:
-        recorder = Recorder(
-            stream, None, tmp_path / "data", trigger=source.trigger, n_samples=1500, pre_s=0.1
-        )
+        recorder = Recorder(stream, None, tmp_path, trigger=source.trigger, n_samples=400, pre_s=0.1)
         while reason in late:
             try:
                 made.append((recorder.record("x").recording, source.truth))
             except CaptureError as error:  # noqa: PERF203
                 reason = error.reason
     assert reason is FailureReason.SOURCE
-    expected = {r.wrench[r.trigger_index - 50 :][:1500].tobytes(): r.label for r in data}
+    expected = {r.wrench[r.trigger_index - 50 :][:400].tobytes(): r.label for r in data}
     assert made
     assert all(expected[recording.wrench.tobytes()] == truth for recording, truth in made)
 
@@ -168,23 +166,6 @@ def test_faults_fail_the_recording_and_stop_the_robot(tmp_path, fault, reason, t
         if not reason.is_lasting:
             recorder.record("rice")
             assert len(gid.load(tmp_path / "data")) == 1
-
-
-def test_a_gap_at_rest_is_waited_out(tmp_path):
-    """The robot is held until both were read: sent off between them, it would rightly fail at the restart."""
-    epochs = [0]
-
-    class Patient(MotionTrigger):
-        def arm(self, rest):
-            return "the sensor has yet to begin anew" if epochs[-1] == 0 else super().arm(rest)
-
-    def watch(step, _):
-        epochs.extend([step.block.epoch] if len(step.block) else [])
-
-    with bench(tmp_path, trigger=Patient, on_step=watch) as (source, _, recorder):
-        source.inject(Fault("gap", rows=5))
-        source.inject(Fault("restart"))
-        assert recorder.record("rice").recording.n_samples == 300
 
 
 def test_a_gap_that_may_be_filled(tmp_path):
@@ -234,8 +215,8 @@ def test_who_triggers_too_early_and_who_never_does(tmp_path):
         assert refused(recorder, "rows at rest, wanted 50") is FailureReason.TRIGGER_TOO_EARLY
         assert robot.n_stops == 1
     with opened("sim:rice?seed=1&speed=20") as stream:
-        recorder = Recorder(stream, None, tmp_path / "data", timeout_s=2.0, **SHORT)
-        assert refused(recorder, "nothing triggered within 2 s") is FailureReason.NO_TRIGGER
+        recorder = Recorder(stream, None, tmp_path / "data", timeout_s=0.5, **SHORT)
+        assert refused(recorder, r"nothing triggered within 0\.5 s") is FailureReason.NO_TRIGGER
 
 
 def test_robots_that_refuse_and_robots_that_fail(tmp_path):
@@ -302,33 +283,30 @@ def test_an_odd_report_does_not_cost_the_recording(tmp_path):
     assert "the robot's report['pose'] is a ndarray" in kept["report_error"]
 
 
-def test_a_recorder_returns_when_the_robot_stands(tmp_path):
-    """What is recorded next does not begin with the end of the last motion, nor is a robot moved that still moves."""
-    with bench(tmp_path, pre_s=0.002) as (source, robot, recorder):
-        for _ in range(3):
-            recorder.record("rice")
-            assert source.world.push is None
-        assert robot.n_stops == 0
-
-
-def test_rows_while_the_robot_comes_to_its_stand_are_none_of_the_next_rest():
+def test_a_drive_ends_when_the_robot_stands_and_its_braking_is_none_of_the_next_rest():
     source = SimSource("rice", seed=1, speed=20)
     with opened(source) as stream:
-        reader = stream.buffer.reader()
+        reader, robot = stream.buffer.reader(), Watched(source)
         for _ in range(2):
             capture = Capture(500, trigger=MotionTrigger(), **SHORT)
-            steps = list(drive(stream, capture, robot=source.robot(), reader=reader))
+            steps = list(drive(stream, capture, robot=robot, reader=reader))
+            assert source.world.push is None, "else the next one would be refused"
             read = [step for step in steps if len(step.block)]
             assert capture.state is CaptureState.COMPLETE
             end_s = capture.rows.time_s[-1]
             assert all(len(step.rows) == 0 for step in read if step.block.time_s[0] > end_s)
             read_s = max(step.block.time_s[-1] for step in read)
             assert read_s >= capture.trigger_time_s + 250 / 500 + 0.04, "the braking was read"
+        assert robot.n_stops == 0
 
 
-@pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
 @pytest.mark.parametrize(
-    ("state", "speed"), [(CaptureState.ARMED, 20), (CaptureState.TRIGGERED, 2), (CaptureState.COMPLETE, 20)]
+    ("state", "speed", "error"),
+    [
+        (CaptureState.ARMED, 20, ZeroDivisionError),
+        (CaptureState.TRIGGERED, 2, KeyboardInterrupt),
+        (CaptureState.COMPLETE, 20, KeyboardInterrupt),
+    ],
 )
 def test_stopped_whatever_is_raised_and_whenever(tmp_path, state, speed, error):
     def fail(step, capture):
@@ -377,27 +355,24 @@ def test_a_second_ctrl_c_while_the_robot_is_stopped(tmp_path):
 
 
 KILLED = """
-import sys, time
+import os, signal, sys
 import numpy as np
 from granular_id.live import Recorder, opened
 with opened("sim:rice?seed=1&speed=20") as stream:
-    recorder = Recorder(stream, stream.source.robot(), sys.argv[1])
+    recorder = Recorder(stream, stream.source.robot(), sys.argv[1], n_samples=300)
     recorder.record("rice")
     write = np.lib.format.write_array
-    def slow(file, array, **options):
+    def killed(file, array, **options):
         write(file, array, **options)
-        print("writing", flush=True)
-        time.sleep(120)
-    np.lib.format.write_array = slow
+        os.kill(os.getpid(), signal.SIGKILL)
+    np.lib.format.write_array = killed
     recorder.record("rice")
 """
 
 
 def test_kill_in_the_middle_of_writing(tmp_path):
     program = [sys.executable, "-c", KILLED, tmp_path / "data"]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "writing\n"
-        process.kill()
+    assert subprocess.run(program, check=False).returncode == -signal.SIGKILL
     assert sum(path.name.startswith(".") for path in files(tmp_path)) == 1, "half a file, hidden"
     assert len(files(tmp_path)) == 2
     assert len(gid.load(tmp_path / "data")) == 1
@@ -421,11 +396,11 @@ def test_nothing_is_overwritten(tmp_path, monkeypatch):
     stamp = "20260101T000000Z"
     monkeypatch.setattr("granular_id.live.recorder._stamp", lambda _: stamp)
     names = []
-    for seed in (1, 2):
-        with bench(tmp_path, seed=seed) as (_, _, recorder):
-            names += [recorder.record("rice").path.name for _ in range(2)]
-    assert names == [f"rice_{stamp}_{end}.npz" for end in ("1", "2", "1-2", "2-2")]
-    assert len(gid.load(tmp_path / "data")) == 4
+    for n in (2, 1):
+        with bench(tmp_path) as (_, _, recorder):
+            names += [recorder.record("rice").path.name for _ in range(n)]
+    assert names == [f"rice_{stamp}_{end}.npz" for end in ("1", "2", "1-2")]
+    assert len(gid.load(tmp_path / "data")) == 3
 
 
 def test_odd_labels_are_safe_names_and_stay_themselves(tmp_path):
@@ -441,10 +416,9 @@ def test_odd_labels_are_safe_names_and_stay_themselves(tmp_path):
     ("options", "error", "match"),
     [
         ({"folder": "file"}, NotADirectoryError, "wanted a folder"),
-        ({"pre_s": -1}, ValueError, "pre_s must not be negative"),
-        ({"n_samples": 0}, ValueError, "n_samples must be at least 2"),
+        ({"pre_s": -1}, ValueError, "pre_s"),
         ({"direction": (0, 0, 0)}, ValueError, "direction"),
-        ({"speed_m_s": 0}, ValueError, "speed_m_s must be positive"),
+        ({"speed_m_s": 0}, ValueError, "speed_m_s"),
         ({"session": " "}, ValueError, "session"),
         ({"pre": 1}, TypeError, "'pre'"),
         ({"robot": "arm"}, TypeError, "robot must have tcp_pose, move_line and stop, got str"),
