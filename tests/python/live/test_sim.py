@@ -30,7 +30,7 @@ def played(bench, push, chunk=10_000):
     return np.concatenate(parts)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(rests=st.lists(st.integers(0, 300), min_size=2, max_size=3), chunk=st.integers(1, 500))
 def test_a_push_does_not_depend_on_when_it_is_commanded(rests, chunk):
     bench, other = world(), world()
@@ -54,17 +54,19 @@ def test_pushes_differ_and_seeds_differ_and_none_is_one_of_synthesize():
     assert len({push.meta["conditions"]["depth_offset_m"] for push in pushes} | made) == 3 + len(made)
 
 
-def test_a_push_is_that_of_the_physics():
-    push = (bench := world()).plan(0.03, 1.0)
+def test_a_push_is_that_of_the_physics_but_for_its_lead():
+    bench = world()
+    push = bench.plan(0.03, 1.0)
+    lead_s = push.meta["lead_s"]
+    options = {"conditions": bench._conditions, "seed": bench._stream, "sensor": Sensor()}
+    again = simulate_push(RICE, duration_s=lead_s + 1.0, lead_s=lead_s, **options)
+    assert np.array_equal(played(bench, push), again)
     assert push.start_tick - push.first_tick == pytest.approx(LEAD_S * RATE_HZ, abs=1)
     assert push.end_tick - push.first_tick == pytest.approx((LEAD_S + 1.0) * RATE_HZ, abs=1.5)
-    wrench = played(bench, push)
-    at = int(np.ceil(push.start_tick - push.first_tick))
-    assert abs(wrench[: at - 1, 0] - wrench[: at - 1, 0].mean()).max() < 0.15
-    assert wrench[at + 50 :, 0].mean() > 1.0
     still = world(nuisance=Nuisance().scaled(0), sensor=Sensor(noise_rms=(0,) * 6))
     calm = played(still, still.plan(0.03, 1.0))
     assert (calm[:100] == 0).all(), "nominal zero point, no noise"
+    assert calm[int(LEAD_S * RATE_HZ) + 50 :, 0].mean() > 1.0
 
 
 def test_rest_reads_zero_point_and_noise_in_any_pieces():
@@ -88,33 +90,28 @@ def test_saturation_is_flagged():
     assert np.array_equal(flags == SampleFlag.SATURATED, np.abs(wrench[:, 0]) >= 1.0)
 
 
-def test_unknown_materials_are_drawn_and_told():
-    source = SimSource("unknown", seed=4)
+@pytest.mark.parametrize("materials", ["unknown", ["rice", "fine sugar"]])
+def test_materials_are_drawn_and_told(materials):
+    source = SimSource(materials, seed=4)
     assert source.truth is None
-    seen = []
-    for _ in range(20):
+    seen = set()
+    for _ in range(12):
         push = source.world.plan(0.03, 0.1)
         assert push.meta["material"]["name"] == source.truth
-        seen.append(source.truth)
+        seen.add(source.truth)
         source.world.cut(push)
-    assert len(set(seen)) > 5
-    assert set(seen) <= {material.name for material in PAPER_MATERIALS}
-    among = SimSource(["rice", "fine sugar"], seed=4)
-    for _ in range(8):
-        among.world.cut(among.world.plan(0.03, 0.1))
-        assert among.truth in ("rice", "fine sugar")
+    known = {material.name for material in PAPER_MATERIALS} if materials == "unknown" else set(materials)
+    assert len(seen) >= min(5, len(known))
+    assert seen <= known
 
 
 def test_unknown_pushes_are_others_than_named_ones():
-    named = SimSource("rice", seed=4)
-    unknown = SimSource("unknown", seed=4)
-    for _ in range(60):
-        push = unknown.world.plan(0.03, 0.1)
-        if unknown.truth == "rice":
-            break
+    named, unknown = SimSource("rice", seed=4), SimSource("unknown", seed=4)
+    push = unknown.world.plan(0.03, 0.1)
+    while unknown.truth != "rice":
         unknown.world.cut(push)
+        push = unknown.world.plan(0.03, 0.1)
     first = named.world.plan(0.03, 0.1)
-    assert unknown.truth == "rice"
     assert not np.array_equal(push.wrench, first.wrench)
     set_up = ("gain_log", "off_axis_x_m")
     assert [push.meta["conditions"][n] for n in set_up] == [first.meta["conditions"][n] for n in set_up]
@@ -127,9 +124,8 @@ def test_refusals():
         bench.plan(0.03, 0.5)
     with pytest.raises(ValueError, match="into the wall"):
         world().plan(0.03, 5.0)
-    robot = SimSource("rice", seed=1).robot()
     with pytest.raises(RuntimeError, match="simulated rice is not started"):
-        robot.move_line((1, 0, 0), 0.03, 1.0)
+        SimSource("rice", seed=1).robot().move_line((1, 0, 0), 0.03, 1.0)
     with pytest.raises(ValueError, match="kind must be one of gap, saturation"):
         Fault("gaps")
     with pytest.raises(ValueError, match="rows must be at least 1"):
@@ -137,8 +133,7 @@ def test_refusals():
 
 
 def test_source_and_robot_share_a_clock():
-    source = SimSource("rice", seed=1, speed=20)
-    sink = Sink()
+    source, sink = SimSource("rice", seed=1, speed=20), Sink()
     source.start(sink)
     sink.wait(100)
     robot = source.robot()
@@ -150,17 +145,15 @@ def test_source_and_robot_share_a_clock():
     time_s, wrench = sink.time_s, sink.wrench
     assert np.allclose(np.diff(time_s), 1 / RATE_HZ)
     start = int(np.searchsorted(time_s, motion.start_time_s))
-    bench = world()
-    push = bench.plan(0.03, 1.0)
+    push = world().plan(0.03, 1.0)
     lead = int(np.ceil(push.start_tick - push.first_tick))
-    assert np.array_equal(wrench[start - lead : start - lead + len(push.wrench)], push.wrench)
+    assert np.array_equal(wrench[start - lead :][: len(push.wrench)], push.wrench)
     assert motion.report()["synthetic"] is True
     assert motion.report()["material"]["name"] == "rice"
 
 
 def test_stop_takes_the_tool_out():
-    source = SimSource("rice", seed=1, speed=2)  # slow: it must still move when it is stopped
-    sink = Sink()
+    source, sink = SimSource("rice", seed=1, speed=2), Sink()  # slow: it must still move when it is stopped
     source.start(sink)
     robot = source.robot()
     motion = robot.move_line((1, 0, 0), 0.03, 2.9)
@@ -204,12 +197,12 @@ def test_faults(kind, after_s):
 
 def test_mean_course_is_that_of_synthesize():
     """Many pushes: mean force within the spread that `synthesize` gives its own."""
-    made = synthesize(["rice"], n_per_class=30, seed=5)
+    made = synthesize(["rice"], n_per_class=20, seed=5)
     theirs = np.array([r.wrench[r.trigger_index :].mean(axis=0)[:3] for r in made])
     ours = []
-    for session in range(6):
+    for session in range(5):
         bench = world(6, session=session)
-        for _ in range(5):
+        for _ in range(4):
             push = bench.plan(0.03, 2.9)
             at = int(np.ceil(push.start_tick - push.first_tick))
             ours.append(push.wrench[at:].mean(axis=0)[:3])
@@ -218,18 +211,3 @@ def test_mean_course_is_that_of_synthesize():
     spread = np.hypot(ours.std(axis=0), theirs.std(axis=0))
     assert (abs(ours.mean(axis=0) - theirs.mean(axis=0)) < spread).all()
     assert np.allclose(ours.std(axis=0), theirs.std(axis=0), rtol=0.6)
-
-
-def test_nothing_but_the_lead_differs_from_simulate_push():
-    bench = world()
-    push = bench.plan(0.03, 0.5)
-    lead_s = push.meta["lead_s"]
-    again = simulate_push(
-        RICE,
-        duration_s=lead_s + 0.5,
-        lead_s=lead_s,
-        sensor=Sensor(),
-        conditions=bench._conditions,
-        seed=bench._stream,
-    )
-    assert np.array_equal(push.wrench, again)
