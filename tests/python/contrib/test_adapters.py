@@ -15,20 +15,19 @@ from granular_id.live import Robot, WrenchSource, open_robot, open_source, opene
 from granular_id.recording import SampleFlag
 
 
-def install(monkeypatch, fake):
-    for name, content in fake.modules().items():
-        monkeypatch.setitem(sys.modules, name, content)
-    return fake
-
-
 @pytest.fixture
 def ur(monkeypatch):
-    return install(monkeypatch, FakeUR())
+    return FakeUR().installed(monkeypatch)
 
 
 @pytest.fixture
 def franka(monkeypatch):
-    return install(monkeypatch, FakeFranka())
+    return FakeFranka().installed(monkeypatch)
+
+
+@pytest.fixture
+def bota(monkeypatch):
+    return FakeBota().installed(monkeypatch)
 
 
 @pytest.fixture
@@ -72,18 +71,14 @@ def test_ur_source(ur):
     assert np.allclose(steps, np.rint(steps))
 
 
-def test_ur_source_that_loses_its_controller(ur):
+def test_ur_controller_that_starts_anew_and_one_that_is_lost(ur):
     with opened("ur://arm") as stream:
+        ur.began_s = 1.0
+        eventually(lambda: stream.health().counters["epochs"] == 1)
         ur.connected = False
         eventually(lambda: stream.health().error is not None)
         assert "ConnectionError: the connection to arm is lost" in stream.health().error
         assert not stream.health().running
-
-
-def test_ur_controller_that_starts_anew(ur):
-    with opened("ur://arm") as stream:
-        ur.restarted_s = 1.0
-        eventually(lambda: stream.health().counters["epochs"] == 1)
 
 
 def test_ur_robot(ur):
@@ -100,10 +95,7 @@ def test_ur_robot(ur):
     assert motion.report()["robot"] == "ur"
     robot.close()
     assert [call[0] for call in ur.calls[-3:]] == ["stopScript", "control disconnect", "receive disconnect"]
-
-
-def test_ur_robot_that_refuses(monkeypatch):
-    install(monkeypatch, FakeUR(refuse=True))
+    ur.refuse = True
     with pytest.raises(RuntimeError, match="refused moveL"):
         open_robot("ur://arm").move_line((1, 0, 0), 0.03, 3.0)
 
@@ -161,23 +153,22 @@ def test_franka(franka):
     assert (motion.finished(), motion.error) == (True, "RuntimeError: cartesian_reflex")
 
 
-def test_bota(monkeypatch, config):
-    fake = install(monkeypatch, FakeBota())
+def test_bota(bota, config):
     source = open_source(f"bota:{config}")
-    assert fake.calls == [("config", str(config))]
+    assert bota.calls == [("config", str(config))]
     assert (source.info.rate_hz, source.info.tick_hz) == (1000.0, 1e6)
-    rows = watched(source, 150)
-    assert fake.calls[1:] == [("activate",), ("deactivate",), ("shutdown",)]
+    rows = watched(source, 80)
+    assert bota.calls[1:] == [("activate",), ("deactivate",), ("shutdown",)]
     assert rows.wrench[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
     assert rows.time_s[:3] == pytest.approx([5.0, 5.001, 5.002])
-    assert np.flatnonzero(rows.flags == SampleFlag.SATURATED)[:2].tolist() == [49, 99]
-    assert np.flatnonzero(rows.flags == SampleFlag.BAD_STATUS)[:2].tolist() == [69, 139]
+    assert np.flatnonzero(rows.flags == SampleFlag.SATURATED)[0] == 49
+    assert np.flatnonzero(rows.flags == SampleFlag.BAD_STATUS)[0] == 69
     assert source.health().counters == {"throttled": 1}
 
 
 @pytest.mark.parametrize("fails", ["configures", "activates"])
-def test_bota_that_does_not_start(monkeypatch, config, fails):
-    install(monkeypatch, FakeBota(**{fails: False}))
+def test_bota_that_does_not_start(bota, config, fails):
+    setattr(bota, fails, False)
     with pytest.raises(ConnectionError, match=f"could not be {fails[:-1]}d"), opened(f"bota:{config}"):
         pass
 
@@ -199,13 +190,13 @@ def test_bota_dummy_of_the_real_driver():
 
 
 def test_ros2(monkeypatch):
-    fake = install(monkeypatch, FakeRos2())
+    fake = FakeRos2().installed(monkeypatch)
     rows = watched(open_source("ros2://ft_sensor/Wrench?rate_hz=500"), 20)
     assert fake.subscriptions[0][0] == "/ft_sensor/Wrench"
     assert rows.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
     assert np.allclose(np.diff(rows.time_s), 0.002, atol=1e-6)
-    assert [call[0] for call in fake.calls] == ["init", "executor shutdown", "destroy_node", "shutdown"]
-    assert {call[1] for call in fake.calls if call[0] in ("init", "shutdown")} == {"Context"}
+    own = "Context"
+    assert fake.calls == [("init", own), ("executor shutdown",), ("destroy_node",), ("shutdown", own)]
 
 
 @pytest.mark.parametrize(
@@ -219,8 +210,7 @@ def test_ros2(monkeypatch):
         ("bota:none.json", FileNotFoundError, r"none\.json: no such configuration"),
     ],
 )
-def test_bad_urls(url, error, match, ur, franka, monkeypatch):
-    install(monkeypatch, FakeBota())
+def test_bad_urls(url, error, match, ur, franka, bota):
     with pytest.raises(error, match=match):
         open_source(url)
 
