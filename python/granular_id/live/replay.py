@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 from bisect import bisect_right
 
@@ -145,8 +144,7 @@ def open_url(url: SourceUrl) -> ReplaySource:
     """Make the source of ``replay:PATH``. Options: ``speed``, ``pause_s``."""
     url.allow("speed", "pause_s")
     speed, pause_s = url.number("speed", 1.0), url.number("pause_s", 1.0, positive=False)
-    path: str | os.PathLike[str] = url.path
     try:
-        return ReplaySource(load(path), speed=speed, pause_s=pause_s)
+        return ReplaySource(load(url.path), speed=speed, pause_s=pause_s)
     except ValueError as error:
         raise ValueError(f"url {url.text!r}: {error}") from error

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import NoReturn
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 __all__ = ["SourceUrl"]
@@ -83,30 +83,27 @@ class SourceUrl:
     def number(self, name: str, default: float, *, positive: bool = True) -> float:
         """Return an option as a finite number, above zero or at least zero."""
         value = self.options.get(name, default)
-        try:
-            number = float(value) if isinstance(value, str | int | float) else math.nan
-        except (ValueError, OverflowError):
-            number = math.nan
-        if isinstance(value, bool) or not math.isfinite(number) or number < 0 or (positive and number == 0):
-            self._refuse(name, value, "a number above 0" if positive else "a number of at least 0")
-        return number
+        if isinstance(value, str | int | float) and not isinstance(value, bool):
+            with suppress(ValueError, OverflowError):
+                number = float(value)
+                if math.isfinite(number) and number >= 0 and (number > 0 or not positive):
+                    return number
+        raise self._refused(name, value, "a number above 0" if positive else "a number of at least 0")
 
     def whole(self, name: str, default: int | None) -> int | None:
         """Return an option as a whole number of at least 0."""
         value = self.options.get(name, default)
-        if value is None:
-            return None
         if isinstance(value, str) and value.isascii() and value.isdigit():
             return int(value)
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            self._refuse(name, value, "a whole number of at least 0")
-        return int(value)
+        if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
+            return value
+        raise self._refused(name, value, "a whole number of at least 0")
 
     def choice(self, name: str, default: str, known: Sequence[str]) -> str:
         """Return an option that is one of a few words."""
         value = self.options.get(name, default)
         if value not in known:
-            self._refuse(name, value, "one of " + ", ".join(known))
+            raise self._refused(name, value, "one of " + ", ".join(known))
         return str(value)
 
     def words(self, name: str) -> tuple[str, ...] | None:
@@ -116,11 +113,11 @@ class SourceUrl:
             return None
         parts = value.split(",") if isinstance(value, str) else value
         if not isinstance(parts, list | tuple) or not parts or not all(isinstance(p, str) for p in parts):
-            self._refuse(name, value, "texts, divided by commas")
+            raise self._refused(name, value, "texts, divided by commas")
         return tuple(part.strip() for part in parts)
 
-    def _refuse(self, name: str, value: object, wanted: str) -> NoReturn:
-        raise ValueError(f"option {name}={value!r} of url {self.text!r}; wanted {wanted}")
+    def _refused(self, name: str, value: object, wanted: str) -> ValueError:
+        return ValueError(f"option {name}={value!r} of url {self.text!r}; wanted {wanted}")
 
 
 def _merged(url: str, query: str, options: Mapping[str, object]) -> dict[str, object]:
