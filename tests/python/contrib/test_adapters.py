@@ -208,23 +208,12 @@ def test_ros2(monkeypatch):
         ("franka://arm?speed=3", ValueError, "has no option 'speed'; known: none"),
         ("ur://arm?rate_hz=fast", ValueError, "option rate_hz='fast'"),
         ("bota:none.json", FileNotFoundError, r"none\.json: no such configuration"),
+        ("franka://arm", ImportError, "pip install franky-control"),
+        ("ros2://t?rate_hz=1", ImportError, "it comes with ROS 2"),
     ],
 )
-def test_bad_urls(url, error, match, ur, franka, bota):
+def test_what_cannot_be_opened(url, error, match, ur, bota, monkeypatch):
+    for missing in ("franky", "rclpy"):
+        monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(error, match=match):
-        open_source(url)
-
-
-@pytest.mark.parametrize(
-    ("url", "advice", "module"),
-    [
-        ("ur://arm", "pip install ur-rtde", "rtde_receive"),
-        ("franka://arm", "pip install franky-control", "franky"),
-        ("bota:x.json", "pip install bota-driver", "bota_driver"),
-        ("ros2://t?rate_hz=1", "it comes with ROS 2", "rclpy"),
-    ],
-)
-def test_a_missing_library_is_named(url, advice, module, monkeypatch):
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=advice):
         open_source(url)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 
 import numpy as np
@@ -12,32 +11,21 @@ class Sink:
     """What a source wrote: rows (time, wrench, flags) and where device time began anew."""
 
     def __init__(self):
-        self.rows = []
-        self.epochs = []
-        self._more = threading.Condition()
+        self.rows, self.epochs = [], []
 
     def push(self, wrench, t=None, *, flags=0, host_ns=None):
-        with self._more:
-            self.rows.append((t, np.array(wrench, dtype=float), flags))
-            self._more.notify_all()
+        self.rows.append((t, np.array(wrench, dtype=float), int(flags)))
 
     def push_block(self, wrench, t=None, *, flags=None, host_ns=None):
-        wrench = np.asarray(wrench)
-        flags = np.zeros(len(wrench), dtype=np.uint8) if flags is None else flags
-        with self._more:
-            for row, at, flag in zip(wrench, t, flags, strict=True):
-                self.rows.append((float(at), row.copy(), int(flag)))
-            self._more.notify_all()
+        for row, at, flag in zip(wrench, t, [0] * len(wrench) if flags is None else flags, strict=True):
+            self.push(row, float(at), flags=flag)
 
     def new_epoch(self):
         self.epochs.append(len(self.rows))
 
-    def wait(self, n, timeout_s=20.0):
+    def wait(self, n):
         """Wait for n rows."""
-        with self._more:
-            assert self._more.wait_for(lambda: len(self.rows) >= n, timeout_s), (
-                f"{len(self.rows)} of {n} rows"
-            )
+        eventually(lambda: len(self.rows) >= n)
 
     @property
     def time_s(self):

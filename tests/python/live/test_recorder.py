@@ -18,10 +18,10 @@ from granular_id.live.capture import Capture, CaptureError, CaptureState, Failur
 from granular_id.live.drive import drive
 from granular_id.live.recorder import Recorder
 from granular_id.live.replay import ReplaySource
-from granular_id.live.robot import CallbackRobot, ManualRobot, TimedMotion
+from granular_id.live.robot import CallbackRobot, TimedMotion
 from granular_id.live.sim import Fault, SimRobot, SimSource
 from granular_id.live.stream import opened
-from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
+from granular_id.live.trigger import ForceTrigger, MotionTrigger
 
 SHORT = {"n_samples": 300, "pre_s": 0.1}
 
@@ -97,14 +97,6 @@ def test_recordings_of_a_simulated_bench(tmp_path):
     assert errors <= {"one-label"}
 
 
-def test_same_seed_same_recordings_at_any_speed(tmp_path):
-    made = []
-    for speed in (20, 9):
-        with bench(tmp_path / str(speed), speed=speed, seed=3, materials="unknown") as (source, _, recorder):
-            made.append([(recorder.record("x").recording.wrench.tobytes(), source.truth) for _ in range(2)])
-    assert made[0] == made[1]
-
-
 def test_somebody_moves_without_being_asked(tmp_path):
     source, moves = SimSource("dry peas", seed=1, speed=10), []
 
@@ -139,13 +131,6 @@ def test_replayed_recordings_are_recorded_as_they_were(tmp_path):
     assert all(expected[recording.wrench.tobytes()] == truth for recording, truth in made)
 
 
-def test_who_waits_for_the_force(tmp_path):
-    with opened("sim:rice?seed=1") as stream:
-        robots = (None, ManualRobot(), stream.source.robot())
-        kinds = [Recorder(stream, robot, tmp_path)._trigger for robot in robots]
-    assert kinds == [ForceTrigger, ForceTrigger, MotionTrigger]
-
-
 @pytest.mark.parametrize(
     ("fault", "reason", "text"),
     [
@@ -166,13 +151,6 @@ def test_faults_fail_the_recording_and_stop_the_robot(tmp_path, fault, reason, t
         if not reason.is_lasting:
             recorder.record("rice")
             assert len(gid.load(tmp_path / "data")) == 1
-
-
-def test_a_gap_that_may_be_filled(tmp_path):
-    with bench(tmp_path, max_gap=3) as (source, _, recorder):
-        source.inject(Fault("gap", after_s=0.2, rows=3))
-        loaded = gid.load(recorder.record("rice").path)[0]
-    assert np.count_nonzero(loaded.flags == gid.SampleFlag.GAP_FILLED) == 3
 
 
 def test_rows_that_come_late_and_complete_are_a_good_recording_that_says_so(tmp_path):
@@ -206,17 +184,6 @@ def test_overflow(tmp_path):
     with bench(tmp_path, seconds=0.05, on_step=dawdle, n_samples=1600) as (_, _, recorder):
         assert refused(recorder, "rows were overwritten") is FailureReason.OVERFLOW
     assert files(tmp_path) == []
-
-
-def test_who_triggers_too_early_and_who_never_does(tmp_path):
-    trigger = ManualTrigger()
-    trigger.fire()
-    with bench(tmp_path, trigger=lambda: trigger) as (_, robot, recorder):
-        assert refused(recorder, "rows at rest, wanted 50") is FailureReason.TRIGGER_TOO_EARLY
-        assert robot.n_stops == 1
-    with opened("sim:rice?seed=1&speed=20") as stream:
-        recorder = Recorder(stream, None, tmp_path / "data", timeout_s=0.5, **SHORT)
-        assert refused(recorder, r"nothing triggered within 0\.5 s") is FailureReason.NO_TRIGGER
 
 
 def test_robots_that_refuse_and_robots_that_fail(tmp_path):

@@ -74,15 +74,6 @@ def test_a_callback_moves_in_a_thread_until_it_returns():
     assert calls[-1] == "stop"
 
 
-def test_a_callback_that_returns_at_once_moves_on_until_it_is_stopped():
-    robot = CallbackRobot(lambda *_: None, lambda: None)
-    motion = robot.move_line((1, 0, 0), 0.03, 60)
-    assert not motion.finished()
-    robot.stop()
-    eventually(motion.finished)
-    assert robot.tcp_pose() is None
-
-
 @pytest.mark.parametrize(
     ("move", "error", "match"),
     [
@@ -150,10 +141,14 @@ def test_a_command_that_crosses_with_the_stop_is_stopped_after_all():
     assert calls.count("stop") == 2
 
 
-def test_a_callback_that_fails_tells_its_error():
-    def move(*_):
-        raise OSError("gone")
-
-    motion = CallbackRobot(move, lambda: None).move_line((1, 0, 0), 0.03, 60)
+def test_a_callback_that_returns_at_once_moves_on_until_it_is_stopped_or_has_failed():
+    robot = CallbackRobot(lambda *_: None, lambda: None)
+    motion = robot.move_line((1, 0, 0), 0.03, 60)
+    assert not motion.finished()
+    robot.stop()
     eventually(motion.finished)
-    assert motion.error == "OSError: gone"
+    assert robot.tcp_pose() is None
+
+    failed = CallbackRobot(lambda *_: 1 / 0, lambda: None).move_line((1, 0, 0), 0.03, 60)
+    eventually(failed.finished)
+    assert failed.error == "ZeroDivisionError: division by zero"
