@@ -118,25 +118,15 @@ class ReplaySource(ThreadedSource):
 
 
 def common_rate(recordings: Dataset) -> float:
-    """Return the rate of recordings that can be played one after another.
-
-    Raises
-    ------
-    ValueError
-        They are irregular, of several rates, or have other axes than fx fy fz tx ty tz.
-    """
+    """Return the rate of recordings that can be played one after another, or say why these cannot."""
     rates = {recording.rate_hz for recording in recordings}
-    if None in rates:
-        raise ValueError("recordings are irregular; resample them first: .resample(500)")
-    if len(rates) > 1:
-        raise ValueError(
-            f"recordings have the rates {sorted(map(str, rates))}; resample them first: .resample(500)"
-        )
-    other = next((r for r in recordings if r.axes != AXES), None)
-    if other is not None:
-        raise ValueError(
-            f"recording {other.name!r} has the axes {' '.join(other.axes)}; wanted {' '.join(AXES)}"
-        )
+    if None in rates or len(rates) > 1:
+        what = "are irregular" if None in rates else f"have the rates {sorted(map(str, rates))}"
+        raise ValueError(f"recordings {what}; resample them first: .resample(500)")
+    for recording in recordings:
+        if recording.axes != AXES:
+            has, wanted = " ".join(recording.axes), " ".join(AXES)
+            raise ValueError(f"recording {recording.name!r} has the axes {has}; wanted {wanted}")
     return float(next(iter(rates)))  # type: ignore[arg-type]
 
 

@@ -21,15 +21,7 @@ TRIGGERS = ("auto", "motion", "force", "manual")
 
 @dataclass(frozen=True)
 class Setup:
-    """Who moves, and what starts a capture.
-
-    Attributes
-    ----------
-    robot : Robot or None
-        None: somebody else moves, and the trigger notices.
-    trigger : callable
-        Makes the trigger of each capture.
-    """
+    """Who moves (None: somebody else, and the trigger notices), and what makes the trigger of each capture."""
 
     robot: Robot | None
     trigger: Callable[[], Trigger]
@@ -91,11 +83,10 @@ def setup_of(
     if trigger == "motion" and not exact:
         who = "there is no robot" if mover is None else "a person's motion has no exact start"
         raise argument_error(ValueError, "trigger", f"='motion' needs a robot: {who}; use trigger='force'")
+    if trigger == "auto" and mover is None and hasattr(source, "trigger"):
+        return Setup(None, source.trigger)
     if trigger == "manual":
         return Setup(mover, ManualTrigger)
-    own: Callable[[], Trigger] | None = getattr(source, "trigger", None)
-    if trigger == "auto" and mover is None and own is not None:
-        return Setup(None, own)
     if trigger == "motion" or (trigger == "auto" and exact):
         return Setup(mover, MotionTrigger)
     ForceTrigger(threshold_n)  # refused now, not when the first capture begins
@@ -115,11 +106,8 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return own() if own is not None and source.info.synthetic else None
     if robot == "source":
         if own is None:
-            raise argument_error(
-                ValueError,
-                "robot",
-                f"='source' asks for the robot of the source, and {source.info.name} has none",
-            )
+            text = f"='source' asks for the robot of the source, and {source.info.name} has none"
+            raise argument_error(ValueError, "robot", text)
         return own()
     if robot == "manual":
         return ManualRobot()
@@ -127,8 +115,7 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return checked_robot(robot)
     if ":" in robot:
         return open_robot(robot)
+    known = ", ".join(ROBOTS)
     raise argument_error(
-        ValueError,
-        "robot",
-        f"must be one of {', '.join(ROBOTS)}, the URL of a robot or a Robot, got {robot!r}",
+        ValueError, "robot", f"must be one of {known}, the URL of a robot or a Robot, got {robot!r}"
     )

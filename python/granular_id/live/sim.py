@@ -98,10 +98,7 @@ class Fault:
 
 @dataclass
 class PlannedPush:
-    """A push that has been commanded: its samples from `first_tick`, the command, to `end_tick`, the end of the motion.
-
-    The motion begins at `start_tick`, as a rule between two samples; `meta` is what was drawn for it.
-    """
+    """A push that has been commanded, with its samples from the command on; the motion begins between two of them."""
 
     first_tick: int
     start_tick: float
@@ -113,12 +110,9 @@ class PlannedPush:
 class SimWorld:
     """Materials under a tool, sample by sample.
 
-    At rest the sensor reads its zero point and noise. A push plays `simulate_push`, under conditions drawn anew for
-    each from a `Nuisance`, from the command to its end: the rest before the motion belongs to it. So the samples
-    of push number k follow from the seed alone, whenever it was commanded.
-
-    Mounting, calibration and fill are drawn once per session, and are the same in every world of that seed. `unknown`
-    draws the material of each push; else it is the first. `rig`, `nuisance` and `sensor` are those of `synthesize`.
+    At rest the sensor reads its zero point and noise. A push plays `simulate_push`, under conditions drawn anew, from
+    the command to its end: so the samples of push number k follow from the seed alone, whenever it was commanded.
+    Mounting, calibration and fill are drawn once per session. `unknown` draws the material of each push.
     """
 
     def __init__(
@@ -150,11 +144,7 @@ class SimWorld:
         self._set_up()
 
     def plan(self, speed_m_s: float, duration_s: float) -> PlannedPush:
-        """Command a push, which begins about half a second after the next sample.
-
-        Refused while another one is under way (RuntimeError), and where it would run into the wall of the container
-        (ValueError).
-        """
+        """Command a push, which begins about half a second after the next sample; refuse one that cannot be."""
         self._refuse_while_moving()
         material, conditions, stream = self._material, self._conditions, self._stream
         rig = replace(self._rig, speed_m_s=speed_m_s)
@@ -454,11 +444,10 @@ def open_url(url: SourceUrl) -> SimSource:
     Options: ``speed``, ``seed``, ``session``, ``rate_hz``, ``materials`` (for ``sim:unknown``: which there are).
     """
     url.allow("speed", "seed", "session", "rate_hz", "materials")
-    asked = [name.strip().replace("_", " ") for name in url.path.split(",")]
     among = url.words("materials")
-    if among is not None and asked != [UNKNOWN]:
+    if among is not None and url.path.strip() != UNKNOWN:
         raise ValueError(f"option materials of url {url.text!r} is for sim:{UNKNOWN} only")
-    names = asked if among is None else [name.replace("_", " ") for name in among]
+    names = [name.strip().replace("_", " ") for name in among or url.path.split(",")]
     try:
         return SimSource(
             UNKNOWN if names == [UNKNOWN] else names,

@@ -66,13 +66,7 @@ class ManualTrigger(Trigger):
 
 
 class TimeTrigger(Trigger):
-    """Fires at moments of device time that are known before: those of recordings that are played again.
-
-    Parameters
-    ----------
-    times_s : sequence of float
-        Device times, ascending; each is the first row at or after it, and fires once.
-    """
+    """Fires once at each of some device times, ascending: those of recordings that are played again."""
 
     name = "time"
 

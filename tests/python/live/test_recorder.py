@@ -153,6 +153,23 @@ def test_faults_fail_the_recording_and_stop_the_robot(tmp_path, fault, reason, t
             assert len(gid.load(tmp_path / "data")) == 1
 
 
+def test_a_gap_and_a_restart_at_rest_are_waited_out(tmp_path):
+    """The robot is held until both were read: sent off between them, it would rightly fail at the restart."""
+    epochs = set()
+
+    class Patient(MotionTrigger):
+        def arm(self, rest):
+            return None if 1 in epochs else "the sensor has yet to begin anew"
+
+    def watch(step, _):
+        epochs.update([step.block.epoch] if len(step.block) else [])
+
+    with bench(tmp_path, trigger=Patient, on_step=watch) as (source, _, recorder):
+        source.inject(Fault("gap", rows=5))
+        source.inject(Fault("restart"))
+        assert recorder.record("rice").recording.n_samples == 300
+
+
 def test_rows_that_come_late_and_complete_are_a_good_recording_that_says_so(tmp_path):
     with bench(tmp_path, speed=1) as (source, robot, recorder):
         source.inject(Fault("stall", after_s=0.1, stall_s=0.4))
