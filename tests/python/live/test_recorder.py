@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import threading
 import time
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 import granular_id as gid
+from granular_id._core import host_ns
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.drive import drive
 from granular_id.live.recorder import Recorder
@@ -46,8 +46,9 @@ class Watched(SimRobot):
 
 
 @contextmanager
-def bench(folder, *, speed=20, seed=1, materials="rice", change=None, on_stop=None, seconds=30.0, **options):
-    source = SimSource(materials, seed=seed, speed=speed)
+def bench(folder, *, speed=20, clock=True, change=None, on_stop=None, seconds=30.0, **options):
+    source = SimSource("rice", seed=1, speed=speed)
+    source._info = replace(source.info, device_clock=clock)
     with opened(source, seconds) as stream:
         robot = Watched(source, change, on_stop)
         yield source, robot, Recorder(stream, robot, folder / "data", **{**SHORT, **options})
@@ -131,26 +132,99 @@ def test_replayed_recordings_are_recorded_as_they_were(tmp_path):
     assert all(expected[recording.wrench.tobytes()] == truth for recording, truth in made)
 
 
+class Endless(TimedMotion):
+    """A motion in the place of another one: it never ends, and fails after a while if it is told to."""
+
+    def __init__(self, motion, fails_after=None):
+        super().__init__(motion.start_host_ns, 1000.0)
+        self.start_time_s, self._fails_after = motion.start_time_s, fails_after
+
+    def finished(self):
+        if self._fails_after is not None and host_ns() > self.start_host_ns + 1e9 * self._fails_after:
+            self.error = "reflex"
+        return False
+
+
+def shifted(by_s):
+    def shift(motion):
+        motion.start_time_s += by_s
+
+    return shift
+
+
+def dawdle(step, capture):
+    if 0 < capture.n_rows < 100:
+        time.sleep(0.3)
+
+
+def deaf(_):
+    raise OSError("no connection")
+
+
+GAP = Fault("gap", after_s=0.2, rows=3)
+
+
 @pytest.mark.parametrize(
-    ("fault", "reason", "text"),
+    ("fault", "options", "reason", "text"),
     [
-        (Fault("gap", after_s=0.2, rows=3), FailureReason.GAP, "3 samples .* are missing"),
-        (Fault("gap", after_s=-0.05, rows=2), FailureReason.GAP, "triggered after"),
-        (Fault("saturation", after_s=0.2), FailureReason.SATURATION, "end of its range"),
-        (Fault("restart", after_s=0.2), FailureReason.RESTART, "time began anew"),
-        (Fault("restart", after_s=-0.2), FailureReason.RESTART, "anew after the motion was commanded"),
-        (Fault("death", after_s=0.2), FailureReason.SOURCE, "told to die"),
-        (Fault("stall", after_s=0.2, stall_s=60), FailureReason.NO_ROWS, "delivered nothing for 1 s"),
+        (GAP, {}, "gap", "3 samples .* are missing"),
+        (Fault("gap", after_s=-0.05, rows=2), {}, "gap", "triggered after"),
+        (Fault("saturation", after_s=0.2), {}, "saturation", "end of its range"),
+        (Fault("restart", after_s=0.2), {}, "restart", "time began anew"),
+        (Fault("restart", after_s=-0.2), {}, "restart", "anew after the motion was commanded"),
+        (Fault("death", after_s=0.2), {}, "source", "told to die"),
+        (Fault("stall", after_s=0.2, stall_s=60), {}, "no rows", "delivered nothing for 1 s"),
+        (
+            Fault("stall", after_s=0.1, stall_s=0.4),
+            {"speed": 1, "clock": False},
+            "lag",
+            "wanted at most 20 ms",
+        ),
+        (None, {"seconds": 0.05, "on_step": dawdle, "n_samples": 1600}, "overflow", "rows were overwritten"),
+        (None, {"n_samples": 3000}, "robot", "refused the motion: .* into the wall"),
+        (None, {"change": shifted(-600.0)}, "robot", "newest row is of .* do not share a clock"),
+        (None, {"change": shifted(600.0)}, "robot", "newest row is of .* do not share a clock"),
+        (
+            None,
+            {"change": lambda motion: Endless(motion, 0.05), "speed": 2, "n_samples": 1600},
+            "robot",
+            "the robot's motion failed: reflex",
+        ),
+        (
+            GAP,
+            {"on_stop": deaf},
+            "robot",
+            r"not be stopped: OSError: no connection \(it was to stop: 3 samples ",
+        ),
     ],
 )
-def test_faults_fail_the_recording_and_stop_the_robot(tmp_path, fault, reason, text):
-    with bench(tmp_path) as (source, robot, recorder):
-        source.inject(fault)
-        assert refused(recorder, text) is reason
+def test_what_fails_stops_the_robot_and_leaves_no_file(tmp_path, fault, options, reason, text):
+    with bench(tmp_path, **options) as (source, robot, recorder):
+        if fault is not None:
+            source.inject(fault)
+        assert refused(recorder, text) is FailureReason(reason)
         assert (robot.n_stops, files(tmp_path)) == (1, [])
-        if not reason.is_lasting:
+        if fault is not None and not FailureReason(reason).is_lasting and "clock" not in options:
             recorder.record("rice")
-            assert len(gid.load(tmp_path / "data")) == 1
+            assert len(gid.load(tmp_path / "data")) == 1, "the next one is good"
+
+
+def test_what_the_users_robot_raises_fails_the_recording(tmp_path):
+    def refuse(*_):
+        raise ConnectionError("arm is off")
+
+    stops = []
+    with opened(SimSource("rice", seed=1, speed=20)) as stream:
+        robot = CallbackRobot(refuse, lambda: stops.append(1))
+        recorder = Recorder(stream, robot, tmp_path / "data", **SHORT)
+        assert refused(recorder, "motion failed: ConnectionError: arm is off") is FailureReason.ROBOT
+        assert stops == [1]
+
+
+def test_a_motion_that_never_ends_is_stopped_and_what_was_recorded_is_good(tmp_path):
+    with bench(tmp_path, change=Endless) as (_, robot, recorder):
+        assert recorder.record("rice").recording.n_samples == 300
+        assert robot.n_stops == 1
 
 
 def test_a_gap_and_a_restart_at_rest_are_waited_out(tmp_path):
@@ -180,82 +254,6 @@ def test_rows_that_come_late_and_complete_are_a_good_recording_that_says_so(tmp_
     assert late.meta["late_s"] > 0.2
     assert "late_s" not in punctual.meta
     assert np.array_equal(late.wrench, punctual.wrench), "neither rows nor trigger are moved"
-
-
-def test_lag_without_a_clock_of_the_sensor(tmp_path):
-    with bench(tmp_path, speed=1) as (source, robot, recorder):
-        source._info = replace(source.info, device_clock=False)
-        source.inject(Fault("stall", after_s=0.1, stall_s=0.4))
-        assert refused(recorder, "late; wanted at most 20 ms") is FailureReason.LAG
-        assert robot.n_stops == 1
-
-
-def test_overflow(tmp_path):
-    slow = threading.Event()
-
-    def dawdle(step, capture):
-        if capture.state is CaptureState.TRIGGERED and not slow.is_set():
-            slow.set()
-            time.sleep(0.3)
-
-    with bench(tmp_path, seconds=0.05, on_step=dawdle, n_samples=1600) as (_, _, recorder):
-        assert refused(recorder, "rows were overwritten") is FailureReason.OVERFLOW
-    assert files(tmp_path) == []
-
-
-def test_robots_that_refuse_and_robots_that_fail(tmp_path):
-    def refuse(*_):
-        raise ConnectionError("arm is off")
-
-    stops = []
-    with opened(SimSource("rice", seed=1, speed=20)) as stream:
-        failing = CallbackRobot(refuse, lambda: stops.append(1))
-        recorder = Recorder(stream, failing, tmp_path / "data", **SHORT)
-        assert refused(recorder, "motion failed: ConnectionError: arm is off") is FailureReason.ROBOT
-        assert stops == [1]
-        failing.move_line = refuse
-        assert refused(recorder, "refused the motion: arm is off") is FailureReason.ROBOT
-        assert stops == [1, 1]
-    with bench(tmp_path, n_samples=3000) as (_, _, recorder):
-        assert refused(recorder, "into the wall") is FailureReason.ROBOT
-
-
-class Other(TimedMotion):
-    """A motion in the place of another one: it never ends, and fails when `fails` is set."""
-
-    def __init__(self, motion, fails):
-        super().__init__(motion.start_host_ns, 1000.0)
-        self.start_time_s, self._fails = motion.start_time_s, fails
-
-    def finished(self):
-        if self._fails.is_set():
-            self.error = "reflex"
-        return False
-
-
-def test_a_robot_that_fails_on_its_way_and_a_motion_that_never_ends(tmp_path):
-    fails, given = threading.Event(), {"change": lambda motion: Other(motion, fails)}
-    with bench(tmp_path, **given) as (_, robot, recorder):
-        assert recorder.record("rice").recording.n_samples == 300, "what was recorded is nevertheless good"
-        assert robot.n_stops == 1
-
-    def watch(step, capture):
-        if capture.n_rows:
-            fails.set()
-
-    with bench(tmp_path, speed=2, n_samples=1600, on_step=watch, **given) as (_, robot, recorder):
-        assert refused(recorder, "the robot's motion failed: reflex") is FailureReason.ROBOT
-        assert robot.n_stops == 1
-
-
-@pytest.mark.parametrize("off_s", [-600.0, 600.0])
-def test_a_robot_that_has_another_clock(tmp_path, off_s):
-    def shift(motion):
-        motion.start_time_s += off_s
-
-    with bench(tmp_path, change=shift) as (_, robot, recorder):
-        assert refused(recorder, r"newest row is of .* do not share a clock") is FailureReason.ROBOT
-        assert robot.n_stops == 1
 
 
 def test_an_odd_report_does_not_cost_the_recording(tmp_path):
@@ -314,16 +312,6 @@ def test_leaving_a_drive_early_stops_the_robot():
         steps.close()
         assert robot.n_stops == 1
         assert (capture.state, capture.reason) == (CaptureState.FAILED, FailureReason.INTERRUPTED)
-
-
-def test_a_robot_that_cannot_be_stopped_is_the_first_thing_to_know(tmp_path):
-    def deaf(_):
-        raise OSError("no connection")
-
-    with bench(tmp_path, on_stop=deaf) as (source, _, recorder):
-        source.inject(Fault("gap", after_s=0.2))
-        words = r"could not be stopped: OSError: no connection \(it was to stop: 1 sample "
-        assert refused(recorder, words) is FailureReason.ROBOT
 
 
 def test_a_second_ctrl_c_while_the_robot_is_stopped(tmp_path):
