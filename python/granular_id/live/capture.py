@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -252,15 +252,11 @@ class Capture:
         self.n_samples = whole_number("n_samples", n_samples, least=2)
         self.n_pre = round(finite_number("pre_s", pre_s, least=0) * self.rate_hz)
         if self.n_pre >= self.n_samples:
-            raise argument_error(
-                ValueError,
-                "pre_s",
-                f"={pre_s:g} is {fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all",
-            )
+            rows = f"{fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
+            raise argument_error(ValueError, "pre_s", f"={pre_s:g} is {rows}")
         if isinstance(trigger, type) or not callable(getattr(trigger, "arm", None)):
-            raise argument_error(
-                TypeError, "trigger", f"must be a trigger like ForceTrigger(), got {trigger!r:.60}"
-            )
+            text = f"must be a trigger like ForceTrigger(), got {trigger!r:.60}"
+            raise argument_error(TypeError, "trigger", text)
         self.trigger = trigger
         self.info = info
         self._max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
@@ -283,7 +279,7 @@ class Capture:
         self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._n_left = round(self._timeout_s * self.rate_hz)  # that may still come before the trigger
         self._rest = Rows.none()  # the newest ones, as many as belong before the trigger
-        self._broken: _Break | None = None  # what broke the rest last
+        self._broken: tuple[FailureReason, str] | None = None  # what broke the rest last
         self._taken: list[Rows] = []
         self._n_late = 0
 
@@ -388,26 +384,38 @@ class Capture:
 
     def _go_through(self, block: BlockLike) -> None:
         if self._epoch not in (None, block.epoch):
-            self._break(_Break(FailureReason.RESTART, "the sensor's time began anew"))
+            self._break(FailureReason.RESTART, "the sensor's time began anew")
             self._last = Rows.none()
             self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._epoch = block.epoch
-        first = not len(self._last)
-        rows = filled(self._last, Rows.of(block), self._max_gap)
+        rows = Rows.of(block)
+        if not len(self._last):
+            rows.missing_before[0] = 0  # nobody's loss
+        rows = filled(self._last, rows, self._max_gap)
         self._last = rows[-1:]
-        for run in _runs(rows, self.rate_hz, allow_saturated=self._allow_saturated, first=first):
-            if isinstance(run, _Break):
-                self._break(run)
-            else:
-                self._take(run)
+        saturated = np.zeros(len(rows), np.bool_) if self._allow_saturated else rows.flags & SATURATED != 0
+        done = 0
+        for at in np.flatnonzero((rows.missing_before > 0) | saturated).tolist():
+            self._take(rows[done:at])
+            when = f"at {fixed(rows.time_s[at], 3)} s of the sensor's time"
+            if n := int(rows.missing_before[at]):
+                lost = (
+                    f"{counted(n, 'sample')} ({1e3 * n / self.rate_hz:g} ms) {verb(n, 'is', 'are')} missing"
+                )
+                self._break(FailureReason.GAP, f"{lost} {when}")
+            if saturated[at]:
+                self._break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}", 1)
+            done = at + int(saturated[at])
+        self._take(rows[done:])
 
-    def _break(self, why: _Break) -> None:
+    def _break(self, reason: FailureReason, text: str, n_rows: int = 0) -> None:
+        """Take note that two rows do not belong together; `n_rows` between them are left out."""
         if self.state is CaptureState.TRIGGERED:
-            self.fail(why.reason, f"{why.text}, {self.n_rows} of {self.n_samples} rows in")
+            self.fail(reason, f"{text}, {self.n_rows} of {self.n_samples} rows in")
         elif not self.state.is_over:
             self.state = CaptureState.ARMING
-            self._rest, self._broken = Rows.none(), why
-            self._n_left -= why.n_rows
+            self._rest, self._broken = Rows.none(), (reason, text)
+            self._n_left -= n_rows
             if self._n_left <= 0:
                 self._fail_untriggered()
 
@@ -430,7 +438,7 @@ class Capture:
             return
         # The oldest rows go; a fixed share, so that nothing depends on how rows come in.
         self._rest = self._rest[max(1, self.n_pre // _NEW_LOOKS) :]
-        self._broken = _Break(FailureReason.NO_REST, complaint)
+        self._broken = FailureReason.NO_REST, complaint
 
     def _wait(self, rows: Rows) -> Rows:
         """Look for the trigger in as many rows as may be looked at alike; return the others."""
@@ -479,12 +487,12 @@ class Capture:
         if self._broken is None:
             self.fail(FailureReason.TRIGGER_TOO_EARLY, text)
         else:
-            self.fail(self._broken.reason, f"{text}: {self._broken.text}")
+            self.fail(self._broken[0], f"{text}: {self._broken[1]}")
 
     def _fail_untriggered(self) -> None:
         text = f"nothing triggered within {self._timeout_s:g} s"
         if self._broken is not None:
-            text += f"; the rest was broken last by this: {self._broken.text}"
+            text += f"; the rest was broken last by this: {self._broken[1]}"
         self.fail(FailureReason.NO_TRIGGER, text)
 
     def _judge_lag(self, n_rows: int, lag_s: float) -> None:
@@ -493,53 +501,11 @@ class Capture:
             return
         is_late = lag_s > self._max_lag_s
         self._n_late = self._n_late + n_rows if is_late else 0
-        lasts = self._n_late >= self._lag_patience_s * self.rate_hz
-        if (
-            self.state is CaptureState.TRIGGERED
-            and is_late
-            and (lasts or lag_s > self._max_lag_s + self._lag_patience_s)
-        ):
-            wanted = (
-                f"at most {1e3 * self._max_lag_s:g} ms, or more for {1e3 * self._lag_patience_s:g} ms at most"
-            )
+        max_s, patience_s = self._max_lag_s, self._lag_patience_s
+        lasts = self._n_late >= patience_s * self.rate_hz or lag_s > max_s + patience_s
+        if self.state is CaptureState.TRIGGERED and is_late and lasts:
+            wanted = f"at most {1e3 * max_s:g} ms, or more for {1e3 * patience_s:g} ms at most"
             self.fail(FailureReason.LAG, f"rows came in {fixed(1e3 * lag_s, 0)} ms late; wanted {wanted}")
-
-
-@dataclass(frozen=True)
-class _Break:
-    """Something between two rows, after which they do not belong together; `n_rows` are left out for it."""
-
-    reason: FailureReason
-    text: str
-    n_rows: int = 0
-
-
-def _runs(rows: Rows, rate_hz: float, *, allow_saturated: bool, first: bool) -> Iterator[Rows | _Break]:
-    """Cut rows where something is wrong; saturated ones are left out.
-
-    What is missing before the `first` rows of all is nobody's loss.
-    """
-    gap = rows.missing_before > 0
-    if first and len(gap):
-        gap[0] = False
-    saturated = np.zeros(len(rows), dtype=np.bool_) if allow_saturated else rows.flags & SATURATED != 0
-    start = 0
-    for at in np.flatnonzero(gap | saturated).tolist():
-        if at > start:
-            yield rows[start:at]
-        when = f"at {fixed(rows.time_s[at], 3)} s of the sensor's time"
-        if gap[at]:
-            n = int(rows.missing_before[at])
-            yield _Break(
-                FailureReason.GAP,
-                f"{counted(n, 'sample')} ({1e3 * n / rate_hz:g} ms) {verb(n, 'is', 'are')} missing {when}",
-            )
-        start = at
-        if saturated[at]:
-            yield _Break(FailureReason.SATURATION, f"the sensor was at the end of its range {when}", 1)
-            start = at + 1
-    if start < len(rows):
-        yield rows[start:]
 
 
 def meta_of(info: SourceInfo | None, facts: Mapping[str, Any]) -> dict[str, Any]:

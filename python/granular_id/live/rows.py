@@ -92,12 +92,10 @@ class Rows:
 def filled(before: Rows, rows: Rows, max_gap: int) -> Rows:
     """Put a straight line into gaps of at most `max_gap` instants, flagged ``GAP_FILLED``; longer ones stay.
 
-    `before` is the row before the first one; none at all where nothing may be joined to it. What is saturated or of
-    bad status at either end is so in between.
+    `before` is the row before the first one, none where that misses nothing. What is saturated or of bad status at
+    either end is so in between.
     """
     small = (rows.missing_before > 0) & (rows.missing_before <= max_gap)
-    if not len(before) and len(small):
-        small[0] = False
     if not small.any():
         return rows
     line, shift = Rows.joined([before, rows]), len(before)

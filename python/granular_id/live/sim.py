@@ -356,9 +356,9 @@ class SimSource(ThreadedSource):
         if fault.kind == "gap":
             self.world.advance(fault.rows)
         elif fault.kind == "saturation":
-            wrench, flags = self.world.advance(fault.rows)
+            wrench, _ = self.world.advance(fault.rows)
             wrench[:, 0] = self.world.sensor.full_scale[0]
-            flags |= np.uint8(SampleFlag.SATURATED)
+            flags = np.full(fault.rows, SampleFlag.SATURATED, np.uint8)
             buffer.push_block(wrench, self._times_s(first, fault.rows), flags=flags)
         elif fault.kind == "restart":
             buffer.new_epoch()

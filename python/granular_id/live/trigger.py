@@ -175,5 +175,5 @@ _CREEP = 0.2
 
 
 def _first(where: NDArray[np.bool_]) -> int | None:
-    found = int(np.argmax(where)) if len(where) else 0
-    return found if len(where) and where[found] else None
+    found = np.flatnonzero(where)
+    return int(found[0]) if len(found) else None
