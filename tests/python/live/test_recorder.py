@@ -153,7 +153,7 @@ def shifted(by_s):
 
 
 def dawdle(step, capture):
-    if 0 < capture.n_rows < 100:
+    if capture.state is CaptureState.TRIGGERED:
         time.sleep(0.3)
 
 
