@@ -121,7 +121,7 @@ def trigger_of(line, row, kind):
     return ForceTrigger(0.5)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     cuts=st.one_of(st.lists(st.integers(1, 299), max_size=20), st.just(range(300))),
     row=st.integers(50, 150),
@@ -185,7 +185,7 @@ def row_by_row(steps, start_s, n_left):
     raise AssertionError("the line is too short")
 
 
-@settings(max_examples=150)
+@settings(max_examples=100)
 @given(
     start=st.integers(10, 150),
     saturated=st.sets(st.integers(0, 250), max_size=3),
