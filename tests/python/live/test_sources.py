@@ -276,7 +276,9 @@ def test_what_starts_a_capture_follows_from_source_and_robot(kind, robot, trigge
     source = {"sim": SimSource("rice", seed=1), "marked": ReplaySource(data), "bare": ReplaySource(bare)}[
         kind
     ]
-    assert setup_of(source, robot, trigger).trigger().name == name
+    setup = setup_of(source, robot, trigger)
+    assert setup.trigger().name == name
+    assert setup.robot is robot or not isinstance(robot, ManualRobot)
 
 
 @pytest.mark.parametrize(
