@@ -1,14 +1,17 @@
 """A small sound data set, and ways to damage it."""
 
 from dataclasses import replace
+from functools import cache
 
 from granular_id.recording import Dataset
 from granular_id.synthetic import synthesize
 
 MATERIALS = ("rice", "dry peas", "fine sugar", "macaroni")
 PER_CLASS = 12
+WHOLE = range(len(MATERIALS) * PER_CLASS)
 
 
+@cache
 def sound_set(seed=0):
     """48 synthetic pushes of four materials in two sessions, without the metadata of the simulation."""
     data = synthesize(MATERIALS, n_per_class=PER_CLASS, sessions=2, seed=seed)
