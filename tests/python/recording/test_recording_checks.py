@@ -50,16 +50,15 @@ def test_a_sound_set_is_only_said_to_be_small():
     [
         (SMALL[:4], "one-label", "all recordings are 'rice': nothing to tell apart"),
         (SMALL[:7], "uneven", "between 3 and 4 recordings per label"),
-        ([recording(label=label, session=None) for label in ("rice", "peas")], "no-session", "no recording says"),
+        ([recording(session=None), recording(label="peas", session=None)], "no-session", "no recording says"),
         ([*SMALL, recording(session=None)], "some-sessions", "1 of 9"),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
-        ([*SMALL, recording(rate_hz=50), recording(n=30, rate_hz=50)], "rates-differ",
-         "2 different rates, 50 to 100 Hz; 2 not at 100"),
+        ([*SMALL, recording(rate_hz=50)], "rates-differ", "2 different rates, 50 to 100 Hz; 1 not at 100"),
         ([*SMALL, recording(30)], "lengths-differ", "lengths differ, 20 to 30 samples"),
         ([*SMALL, recording(rate_hz=0.5)], "slow", "in seconds?"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
-)  # fmt: skip
+)
 def test_what_is_stated_is_judged(recordings, code, words):
     assert words in found_in(*recordings)[code].message
 
@@ -100,13 +99,10 @@ def test_readings_that_no_sensor_gives_are_refused_before_they_overflow():
 
 def test_whole_numbers_too_large_for_a_float_are_texts_like_any_other():
     stamps = np.arange(50) / 100 + np.random.default_rng(0).uniform(0, 1e-3, 50)
-    meta = {"serial": 10**400, "rate_hz": 10**400}
-    data = Dataset(
-        recording(50, seed=i, rate_hz=None, time_s=stamps - stamps[0], label="ab"[i % 2], session=str(i),
-                  meta=meta if i % 2 else {})
-        for i in range(12)
-    )  # fmt: skip
-    assert "leak-meta" in data.check().counts
+    times = {"rate_hz": None, "time_s": stamps - stamps[0]}
+    meta = [{}, {"serial": 10**400, "rate_hz": 10**400}]
+    data = [recording(50, label="ab"[i % 2], session=str(i), meta=meta[i % 2], **times) for i in range(12)]
+    assert "leak-meta" in Dataset(data).check().counts
 
 
 @pytest.mark.data

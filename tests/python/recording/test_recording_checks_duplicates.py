@@ -12,17 +12,13 @@ from granular_id.recording.checks.leaks import find_overlaps
 from robot_failures import SETS, load_failures
 
 
-@pytest.fixture(scope="module")
-def sound():
-    return sound_set()
-
-
 def with_copy(data, wrench, **fields):
     copy = replace(data[5], wrench=wrench, name="copy", trigger_index=None, **fields)
     return Dataset([*data, copy])
 
 
-def test_exact_copies(sound):
+def test_exact_copies():
+    sound = sound_set()
     finding = by_code(with_copy(sound, sound[5].wrench).check())["duplicates"]
     assert finding.severity == "error"
     assert (finding.indices, finding.values["pairs"]) == ((5, 48), ((5, 48),))
@@ -44,7 +40,8 @@ def test_exact_copies(sound):
     ],
     ids=["cropped", "later", "the end of it", "3 decimals", "2 decimals", "tared", "most rows"],
 )
-def test_other_copies(sound, change, share, shift):
+def test_other_copies(change, share, shift):
+    sound = sound_set()
     report = with_copy(sound, change(sound[5].wrench, sound[30].wrench)).check()
     finding = by_code(report)["near-duplicates"]
     pairs = {
@@ -55,8 +52,8 @@ def test_other_copies(sound, change, share, shift):
     assert report.verdicts[48].state == report.verdicts[5].state == "error"
 
 
-def test_recordings_that_only_resemble_each_other_are_left_alone(sound):
-    rng = np.random.default_rng(0)
+def test_recordings_that_only_resemble_each_other_are_left_alone():
+    sound, rng = sound_set(), np.random.default_rng(0)
     same_push = [
         replace(sound[5], wrench=sound[5].wrench + rng.normal(0, 0.05, (1600, 6)), name=f"{i}") for i in "ab"
     ]
