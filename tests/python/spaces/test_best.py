@@ -14,8 +14,13 @@ from granular_id.spaces import BlockScaler, WithinClassWhitening
 from granular_id.spaces.best import BestClassifier, choose, fitted_line, held_out_scores, plan_candidates
 from granular_id.splits import choice_folds
 
+# Two machines and few folds: one that chooses, and one that has no choice.
+FEW = {"shrinkages": [1e-3], "n_folds": 2}
 
-@parametrize_with_checks([BestClassifier(), BestClassifier(loss="hinge", shrinkages=[1e-3], n_folds=3)])
+
+@parametrize_with_checks(
+    [BestClassifier(**FEW), BestClassifier(loss="hinge", shrinkages=[1e-3], relative_costs=[1.0])]
+)
 def test_sklearn_contract(estimator, check):
     check(estimator)
 
@@ -34,6 +39,7 @@ def drifting(n=60, n_classes=3, seed=0):
 
 
 BLOCKS = {"left": 10, "right": 40, "level": 4}
+SPANS = {"left": (0, 10), "right": (10, 50), "level": (50, 54)}
 
 
 def by_hand(X, y, blocks, shrinkage, relative_cost):
@@ -47,12 +53,21 @@ def by_hand(X, y, blocks, shrinkage, relative_cost):
     return pipeline.fit(X[:, own], y), own
 
 
-SPANS = {"left": (0, 10), "right": (10, 50), "level": (50, 54)}
+@pytest.fixture(scope="module")
+def rows():
+    X, y, sessions = drifting()
+    return X, y, np.unique(y, return_inverse=True)[1], sessions
 
 
-def test_each_machine_equals_its_pipeline():
-    X, y, _ = drifting()
-    _, codes = np.unique(y, return_inverse=True)
+@pytest.fixture(scope="module")
+def chosen(rows):
+    """Chosen from 8 machines on 4 sessions."""
+    X, y, _, sessions = rows
+    return BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
+
+
+def test_each_machine_equals_its_pipeline(rows):
+    X, y, codes, _ = rows
     train, test = np.arange(0, 40), np.arange(40, 60)
     machines = plan_candidates(list(BLOCKS), ["level"], [None, 1e-2], [1.0, 10.0])
     assert len(machines) == 8
@@ -66,22 +81,19 @@ def test_each_machine_equals_its_pipeline():
         np.testing.assert_allclose(X[test] @ coef.T + intercept, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best():
-    X, y, sessions = drifting()
-    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
-    means = clf.choice_.accuracies.mean(axis=0)
+def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best(rows, chosen):
+    X, y, codes, _ = rows
+    means = chosen.choice_.accuracies.mean(axis=0)
     slack = max(1 / 60, np.sqrt(means.max() * (1 - means.max()) / 60))
-    assert clf.choice_.chosen == tuple(np.flatnonzero(means > means.max() - slack - 1e-9))
-    _, codes = np.unique(y, return_inverse=True)
-    lines = [fitted_line(X, codes, BLOCKS, clf.choice_.machines[k]) for k in clf.choice_.chosen]
-    np.testing.assert_allclose(clf.coef_, np.mean([coef for coef, _ in lines], axis=0))
-    scores = X @ clf.coef_.T + clf.intercept_
-    np.testing.assert_allclose(clf.binary_scores(X), scores)
+    assert chosen.choice_.chosen == tuple(np.flatnonzero(means > means.max() - slack - 1e-9))
+    lines = [fitted_line(X, codes, BLOCKS, chosen.choice_.machines[k]) for k in chosen.choice_.chosen]
+    np.testing.assert_allclose(chosen.coef_, np.mean([coef for coef, _ in lines], axis=0))
+    np.testing.assert_allclose(chosen.binary_scores(X), X @ chosen.coef_.T + chosen.intercept_)
     twin = ECOCClassifier(loss="root").fit(X, y)
-    twin.coef_, twin.intercept_ = clf.coef_, clf.intercept_
-    np.testing.assert_array_equal(clf.predict(X), twin.predict(X))
-    np.testing.assert_allclose(clf.decision_function(X), twin.decision_function(X))
-    np.testing.assert_array_equal(clf.coding_matrix_, twin.coding_matrix_)
+    twin.coef_, twin.intercept_ = chosen.coef_, chosen.intercept_
+    np.testing.assert_array_equal(chosen.predict(X), twin.predict(X))
+    np.testing.assert_allclose(chosen.decision_function(X), twin.decision_function(X))
+    np.testing.assert_array_equal(chosen.coding_matrix_, twin.coding_matrix_)
 
 
 def test_beside_a_best_without_a_mistake_stands_what_is_within_one_recording():
@@ -93,7 +105,7 @@ def test_beside_a_best_without_a_mistake_stands_what_is_within_one_recording():
 
 def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():
     X, y, sessions = drifting(600)
-    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"])
+    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], shrinkages=[None], relative_costs=[1.0])
     strict = clf.fit(X, y, sessions=sessions)
     assert strict.choice_.held_out == "sessions"
     assert not strict.coef_[:, 50:].any()
@@ -103,43 +115,34 @@ def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_ou
     assert lenient.choice_.accuracy > strict.choice_.accuracy
 
 
-def test_same_numbers_for_any_number_of_threads_and_after_a_pickle():
-    X, y, _ = drifting()
-    one = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y)
-    two = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], n_jobs=2).fit(X, y)
+def test_same_numbers_for_any_number_of_threads_and_after_a_pickle(rows):
+    X, y, _, _ = rows
+    one, two, other = (
+        BestClassifier(blocks=BLOCKS, **FEW, **how).fit(X, y)
+        for how in ({}, {"n_jobs": 2}, {"random_state": 1})
+    )
     for name in ("coef_", "intercept_", "held_out_scores_"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.choice_.to_dict() == two.choice_.to_dict()
-    other = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], random_state=1).fit(X, y)
     assert not np.array_equal(other.choice_.accuracies, one.choice_.accuracies)
     copy = pickle.loads(pickle.dumps(one))
     np.testing.assert_array_equal(copy.predict(X), one.predict(X))
 
 
-def test_held_out_scores_have_not_seen_their_row():
-    X, y, sessions = drifting()
-    clf = BestClassifier(blocks=BLOCKS).fit(X, y, sessions=sessions)
-    train, test = next(
-        fold
-        for fold in choice_folds(
-            np.unique(y, return_inverse=True)[1], sessions, None, n_folds=5, seed=0
-        ).folds
-    )
-    scores = held_out_scores(
-        X, np.unique(y, return_inverse=True)[1], BLOCKS, clf.choice_.machines, train, test
-    )
-    chosen = scores[list(clf.choice_.chosen)]
-    np.testing.assert_allclose(clf.held_out_scores_[test], chosen.mean(axis=0), rtol=1e-12, atol=1e-12)
+def test_held_out_scores_have_not_seen_their_row(rows, chosen):
+    X, _, codes, sessions = rows
+    train, test = choice_folds(codes, sessions, None, n_folds=5, seed=0).folds[0]
+    scores = held_out_scores(X, codes, BLOCKS, chosen.choice_.machines, train, test)
+    mean = scores[list(chosen.choice_.chosen)].mean(axis=0)
+    np.testing.assert_allclose(chosen.held_out_scores_[test], mean, rtol=1e-12, atol=1e-12)
 
 
-def test_what_was_chosen_is_shown():
-    X, y, sessions = drifting()
-    clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions)
-    text = str(clf.choice_)
+def test_what_was_chosen_is_shown(chosen):
+    text = str(chosen.choice_)
     assert "chosen on 4 folds of whole sessions" in text
-    assert text.count("\n> ") == len(clf.choice_.chosen) + 1  # and the line that explains the mark
+    assert text.count("\n> ") == len(chosen.choice_.chosen) + 1  # and the line that explains the mark
     assert "without level, whitened 0.001, C 10" in text
-    plain = json.loads(json.dumps(clf.choice_.to_dict(), allow_nan=False))
+    plain = json.loads(json.dumps(chosen.choice_.to_dict(), allow_nan=False))
     assert plain["held_out"] == "sessions"
     assert len(plain["machines"]) == 8
     assert plain["machines"][0]["blocks"] == ["left", "right"]
@@ -165,38 +168,36 @@ def test_folds_are_the_strictest_that_there_are():
     assert len(choice_folds(np.arange(600) % 2, None, None, n_folds=4, seed=0).folds) == 4
 
 
-def test_classes_with_one_recording_always_train():
-    X, y, _ = drifting()
-    y = y.astype(object)
+def test_classes_with_one_recording_always_train(rows):
+    X, y = rows[0], rows[1].astype(object)
     y[7] = "lonely"
-    clf = BestClassifier(blocks=BLOCKS).fit(X, y)
+    clf = BestClassifier(blocks=BLOCKS, **FEW).fit(X, y)
     assert "1 recording that is alone in its class always trains" in clf.choice_.note
     assert np.isnan(clf.held_out_scores_[7]).all()
     assert not np.isnan(np.delete(clf.held_out_scores_, 7, axis=0)).any()
     assert "lonely" in clf.classes_
 
 
-def test_where_nothing_can_be_held_out_every_machine_has_a_say():
-    X, _, _ = drifting()
-    clf = BestClassifier(blocks=BLOCKS).fit(X[:3], ["a", "b", "c"])
+def test_where_nothing_can_be_held_out_every_machine_has_a_say(rows):
+    X = rows[0][:3]
+    clf = BestClassifier(blocks=BLOCKS).fit(X, ["a", "b", "c"])
     assert clf.choice_.held_out == "nothing"
     assert clf.choice_.chosen == (0, 1, 2, 3)
     assert np.isnan(clf.choice_.accuracy)
     assert "no folds: fewer than two classes" in str(clf.choice_)
     json.dumps(clf.choice_.to_dict(), allow_nan=False)
-    assert clf.predict(X[:3]).tolist() == ["a", "b", "c"]
+    assert clf.predict(X).tolist() == ["a", "b", "c"]
     two = BestClassifier().fit([[0.0], [1.0]], [0, 1])
     assert two.predict([[0.1], [0.9]]).tolist() == [0, 1]
     assert two.decision_function([[0.1], [0.9]]).shape == (2,)
 
 
-def test_one_machine_is_trained_once_and_nothing_is_held_out(monkeypatch):
-    X, y, sessions = drifting()
+def test_one_machine_is_trained_once_and_nothing_is_held_out(rows, monkeypatch):
+    X, y, codes, sessions = rows
     clf = BestClassifier(blocks=BLOCKS, shrinkages=[1e-3], relative_costs=[10.0])
     with monkeypatch.context() as patched:
         patched.setattr("granular_id.spaces.best.held_out_scores", None)  # whoever calls it fails
         clf.fit(X, y, sessions=sessions)
-    _, codes = np.unique(y, return_inverse=True)
     coef, intercept = fitted_line(X, codes, BLOCKS, clf.choice_.machines[0])
     np.testing.assert_array_equal(clf.coef_, coef)
     np.testing.assert_array_equal(clf.intercept_, intercept)
@@ -211,8 +212,10 @@ def test_margins_have_no_steps_but_name_nearly_what_votes_would():
     X, y, sessions = drifting(240)
     known, new = np.arange(240) % 5 > 0, np.arange(240) % 5 == 0
     known_sessions = np.array(sessions)[known]
-    graded = BestClassifier(blocks=BLOCKS).fit(X[known], y[known], sessions=known_sessions)
-    votes = BestClassifier(blocks=BLOCKS, loss="hamming").fit(X[known], y[known], sessions=known_sessions)
+    graded = BestClassifier(blocks=BLOCKS, shrinkages=[1e-3]).fit(X[known], y[known], sessions=known_sessions)
+    votes = BestClassifier(blocks=BLOCKS, shrinkages=[1e-3], loss="hamming").fit(
+        X[known], y[known], sessions=known_sessions
+    )
 
     def margins(clf):
         values = np.sort(clf.decision_function(X[new]), axis=1)
@@ -242,26 +245,17 @@ BAD = [
     ({"loss": "quadratic"}, ValueError, "loss"),
     ({"n_folds": 1}, ValueError, "n_folds must be at least 2"),
     ({"n_jobs": 0}, ValueError, "n_jobs"),
+    ({"sessions": ["a"]}, ValueError, "sessions must name one session per row of X, 60, got 1"),
+    ({"sessions": "a"}, TypeError, "sessions must be a sequence"),
+    ({"order": [0] * 60}, ValueError, "order must hold the row numbers 0 to 59"),
+    ({"order": [0.5] * 60}, ValueError, "order must hold the row numbers"),
 ]
 
 
-@pytest.mark.parametrize(("parameters", "kind", "message"), BAD)
-def test_parameters_out_of_range(parameters, kind, message):
-    X, y, _ = drifting()
+@pytest.mark.parametrize(("arguments", "kind", "message"), BAD)
+def test_bad_parameters_sessions_and_orders_are_named(rows, arguments, kind, message):
+    X, y, _, _ = rows
+    of_rows = {name: value for name, value in arguments.items() if name in ("sessions", "order")}
+    parameters = {name: value for name, value in arguments.items() if name not in of_rows}
     with pytest.raises(kind, match=message):
-        BestClassifier(**parameters).fit(X, y)
-
-
-@pytest.mark.parametrize(
-    ("rows", "kind", "message"),
-    [
-        ({"sessions": ["a"]}, ValueError, "sessions must name one session per row of X, 60, got 1"),
-        ({"sessions": "a"}, TypeError, "sessions must be a sequence"),
-        ({"order": [0] * 60}, ValueError, "order must hold the row numbers 0 to 59"),
-        ({"order": [0.5] * 60}, ValueError, "order must hold the row numbers"),
-    ],
-)
-def test_sessions_and_order_that_do_not_fit(rows, kind, message):
-    X, y, _ = drifting()
-    with pytest.raises(kind, match=message):
-        BestClassifier().fit(X, y, **rows)
+        BestClassifier(**parameters).fit(X, y, **of_rows)
