@@ -34,7 +34,7 @@ def test_symmetric_to_the_last_bit():
 
 
 def test_makes_no_copy_of_the_rows():
-    X = rows(100, 40_000)
+    X = rows(50, 40_000)
     tracemalloc.start()
     try:
         linear_gram(X, center=X[0])
@@ -44,20 +44,20 @@ def test_makes_no_copy_of_the_rows():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "message"),
+    ("arguments", "message"),
     [
-        (([1.0, 2.0],), {}, r"X must have shape \(n >= 1, D >= 1\), got shape \(2,\)"),
-        ((np.zeros((0, 3)),), {}, r"got shape \(0, 3\)"),
-        ((np.zeros((2, 3)), np.zeros((2, 4))), {}, "Y must have 3 columns as X has, got 4"),
-        ((np.zeros((2, 3)),), {"center": np.zeros(2)}, r"center must have shape \(3,\), got shape \(2,\)"),
-        ((np.zeros((2, 3)),), {"scale": [1.0, 0.0, 1.0]}, "scale must be positive"),
-        ((np.array([[1.0, np.nan]]),), {}, "no NaN, no inf"),
-        ((np.array([[1e200, 1e200]]),), {}, "range of float64"),
+        ({"X": [1.0, 2.0]}, r"X must have shape \(n >= 1, D >= 1\), got shape \(2,\)"),
+        ({"X": np.zeros((0, 3))}, r"got shape \(0, 3\)"),
+        ({"Y": np.zeros((2, 4))}, "Y must have 3 columns as X has, got 4"),
+        ({"center": np.zeros(2)}, r"center must have shape \(3,\), got shape \(2,\)"),
+        ({"scale": [1.0, 0.0, 1.0]}, "scale must be positive"),
+        ({"X": [[1.0, np.nan]]}, "no NaN, no inf"),
+        ({"X": [[1e200, 1e200]]}, "range of float64"),
     ],
 )
-def test_bad_input(arguments, options, message):
+def test_bad_input(arguments, message):
     with pytest.raises(ValueError, match=message):
-        linear_gram(*arguments, **options)
+        linear_gram(**{"X": np.zeros((2, 3)), **arguments})
 
 
 def fitted(gram, index, matrix):

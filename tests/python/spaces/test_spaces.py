@@ -14,7 +14,6 @@ from granular_id.spaces import (
     MultiBand,
     RangeNormalizer,
     RawHFMH,
-    RawHistogram,
     RawSignal,
     TimePermutation,
 )
@@ -134,31 +133,6 @@ def test_a_class_of_rough_recordings_is_told_from_a_smooth_one():
     X = rng.normal(size=(40, 300, 6)) * np.where(y == "gravel", 0.6, 0.1)[:, None, None]
     clf = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X[::2], y[::2])
     assert clf.score(X[1::2], y[1::2]) == 1.0
-
-
-@pytest.mark.parametrize("kind", [HFMH, RawHFMH, RawHistogram])
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"bin_range": "automatic"}, "bin_range must be .* or 'auto', got 'automatic'"),
-        ({"bin_range": [[-1, 1], [-2, 2]]}, "bin_range has 2 pairs, but X has 6 axes"),
-        ({"bin_range": (1.0, -1.0)}, "bin_range"),
-        ({"n_bins": 0}, "n_bins"),
-        ({"n_bins": 0, "bin_range": "auto"}, "n_bins"),
-        ({"outside": "keep"}, "outside"),
-    ],
-)
-def test_bad_parameters_of_histograms(kind, parameters, message):
-    with pytest.raises(ValueError, match=message):
-        kind(**parameters).fit(recordings())
-
-
-@pytest.mark.parametrize("kind", [HFMH, RawHFMH])
-@pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
-@pytest.mark.parametrize("parameters", [{"cutoff_hz": 250.0}, {"order": 0}, {"initial": "warm"}])
-def test_bad_parameters_of_the_filter(kind, bin_range, parameters):
-    with pytest.raises(ValueError, match=next(iter(parameters))):
-        kind(**parameters, bin_range=bin_range).fit(recordings())
 
 
 @pytest.mark.parametrize("kind", [RawSignal, HFMH, RawHFMH, MultiBand, DFT, RangeNormalizer, TimePermutation])

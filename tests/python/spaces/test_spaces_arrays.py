@@ -8,8 +8,7 @@ from sklearn.base import clone
 
 from array_kinds import KINDS, digest
 from granular_id.ecoc import ECOCClassifier
-from granular_id.recording import Dataset, Recording
-from granular_id.spaces import DFT, BlockUnion, RawSignal, Tare
+from granular_id.spaces import DFT, RawSignal
 from spaces_cases import FILTERS, SPACES, STATISTICS, recordings
 
 EVERY = SPACES | STATISTICS | FILTERS
@@ -136,10 +135,3 @@ def test_complex_transform_classifies_as_the_raw_signal():
     other = ECOCClassifier(C=0.05 / 81).fit(dft[::2], y[::2])
     np.testing.assert_allclose(other.decision_function(dft), one.decision_function(raw), atol=1e-6)
     assert 0.5 < one.score(raw[1::2], y[1::2]) < 1.0
-
-
-def test_a_data_set_is_not_an_array():
-    data = Dataset([Recording(np.zeros((400, 6)), 500.0)])
-    for space in (RawSignal(), BlockUnion([("raw", RawSignal())]), Tare()):
-        with pytest.raises(TypeError, match=r"X must be an array .* got a Dataset: pass its X"):
-            space.fit(data)

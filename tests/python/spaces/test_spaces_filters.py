@@ -1,13 +1,12 @@
 """Recordings to recordings: removal of the offset at rest, destruction of the order in time."""
 
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 from sklearn.pipeline import make_pipeline
 
 from granular_id.gram import linear_gram
 from granular_id.spaces import HFMH, RawHistogram, RawSignal, Tare, TimePermutation
-from spaces_cases import FILTERS, recordings
+from spaces_cases import recordings
 
 
 def test_tare_subtracts_the_mean_at_rest():
@@ -22,34 +21,6 @@ def test_tare_subtracts_the_mean_at_rest():
 def test_tare_rounds_to_whole_samples(n_tare, rate_hz):
     X = recordings(n=1, n_samples=40)
     assert Tare(n_tare / rate_hz, rate_hz=rate_hz).fit(X).n_tare_ == n_tare
-
-
-@pytest.mark.parametrize(
-    ("parameters", "error", "message"),
-    [
-        ({"tare_s": 0.7}, ValueError, "tare_s=0.7 at rate_hz=500 is 350 samples, must be from 1 to the 300"),
-        ({"tare_s": 0.0001}, ValueError, "is 0 samples"),
-        ({"tare_s": 1e308, "rate_hz": 1e308}, ValueError, "is 1e\\+300 samples, must be from 1 to"),
-        ({"tare_s": 0.0}, ValueError, "tare_s must be positive and finite, got 0.0"),
-        ({"tare_s": np.nan}, ValueError, "tare_s must be positive"),
-        ({"tare_s": None}, TypeError, "tare_s must be a number of seconds, got None"),
-        ({"rate_hz": None}, TypeError, "rate_hz must be a number of hertz, got None"),
-        ({"rate_hz": -1}, ValueError, "rate_hz must be positive"),
-        ({"tare_s": 10**400}, ValueError, "tare_s must be positive and finite, got inf"),
-        ({"tare_s": -(10**5000)}, ValueError, "tare_s must be positive and finite, got -inf"),
-        ({"tare_s": np.True_}, TypeError, "tare_s must be a number of seconds"),
-        ({"rate_hz": 10**400}, ValueError, "rate_hz must be positive and finite, got inf"),
-    ],
-)
-def test_bad_parameters_of_tare(parameters, error, message):
-    with pytest.raises(error, match=message):
-        Tare(**parameters).fit(recordings())
-
-
-def test_tare_beyond_float64():
-    X = np.array([[-1.7e308, 1.7e308, 0.0]])
-    with pytest.raises(ValueError, match="X must stay in the range of float64"):
-        Tare(1.0, rate_hz=1.0).fit_transform(X)
 
 
 def test_permutation_moves_whole_instants():
@@ -102,8 +73,6 @@ def test_open_seed():
     generators = [np.random.RandomState(5), np.random.RandomState(5)]
     one, other = (TimePermutation(random_state=generator).fit_transform(X) for generator in generators)
     np.testing.assert_array_equal(one, other)
-    with pytest.raises(ValueError, match="seed"):
-        TimePermutation(random_state="now").fit(X)
 
 
 def test_one_order_for_all_would_change_nothing_and_an_order_each_does():
@@ -126,9 +95,3 @@ def test_histograms_of_samples_do_not_see_the_order_and_hfmh_does():
     np.testing.assert_array_equal(histogram.transform(shuffled), histogram.transform(X))
     hfmh = HFMH().fit(X)
     assert not np.array_equal(hfmh.transform(shuffled), hfmh.transform(X))
-
-
-@pytest.mark.parametrize("name", FILTERS)
-def test_recordings_have_no_feature_blocks(name):
-    with pytest.raises(TypeError, match="gives recordings; ask the step behind it"):
-        FILTERS[name].fit(recordings()).feature_blocks()

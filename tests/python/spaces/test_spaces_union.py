@@ -4,19 +4,16 @@ import numpy as np
 import pytest
 from sklearn.decomposition import PCA
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
 
 from granular_id.spaces import (
     DFT,
     HFMH,
     BlockUnion,
-    PrincipalComponents,
     RangeNormalizer,
     RawHFMH,
     RawHistogram,
     RawSignal,
     Tare,
-    TimePermutation,
     feature_blocks,
     unit_weight,
 )
@@ -126,57 +123,6 @@ def test_fitting_leaves_the_given_blocks_alone():
     assert not hasattr(block, "bin_range_")
 
 
-@pytest.mark.parametrize(
-    ("blocks", "error", "message"),
-    [
-        ((), ValueError, "blocks must be a list of .* at least one"),
-        (None, TypeError, "blocks must be a list of .* got None"),
-        ([RawSignal()], TypeError, "blocks must be a list of"),
-        ([("raw", RawSignal)], TypeError, "'raw' has no fit and transform"),
-        ([("raw", "raw")], TypeError, "'raw' has no fit and transform, got 'raw'"),
-        ([("", RawSignal())], TypeError, "name must be non-empty text"),
-        ([("a", RawSignal()), ("a", HFMH())], ValueError, "not unique"),
-        ([("block_weights", RawSignal())], ValueError, "conflict"),
-        ([("a__b", RawSignal())], ValueError, "must not contain __"),
-    ],
-)
-def test_bad_blocks(blocks, error, message):
-    with pytest.raises(error, match=message):
-        BlockUnion(blocks).fit(recordings())
-    with pytest.raises(error, match=message):
-        _ = BlockUnion(blocks).learns
-
-
-@pytest.mark.parametrize(
-    ("block_weights", "error", "message"),
-    [
-        (
-            "equal",
-            ValueError,
-            "block_weights must be None, 'unit' or 2 numbers, one for each of raw, hfmh, got 'equal'",
-        ),
-        ((1.0,), ValueError, r"block_weights must be .* 2 numbers, .* got \(1.0,\)"),
-        (1.0, ValueError, "block_weights must be"),
-        ((1.0, 0.0), ValueError, "block_weights must be positive and finite"),
-        ((1.0, np.nan), ValueError, "block_weights must be positive and finite"),
-        ((1.0, object()), TypeError, "block_weights must be"),
-    ],
-)
-def test_bad_weights(block_weights, error, message):
-    with pytest.raises(error, match=message):
-        RawHFMH(block_weights=block_weights).fit(recordings())
-    with pytest.raises(error, match=message):
-        BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())], block_weights=block_weights).fit(recordings())
-
-
-def test_block_that_gives_no_table():
-    recorded = FunctionTransformer(lambda X: X, validate=False)
-    with pytest.raises(
-        ValueError, match=r"block 'same' must give an array \(n, D\), got shape \(5, 300, 6\)"
-    ):
-        BlockUnion([("same", recorded)]).fit_transform(recordings())
-
-
 # --- What columns stand for
 
 
@@ -229,21 +175,3 @@ def test_blocks_of_pipelines():
     X = recordings()
     pipeline = make_pipeline(Tare(), make_pipeline("passthrough", RawHFMH())).fit(X)
     assert [block.name for block in feature_blocks(pipeline)] == ["raw", "hfmh"]
-    for mixed in (
-        make_pipeline(TimePermutation(), RawSignal()),
-        make_pipeline(RawSignal(), PrincipalComponents(2)),
-        make_pipeline(Tare()),
-        PCA(2),
-    ):
-        with pytest.raises(TypeError, match="columns that stand for instants, bins or frequencies"):
-            feature_blocks(mixed)
-
-
-@pytest.mark.parametrize(
-    "space",
-    [RawHFMH(block_weights=[1e308, 1]), BlockUnion([("raw", RawSignal())], block_weights=[1e308])],
-)
-def test_weights_that_overflow(space):
-    rows = recordings(n=3) * 1e3
-    with pytest.raises(ValueError, match="block_weights must keep features in the range of float64"):
-        space.fit(rows).transform(rows)
