@@ -7,13 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import AXES, Recording, SampleFlag
+from granular_id.recording import Recording, SampleFlag
 
 WRENCH = np.arange(24.0).reshape(4, 6)
-
-
-def test_axes_are_forces_then_torques():
-    assert AXES == ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def test_keeps_what_it_was_given():
@@ -30,13 +26,8 @@ def test_keeps_what_it_was_given():
     )
     assert r.wrench.dtype == np.float64
     np.testing.assert_array_equal(r.wrench, WRENCH)
-    assert (r.rate_hz, r.label, r.session, r.start_time, r.trigger_index) == (
-        500.0,
-        "rice",
-        "monday",
-        1.5e9,
-        2,
-    )
+    assert (r.rate_hz, r.label, r.session) == (500.0, "rice", "monday")
+    assert (r.start_time, r.trigger_index, r.name) == (1.5e9, 2, "rice_01")
     assert r.meta == {"tool": "cylinder", "speed_m_s": 0.03, "frame": (1, 2)}
     assert r.flags.tolist() == [0, 1, 0, SampleFlag.TIME_REPAIRED]
     assert (r.n_samples, r.is_uniform, r.duration_s) == (4, True, 3 / 500)
@@ -51,22 +42,15 @@ def test_irregular_recording_keeps_its_stamps():
 
 
 def test_changes_to_the_source_do_not_reach_it():
-    source = WRENCH.copy()
-    meta = {"list": [1]}
-    r = Recording(source, rate_hz=1, meta=meta)
-    source[:] = 0
-    meta["list"].append(2)
-    np.testing.assert_array_equal(r.wrench, WRENCH)
-    assert r.meta == {"list": (1,)}
-
-
-def test_read_only_view_of_a_writable_array_is_copied():
-    source = WRENCH.copy()
+    source, meta = WRENCH.copy(), {"list": [1]}
     view = source.view()
     view.flags.writeable = False
-    r = Recording(view, rate_hz=1)
+    made = [Recording(given, rate_hz=1, meta=meta) for given in (source, view)]
     source[:] = 0
-    np.testing.assert_array_equal(r.wrench, WRENCH)
+    meta["list"].append(2)
+    for r in made:
+        np.testing.assert_array_equal(r.wrench, WRENCH)
+        assert r.meta == {"list": (1,)}
 
 
 def test_read_only_array_is_not_copied():
@@ -142,10 +126,8 @@ def test_survives_pickle_and_deepcopy_frozen():
         ({"wrench": WRENCH.ravel()}, ValueError, "wrench has shape (24,)"),
         ({"wrench": WRENCH[:, :5]}, ValueError, "wrench has shape (4, 5)"),
         ({"wrench": WRENCH[:0]}, ValueError, "wrench has shape (0, 6)"),
-        ({"wrench": 1.0}, ValueError, "wrench has shape ()"),
         ({"wrench": [[1, 2], [3]]}, ValueError, "wrench is not a rectangular array"),
         ({"wrench": WRENCH.astype(complex)}, TypeError, "wrench has dtype complex128"),
-        ({"wrench": WRENCH.astype(object)}, TypeError, "wrench has dtype object"),
         ({"wrench": WRENCH.astype(str)}, TypeError, "wrench has dtype <U"),
         ({"wrench": WRENCH > 1}, TypeError, "wrench has dtype bool"),
         ({"wrench": np.ma.masked_array(WRENCH)}, TypeError, "wrench is a masked array"),
@@ -157,32 +139,11 @@ def test_survives_pickle_and_deepcopy_frozen():
             ValueError,
             "exactly one of rate_hz (uniform) and time_s (irregular), got neither",
         ),
-        (
-            {"time_s": [0, 1, 2, 3]},
-            ValueError,
-            "exactly one of rate_hz (uniform) and time_s (irregular), got both",
-        ),
-        ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
+        ({"time_s": [0, 1, 2, 3]}, ValueError, "time_s (irregular), got both"),
         ({"rate_hz": -5}, ValueError, "rate_hz must be positive"),
-        ({"rate_hz": np.inf}, ValueError, "rate_hz must be finite, got inf"),
-        ({"rate_hz": 10**400}, ValueError, "rate_hz must be finite"),
+        ({"rate_hz": 10**5000}, ValueError, "rate_hz must be finite, got inf"),  # too long for a text
         ({"rate_hz": 5e-324}, ValueError, "last for ever"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
-        ({"rate_hz": True}, TypeError, "rate_hz must be a number, got True"),
-        ({"rate_hz": 10**5000}, ValueError, "rate_hz must be finite, got inf"),  # too long for a text
-        ({"rate_hz": None, "time_s": [0, 1, 2]}, ValueError, "time_s has shape (3,)"),
-        ({"rate_hz": None, "time_s": [1, 2, 3, 4]}, ValueError, "time_s[0] is 1"),
-        (
-            {"rate_hz": None, "time_s": [0, 1, 1, 2]},
-            ValueError,
-            "time_s[2] = 1.0 does not come after time_s[1] = 1.0",
-        ),
-        (
-            {"rate_hz": None, "time_s": [0, 2, 1, 3]},
-            ValueError,
-            "time_s[2] = 1.0 does not come after time_s[1] = 2.0",
-        ),
-        ({"rate_hz": None, "time_s": [0, np.nan, 1, 3]}, ValueError, "time_s[1] is nan"),
         ({"label": ""}, ValueError, "label is empty"),
         ({"label": 3}, TypeError, "label must be a str, got int"),
         ({"label": "a\nb"}, ValueError, "label 'a\\nb' holds the control character"),
@@ -190,6 +151,7 @@ def test_survives_pickle_and_deepcopy_frozen():
         ({"label": " rice"}, ValueError, "label ' rice' begins or ends with a space"),
         ({"session": b"a"}, TypeError, "session must be a str, got bytes"),
         ({"name": None}, TypeError, "name must be a str"),
+        ({"axes": np.array(["a", "b"])}, TypeError, "axes must be a sequence of names, got ndarray"),
         ({"start_time": np.nan}, ValueError, "start_time must be finite"),
         ({"trigger_index": 4}, ValueError, "trigger_index=4 is outside the 4 samples"),
         ({"trigger_index": -1}, ValueError, "trigger_index=-1 is outside"),
@@ -207,3 +169,18 @@ def test_survives_pickle_and_deepcopy_frozen():
 def test_refuses_naming_the_argument(fields, error, message):
     with pytest.raises(error, match=re.escape(message)):
         Recording(**{"wrench": WRENCH, "rate_hz": 500, **fields})
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        ([0, 1, 2], "time_s has shape (3,)"),
+        ([1, 2, 3, 4], "time_s[0] is 1"),
+        ([0, 1, 1, 2], "time_s[2] = 1.0 does not come after time_s[1] = 1.0"),
+        ([0, 2, 1, 3], "time_s[2] = 1.0 does not come after time_s[1] = 2.0"),
+        ([0, np.nan, 1, 3], "time_s[1] is nan"),
+    ],
+)
+def test_stamps_that_do_not_ascend_from_zero_are_refused(stamps, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Recording(WRENCH, time_s=stamps)

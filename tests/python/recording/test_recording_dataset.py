@@ -17,7 +17,10 @@ def recording(n=10, *, seed=0, **fields):
     return Recording(wrench, **{"rate_hz": 100, "label": "rice", "name": f"r{seed}", **fields})
 
 
-@pytest.fixture
+UNEVEN = recording(3, rate_hz=None, time_s=[0, 1, 3], name="uneven")
+
+
+@pytest.fixture(scope="module")
 def mixed():
     return Dataset(
         [
@@ -61,39 +64,27 @@ def test_labels_are_needed_for_y():
         _ = data.y
 
 
-def test_stacked_refuses_unequal_lengths_naming_align(mixed):
-    with pytest.raises(ValueError, match=r"10 to 12 samples.*\.align\(n_samples"):
-        _ = mixed.X
+@pytest.mark.parametrize(
+    ("others", "message"),
+    [
+        ([recording(12)], r"10 to 12 samples.*\.align\(n_samples"),
+        ([recording(rate_hz=50)], r"differ in rate \(50 to 100 Hz\).*\.resample\(rate_hz\)"),
+        ([UNEVEN], r"1 of 2 recordings is irregularly sampled.*'uneven'.*\.resample\(rate_hz\)"),
+    ],
+)
+def test_stacked_refuses_what_differs_naming_the_step_that_helps(others, message):
+    with pytest.raises(ValueError, match=message):
+        _ = Dataset([recording(), *others]).X
 
 
-def test_stacked_refuses_unequal_rates_naming_resample():
-    with pytest.raises(ValueError, match=r"differ in rate \(50 to 100 Hz\).*\.resample\(rate_hz\)"):
-        _ = Dataset([recording(), recording(rate_hz=50)]).X
-
-
-def test_stacked_refuses_irregular_recordings_naming_resample():
-    irregular = recording(3, seed=9, rate_hz=None, time_s=[0, 1, 3])
-    with pytest.raises(
-        ValueError, match=r"1 of 2 recordings is irregularly sampled.*'r9'.*\.resample\(rate_hz\)"
-    ):
-        _ = Dataset([recording(3), irregular]).X
-
-
-def test_stacked_stacks_in_order_once_read_only():
+def test_stacked_stacks_in_order_once_read_only(mixed):
     data = Dataset([recording(seed=i) for i in range(3)])
     np.testing.assert_array_equal(data.X, np.stack([r.wrench for r in data]))
     assert data.X is data.X
     assert not data.X.flags.writeable
-
-
-def test_stacked_after_align_is_not_a_second_copy(mixed):
     aligned = mixed.align(8)
-    assert aligned.X is aligned[0].wrench.base
+    assert aligned.X is aligned[0].wrench.base, "no second copy"
     np.testing.assert_array_equal(aligned.X, np.stack([r.wrench[:8] for r in mixed]))
-
-
-def test_stacked_of_a_part_of_an_aligned_set_is_right(mixed):
-    aligned = mixed.align(8)
     for indices in ([2, 0, 1], [0, 1], [1, 1, 2], [2]):
         np.testing.assert_array_equal(aligned.select(indices=indices).X, aligned.X[indices])
 
@@ -141,11 +132,22 @@ def test_select(mixed):
         ({"indices": [True, False]}, ValueError, "indices is a mask of 2 for 3 recordings"),
         ({"indices": [0.5]}, TypeError, "indices has dtype float64"),
         ({"indices": [[0]]}, TypeError, "shape (1, 1)"),
+        *[
+            ({argument: value}, TypeError, argument)
+            for argument in ("labels", "sessions", "names", "axes")
+            for value in (1.5, b"rice", [1, "rice"], [["rice"]])
+        ],
     ],
 )
 def test_select_refuses(mixed, how, error, message):
     with pytest.raises(error, match=re.escape(message)):
         mixed.select(**how)
+
+
+@pytest.mark.parametrize("index", [None, True])
+def test_what_is_no_index(mixed, index):
+    with pytest.raises(TypeError, match="indices"):
+        mixed[index]
 
 
 def test_concatenation_keeps_order_and_histories(mixed):
@@ -154,8 +156,9 @@ def test_concatenation_keeps_order_and_histories(mixed):
     assert both.names == ("r1", "r3", "r2")
     assert [step.step for step in both.history] == ["select", "select", "concatenate"]
     assert Dataset.concatenate([rice, peas]) == both
-    with pytest.raises(TypeError, match=re.escape("datasets[1] is a list")):
-        Dataset.concatenate([rice, [1]])
+    for wrong, message in (([rice, [1]], r"datasets\[1\] is a list"), (5, "datasets must be a sequence of")):
+        with pytest.raises(TypeError, match=message):
+            Dataset.concatenate(wrong)
     with pytest.raises(TypeError, match="unsupported operand"):
         _ = rice + 1
 
@@ -183,10 +186,8 @@ def test_align_crops_the_end_and_says_so(mixed):
         "recordings_skipped": 0,
         "dropped_samples": 3,
     }
-    assert [(row["name"], row["dropped_start"], row["dropped_end"]) for row in report.rows] == [
-        ("r2", 0, 2),
-        ("r3", 0, 1),
-    ]
+    dropped = [(row["name"], row["dropped_start"], row["dropped_end"]) for row in report.rows]
+    assert dropped == [("r2", 0, 2), ("r3", 0, 1)]
     assert [r.trigger_index for r in aligned] == [2, 5, 0]
     assert aligned.start_times.tolist() == [30, 10, 20]
     assert mixed.align("shortest") == aligned == mixed.align(duration_s=0.1)
@@ -218,19 +219,29 @@ def test_align_skips_short_recordings_only_when_told(mixed):
     assert aligned.history[-1].rows[0]["skipped"] == "is too short: 10 samples, 11 wanted"
 
 
+@pytest.mark.parametrize("n_samples", ["shortest", 10])
+def test_align_leaves_out_what_begins_too_late(n_samples):
+    early = recording(8, trigger_index=1, name="early")
+    data = Dataset([early, recording(20, trigger_index=10), recording(30, trigger_index=10)])
+    aligned = data.align(n_samples, trigger="recorded", lead_s=0.05, on_short="skip")
+    assert aligned.X.shape == (2, 15 if n_samples == "shortest" else 10, 6)
+    with pytest.raises(ValueError, match=r"none of the 1 recording.* has the lead before its trigger"):
+        data[:1].align(n_samples, trigger="recorded", lead_s=0.05, on_short="skip")
+
+
 @pytest.mark.parametrize(
     ("how", "message"),
     [
         ({}, "exactly one of n_samples (a number, or 'shortest') and duration_s"),
         ({"n_samples": 3, "duration_s": 1.0}, "exactly one of n_samples"),
         ({"n_samples": 0}, "n_samples=0 gives 0 samples"),
-        ({"n_samples": -2}, "n_samples=-2"),
         ({"n_samples": "longest"}, "n_samples='longest'"),
         ({"duration_s": 0.001}, "duration_s=0.001 at 100 Hz gives 0 samples"),
         ({"duration_s": np.nan}, "duration_s must be finite"),
         ({"duration_s": 1e308}, "duration_s times the rate must be finite"),
         ({"n_samples": 13, "on_short": "skip"}, "none of the 3 recordings has 13 samples"),
         ({"n_samples": 3, "on_short": "pad"}, "on_short='pad'"),
+        ({"n_samples": 3, "on_missing": "drop"}, "on_missing='drop'; wanted 'raise' or 'skip'"),
         ({"n_samples": 3, "lead_s": 0.1}, "give trigger= too"),
         ({"n_samples": 3, "trigger": "onset"}, "trigger='onset'"),
         ({"n_samples": 3, "trigger": [1, 2]}, "trigger has 2 indices for 3 recordings"),
@@ -250,7 +261,25 @@ def test_align_refuses_missing_triggers_and_rates():
     with pytest.raises(ValueError, match="1 recording has no trigger_index: 'r0'; call"):
         Dataset([recording()]).align(3, trigger="recorded")
     with pytest.raises(ValueError, match=r"\.resample\(rate_hz\)"):
-        Dataset([recording(3, rate_hz=None, time_s=[0, 1, 3])]).align(2)
+        Dataset([UNEVEN]).align(2)
+
+
+@pytest.mark.parametrize(
+    ("step", "argument", "value"),
+    [
+        ("resample", "rate_hz", 1e12),
+        ("find_onsets", "false_alarm_rate", 0.9),
+        ("find_onsets", "overrule", {"no such": 1}),
+        ("align", "n_samples", 0),
+        ("align", "lead_s", 0.1),
+        ("check", "sensor_range", "unheard of"),
+    ],
+)
+def test_an_error_about_an_argument_holds_and_begins_with_its_name(mixed, step, argument, value):
+    others = {"n_samples": 10} if argument == "lead_s" else {}
+    with pytest.raises(ValueError, match=f"^{argument}") as error:
+        getattr(mixed, step)(**others, **{argument: value})
+    assert error.value.argument == argument
 
 
 @given(
