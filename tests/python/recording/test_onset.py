@@ -1,9 +1,12 @@
+"""Where a push begins: against known starts, invariances, noise of many kinds, and the thresholds' theory."""
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import binom
+from scipy.stats import binom, binomtest, norm, t
 
 from granular_id.recording import AXES
+from granular_id.recording.change_detection import critical_factors
 from granular_id.recording.onset import find_onset, find_onsets_in_block
 from granular_id.synthetic import synthesize
 from onset_cases import NOISE, RATE_HZ, START, noise, push
@@ -42,37 +45,27 @@ def test_a_later_start_is_found_as_much_later(later):
     assert abs(find_onset(late, RATE_HZ).index - find_onset(early, RATE_HZ).index - later) <= 2
 
 
-@pytest.mark.parametrize("scale", [2.0**-40, 1e-3, 0.2248, 1000.0, 1e300])
-def test_units_make_no_difference(scale):
-    plain, scaled = (find_onset(push(1) * s, RATE_HZ) for s in (1.0, scale))
-    assert (plain.index, plain.detected_index, plain.axes) == (
-        scaled.index,
-        scaled.detected_index,
-        scaled.axes,
-    )
-    np.testing.assert_allclose(scaled.statistic, plain.statistic, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(scaled.critical, scale * plain.critical, rtol=1e-6)
+PLAIN = find_onset(push(2), RATE_HZ)
 
 
-def test_every_axis_may_have_its_own_unit_and_zero():
-    wrench = push(2)
+@pytest.mark.parametrize("scale", [2.0**-40, -1.0, 0.2248, 1000.0, 1e300])
+def test_units_and_signs_make_no_difference(scale):
+    scaled = find_onset(push(2) * scale, RATE_HZ)
+    places = (scaled.index, scaled.detected_index, scaled.axes)
+    assert places == (PLAIN.index, PLAIN.detected_index, PLAIN.axes)
+    np.testing.assert_allclose(scaled.statistic, PLAIN.statistic, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(scaled.critical, abs(scale) * PLAIN.critical, rtol=1e-6)
+
+
+def test_every_axis_may_have_its_own_unit_zero_and_place():
     scale, offset = np.array([1, 1e3, 1e-3, 7, 0.1, 1e5]), np.array([5, -700, 0.01, 0, -20, 3e4])
-    plain, other = find_onset(wrench, RATE_HZ), find_onset(wrench * scale + offset, RATE_HZ)
-    assert (plain.index, plain.axes) == (other.index, other.axes)
-    np.testing.assert_allclose(other.rest_level, plain.rest_level * scale + offset)
-    np.testing.assert_allclose(other.rest_sd, plain.rest_sd * scale, rtol=1e-6)
-
-
-def test_the_order_of_axes_makes_no_difference():
-    wrench, order = push(4), [5, 2, 0, 4, 1, 3]
-    plain = find_onset(wrench, RATE_HZ)
-    other = find_onset(wrench[:, order], RATE_HZ, axes=[AXES[i] for i in order])
-    assert (plain.index, plain.axes) == (other.index, other.axes)
-    np.testing.assert_allclose(other.critical, plain.critical[order])
-
-
-def test_turning_the_signal_over_makes_no_difference():
-    assert find_onset(push(5), RATE_HZ).index == find_onset(-push(5), RATE_HZ).index
+    order = [5, 2, 0, 4, 1, 3]
+    wrench = (push(2) * scale + offset)[:, order]
+    other = find_onset(wrench, RATE_HZ, axes=[AXES[i] for i in order])
+    assert (PLAIN.index, PLAIN.axes) == (other.index, other.axes)
+    np.testing.assert_allclose(other.rest_level, (PLAIN.rest_level * scale + offset)[order])
+    np.testing.assert_allclose(other.rest_sd, (PLAIN.rest_sd * scale)[order], rtol=1e-6)
+    np.testing.assert_allclose(other.critical, (PLAIN.critical * scale)[order], rtol=1e-6)
 
 
 def test_recordings_together_as_alone():
@@ -80,11 +73,8 @@ def test_recordings_together_as_alone():
     together = find_onsets_in_block(wrenches, RATE_HZ, 50, 1e-3, AXES)
     for wrench, onset in zip(wrenches, together, strict=True):
         alone = find_onset(wrench, RATE_HZ)
-        assert (alone.index, alone.detected_index, alone.why) == (
-            onset.index,
-            onset.detected_index,
-            onset.why,
-        )
+        assert (alone.index, alone.detected_index) == (onset.index, onset.detected_index)
+        assert alone.why == onset.why
         np.testing.assert_array_equal(alone.statistic, onset.statistic)
 
 
@@ -96,41 +86,45 @@ def test_the_input_is_not_touched():
     np.testing.assert_array_equal(wrench, before)
 
 
-def _autocorrelated(rng, shape):
-    return lfilter([np.sqrt(0.19)], [1, -0.9], rng.standard_normal((shape[0], shape[1] + 200, 6)), axis=1)[
-        :, 200:
-    ]
+def white(rng, shape):
+    return rng.standard_normal(shape)
 
 
-NOISES = {
-    "white": lambda rng, shape: rng.standard_normal(shape),
-    "autocorrelated": _autocorrelated,
-    "one source": lambda rng, shape: rng.standard_normal((*shape[:2], 1)) @ np.ones((1, 6)),
-    "counts": lambda rng, shape: np.rint(
-        0.3 * rng.standard_normal(shape) + rng.uniform(-1, 1, (shape[0], 1, 6))
-    ),
-    "drift": lambda rng, shape: rng.standard_normal(shape) + np.linspace(0, 20, shape[1])[:, None],
-}
+def autocorrelated(rng, shape):
+    n, n_samples, n_axes = shape
+    noise = rng.standard_normal((n, n_samples + 200, n_axes))
+    return lfilter([np.sqrt(0.19)], [1, -0.9], noise, axis=1)[:, 200:]
 
 
-@pytest.mark.parametrize("kind", NOISES)
-@pytest.mark.parametrize("rate_hz", [100, 500])
-def test_no_motion_gives_no_onset_but_for_the_stated_rate(kind, rate_hz):
-    n = 300 if rate_hz == 100 else 100
-    block = NOISES[kind](np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
+def of_one_source(rng, shape):
+    return rng.standard_normal((*shape[:2], 1)) @ np.ones((1, 6))
+
+
+def in_counts(rng, shape):
+    return np.rint(0.3 * rng.standard_normal(shape) + rng.uniform(-1, 1, (shape[0], 1, 6)))
+
+
+def drifting(rng, shape):
+    return rng.standard_normal(shape) + np.linspace(0, 20, shape[1])[:, None]
+
+
+def n_found(block, rate_hz, rest, rate):
+    onsets = find_onsets_in_block(block, rate_hz, rest, rate, AXES)
+    return sum(onset.index is not None for onset in onsets)
+
+
+@pytest.mark.parametrize("kind", [white, autocorrelated, of_one_source, in_counts, drifting])
+@pytest.mark.parametrize(("rate_hz", "n"), [(100, 300), (500, 100)])
+def test_no_motion_gives_no_onset_but_for_the_stated_rate(kind, rate_hz, n):
+    block = kind(np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
     for rate in (0.05, 0.001):
-        onsets = find_onsets_in_block(block, rate_hz, round(0.1 * rate_hz), rate, AXES)
-        assert sum(onset.index is not None for onset in onsets) <= binom.ppf(0.999, n, rate)
+        assert n_found(block, rate_hz, round(0.1 * rate_hz), rate) <= binom.ppf(0.999, n, rate)
 
 
 def test_a_higher_rate_is_met_by_more_false_onsets():
-    block = _autocorrelated(np.random.default_rng(2), (300, 320, 6))
-    found = [
-        sum(o.index is not None for o in find_onsets_in_block(block, 100, 10, rate, AXES))
-        for rate in (0.5, 1e-4)
-    ]
-    assert found[0] > found[1] == 0
-    assert found[0] <= binom.ppf(0.999, 300, 0.5)
+    block = autocorrelated(np.random.default_rng(2), (300, 320, 6))
+    often, hardly = (n_found(block, 100, 10, rate) for rate in (0.5, 1e-4))
+    assert binom.ppf(0.999, 300, 0.5) >= often > hardly == 0
 
 
 @pytest.mark.parametrize("place", [20, 60, 300, 1590])
@@ -179,9 +173,8 @@ def test_any_rate(rate_hz):
 
 @pytest.mark.parametrize("n_axes", [1, 2, 12])
 def test_any_number_of_axes(n_axes):
-    wrench = np.tile(push(13, course="jump")[:, :1], n_axes) + np.random.default_rng(0).normal(
-        0, 0.02, (1600, n_axes)
-    )
+    wrench = np.tile(push(13, course="jump")[:, :1], n_axes)
+    wrench += np.random.default_rng(0).normal(0, 0.02, (1600, n_axes))
     onset = find_onset(wrench, RATE_HZ)
     assert abs(onset.index - START) <= 2
     assert set(onset.axes) == {f"axis {i}" for i in range(n_axes)}
@@ -226,40 +219,6 @@ def test_real_recordings_that_start_in_motion(data_dir):
     assert sum(row.get("why", "").startswith("no abrupt change, though ") for row in rows) > 0.95 * len(rows)
 
 
-@pytest.mark.parametrize(
-    ("change", "error", "message"),
-    [
-        (
-            {"wrench": np.zeros(5)},
-            ValueError,
-            r"wrench has shape \(5,\); wanted a real array of shape \(T, C\)",
-        ),
-        ({"wrench": np.zeros((0, 6))}, ValueError, r"wrench has shape \(0, 6\)"),
-        ({"wrench": [["a"] * 6]}, TypeError, "wrench has dtype"),
-        ({"wrench": np.where(np.arange(6) == 2, np.nan, noise())}, ValueError, r"wrench\[0, 2\] is nan"),
-        ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
-        ({"rest_s": 0}, ValueError, "rest_s must be positive, got 0"),
-        ({"rest_s": -1}, ValueError, "rest_s must be positive, got -1"),
-        ({"rest_s": np.nan}, ValueError, "rest_s must be finite"),
-        ({"rest_s": None}, TypeError, "rest_s must be a number, got None"),
-        (
-            {"rest_s": 0.008},
-            ValueError,
-            "rest_s=0.008 holds 4 samples at 500 Hz; .* rest_s=0.01 or more is wanted",
-        ),
-        ({"false_alarm_rate": 0}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 0"),
-        ({"false_alarm_rate": 1}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 1"),
-        ({"false_alarm_rate": True}, TypeError, "false_alarm_rate must be a number, got True"),
-        ({"axes": ["fx"]}, ValueError, "axes has 1 names, but wrench has 6 columns"),
-    ],
-)
-def test_bad_input_is_named(change, error, message):
-    given = {"wrench": noise(), "rate_hz": RATE_HZ, **change}
-    with pytest.raises(error, match=message):
-        find_onset(given.pop("wrench"), given.pop("rate_hz"), **given)
-
-
 def test_rest_longer_than_anything():
     assert find_onset(noise(), RATE_HZ, rest_s=1e300).why.startswith("too short: 1600 samples, ")
 
@@ -274,3 +233,65 @@ def test_largest_floats_raise_no_warning():
     wrench = np.clip(noise(0, 400) / NOISE, -1, 1) * 1.79e308
     with np.errstate(over="raise", invalid="raise"):
         assert find_onset(wrench, RATE_HZ, false_alarm_rate=0.5).threshold == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"wrench": np.zeros(5)}, ValueError, r"shape \(5,\); wanted a real array of shape \(T, C\)"),
+        ({"wrench": np.zeros((0, 6))}, ValueError, r"wrench has shape \(0, 6\)"),
+        ({"wrench": [["a"] * 6]}, TypeError, "wrench has dtype"),
+        ({"wrench": np.where(np.arange(6) == 2, np.nan, noise())}, ValueError, r"wrench\[0, 2\] is nan"),
+        ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
+        ({"rest_s": -1}, ValueError, "rest_s must be positive, got -1"),
+        ({"rest_s": np.nan}, ValueError, "rest_s must be finite"),
+        ({"rest_s": None}, TypeError, "rest_s must be a number, got None"),
+        ({"rest_s": 0.008}, ValueError, "rest_s=0.008 holds 4 samples at 500 Hz; .*=0.01 or more is wanted"),
+        ({"false_alarm_rate": 0}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 0"),
+        ({"false_alarm_rate": 1}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 1"),
+        ({"false_alarm_rate": True}, TypeError, "false_alarm_rate must be a number, got True"),
+        ({"axes": ["fx"]}, ValueError, "axes has 1 names, but wrench has 6 columns"),
+    ],
+)
+def test_bad_input_is_named(change, error, message):
+    given = {"wrench": noise(), "rate_hz": RATE_HZ, **change}
+    with pytest.raises(error, match=message):
+        find_onset(given.pop("wrench"), given.pop("rate_hz"), **given)
+
+
+# --- The threshold
+
+
+@pytest.mark.parametrize("rate", [0.2, 0.01, 1e-6])
+def test_one_test_is_students(rate):
+    dof = np.array([1.0, 2.5, 10, 100])
+    np.testing.assert_allclose(critical_factors(dof, 1, rate), t.isf(rate / 2, dof), rtol=0.01)
+
+
+@pytest.mark.parametrize("n_tests", [7, 2000])
+def test_known_noise_is_sidaks(n_tests):
+    exact = norm.isf((1 - (1 - 0.01) ** (1 / n_tests)) / 2)
+    assert exact - 1e-3 <= critical_factors(np.array([1e4]), n_tests, 0.01)[0] <= 1.01 * exact
+
+
+@pytest.mark.parametrize(("dof", "n_tests"), [(3, 10), (8, 19), (20, 5)])
+def test_by_simulation(dof, n_tests):
+    rng = np.random.default_rng(dof)
+    n = 40_000
+    largest = np.abs(rng.standard_normal((n, n_tests))).max(axis=1)
+    ratio = largest / np.sqrt(rng.chisquare(dof, n) / dof)
+    above = int((ratio > critical_factors(np.array([float(dof)]), n_tests, 0.05)[0]).sum())
+    low, high = binomtest(above, n).proportion_ci(0.999)
+    assert low <= 0.05 <= high
+
+
+def test_more_knowledge_fewer_tests_and_a_higher_rate_lower_it():
+    dof = np.geomspace(0.6, 5000, 50)
+    assert (np.diff(critical_factors(dof, 300, 1e-4)) < 0).all()
+    assert (critical_factors(dof, 300, 1e-4) < critical_factors(dof, 3000, 1e-4)).all()
+    assert (critical_factors(dof, 300, 1e-3) < critical_factors(dof, 300, 1e-4)).all()
+
+
+def test_nothing_known_is_never_enough():
+    assert critical_factors(np.array([0.49]), 10, 0.5)[0] == np.inf
