@@ -11,12 +11,17 @@ from granular_id._parallel import in_threads
 
 @pytest.mark.parametrize("n_jobs", [None, 1, 2, 5])
 def test_results_come_in_the_order_of_the_items(n_jobs):
-    def slow_first(number):
-        time.sleep(0.002 * (10 - number))
+    second = threading.Event()
+
+    def first_ends_last(number):
+        if number == 0 and n_jobs not in (None, 1):
+            assert second.wait(10)
+        if number == 1:
+            second.set()
         return number**2
 
-    assert in_threads(slow_first, iter(range(10)), n_jobs) == [number**2 for number in range(10)]
-    assert in_threads(slow_first, [], n_jobs) == []
+    assert in_threads(first_ends_last, iter(range(10)), n_jobs) == [number**2 for number in range(10)]
+    assert in_threads(first_ends_last, [], n_jobs) == []
 
 
 @pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
@@ -55,24 +60,24 @@ def test_where_threads_cannot_be_started_the_work_is_done_with_those_there_are(m
 
 
 def test_ctrl_c_in_the_caller_waits_for_what_was_begun(monkeypatch):
-    begun, ended = [], []
+    begun, ended, interrupted = [], [], threading.Event()
 
     def item(number):
         begun.append(number)
-        time.sleep(0.02)
+        interrupted.wait(10)
+        time.sleep(0.02)  # what follows the interruption takes its time
         ended.append(number)
 
-    def interrupted(_):
-        time.sleep(0.03)
+    def interrupt(_):
+        interrupted.set()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("concurrent.futures.Future.result", interrupted)
+    monkeypatch.setattr("concurrent.futures.Future.result", interrupt)
     with pytest.raises(KeyboardInterrupt):
         in_threads(item, range(1000), 2)
-    assert sorted(begun) == sorted(ended)
-    assert 1 <= len(begun) < 20
-    time.sleep(0.05)
     assert sorted(begun) == sorted(ended), "nothing goes on behind the caller's back"
+    assert 1 <= len(begun) < 20
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
 
 
 def test_the_configuration_of_scikit_learn_is_that_of_the_caller():

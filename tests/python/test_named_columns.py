@@ -97,17 +97,12 @@ def test_axes_choose_columns(table):
         (frame(), {"axes": "fx"}, "axes"),
         (frame(), {"axes": []}, "axes"),
         (frame(), {"axes": np.array(AXES)}, "axes"),
+        (frame(names=pd.MultiIndex.from_product([["force", "torque"], list("xyz")])), {}, "wrench"),
     ],
 )
 def test_what_is_no_axis_is_refused_by_name(table, given, keywords, named):
     with pytest.raises((ValueError, TypeError), match=named):
         Recording(table(given), rate_hz=500, **keywords)
-
-
-def test_names_that_are_no_text_are_refused():
-    given = pd.DataFrame(WRENCH, columns=pd.MultiIndex.from_product([["force", "torque"], list("xyz")]))
-    with pytest.raises(TypeError, match="wrench"):
-        Recording(given, rate_hz=500)
 
 
 @TABLES

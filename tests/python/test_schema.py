@@ -1,4 +1,4 @@
-"""The check of documents from outside: what a form admits, and what an error says of the place."""
+"""Documents from outside: what a form admits, and what an error says of the place."""
 
 import json
 import re
@@ -66,12 +66,13 @@ def test_another_form_is_refused_at_its_place(change, error, message):
 
 
 def test_the_document_itself_has_a_name():
-    with pytest.raises(TypeError, match=r"^the rule must be an object, got 3$"):
-        check_form(3, FORM, what="the rule")
-    with pytest.raises(ValueError, match=r"^the rule must hold 'format', got"):
-        check_form({}, FORM, what="the rule")
-    with pytest.raises(ValueError, match=r"^the rule must not hold 'more'$"):
-        check_form(GOOD, FORM, what="the rule", closed=True)
+    for document, closed, message in (
+        (3, False, "must be an object, got 3$"),
+        ({}, False, "must hold 'format', got"),
+        (GOOD, True, "must not hold 'more'$"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=f"^the rule {message}"):
+            check_form(document, FORM, what="the rule", closed=closed)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from granular_id.gram import linear_gram
-from granular_id.spaces import DFT, RangeNormalizer, RawHistogram, RawSignal
+from granular_id.spaces import DFT, RangeNormalizer, RawHistogram
 from spaces_cases import recordings
 
 finite = st.floats(-1e300, 1e300)
@@ -62,16 +62,7 @@ def test_range_normalizer_looks_at_each_recording_alone():
 # --- DFT
 
 
-@pytest.mark.parametrize("n_samples", [1, 2, 3, 4, 7, 64, 99])
-def test_complex_spectrum_is_a_rotation_times_the_root_of_the_length(n_samples):
-    X = recordings(n=6, n_samples=n_samples, n_axes=2)
-    features = DFT().fit_transform(X)
-    assert features.shape == (6, 2 * n_samples)
-    gram = linear_gram(RawSignal().fit_transform(X))
-    np.testing.assert_allclose(linear_gram(features), n_samples * gram, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("n_samples", [1, 2, 5, 8])
+@pytest.mark.parametrize("n_samples", [1, 2, 5, 64])
 @pytest.mark.parametrize("kind", ["complex", "magnitude", "log_magnitude"])
 def test_dft_is_half_of_the_full_transform_with_its_scalar_products(kind, n_samples):
     X = recordings(n=3, n_samples=n_samples, n_axes=2)
@@ -86,6 +77,8 @@ def test_dft_is_half_of_the_full_transform_with_its_scalar_products(kind, n_samp
 
 
 def test_dft_column_by_column():
+    six_axes = DFT().fit(np.zeros((1, 1600, 6))).get_feature_names_out()
+    assert six_axes[[0, 801, -1]].tolist() == ["dft_re_fx_0000", "dft_re_fy_0000", "dft_im_tz_0799"]
     X = recordings(n=2, n_samples=6, n_axes=2)
     dft = DFT().fit(X)
     columns = dict(zip(dft.get_feature_names_out(), dft.transform(X).T, strict=True))
@@ -97,18 +90,6 @@ def test_dft_column_by_column():
         axis, k = int(name[11]), int(name[-1])
         part = full[:, axis, k].real if "_re_" in name else full[:, axis, k].imag
         np.testing.assert_allclose(column, part * (math.sqrt(2) if k in (1, 2) else 1.0), rtol=1e-12)
-
-
-def test_dft_names_of_six_axes():
-    names = DFT().fit(np.zeros((1, 1600, 6))).get_feature_names_out()
-    assert names[[0, 3, 800, 801]].tolist() == [
-        "dft_re_fx_0000",
-        "dft_re_fx_0003",
-        "dft_re_fx_0800",
-        "dft_re_fy_0000",
-    ]
-    assert (names[-1], len(names)) == ("dft_im_tz_0799", 9600)
-    assert DFT("log_magnitude").fit(np.zeros((1, 5, 6))).get_feature_names_out()[-1] == "dft_log_tz_0002"
 
 
 @given(shift=st.integers(0, 49), seed=st.integers(0, 9))
@@ -150,6 +131,8 @@ def test_raw_histogram_counts_as_numpy_between_learned_extremes():
     histogram = RawHistogram().fit(X)
     bounds = np.column_stack([X.min((0, 1)), X.max((0, 1))])
     assert histogram.learns
+    names = histogram.get_feature_names_out()
+    assert names[[0, 99, 100, -1]].tolist() == ["hist_fx_00", "hist_fx_99", "hist_fy_00", "hist_tz_99"]
     np.testing.assert_array_equal(histogram.bin_range_, bounds)
     np.testing.assert_array_equal(histogram.transform(other), counts(other, bounds))
     np.testing.assert_array_equal(histogram.bin_range_, bounds)
@@ -181,8 +164,3 @@ def test_constant_axis_has_room_for_its_bins(level):
     assert histogram.transform(X).sum() == 10
     if abs(level) < 1e5:
         np.testing.assert_array_equal(histogram.bin_range_, [[level - 0.5, level + 0.5]])
-
-
-def test_names_of_the_raw_histogram():
-    names = RawHistogram().fit(recordings()).get_feature_names_out()
-    assert names[[0, 99, 100, -1]].tolist() == ["hist_fx_00", "hist_fx_99", "hist_fy_00", "hist_tz_99"]
