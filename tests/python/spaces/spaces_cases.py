@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
     HFMH,
@@ -35,7 +36,8 @@ SPACES = {
     "raw": RawSignal(),
     "range": RangeNormalizer(),
     "hfmh": HFMH(),
-    "hfmh, own range": HFMH(bin_range="auto", initial="steady"),
+    # An odd number of bins: with a steady start the first values are 0 up to rounding, no place for an edge.
+    "hfmh, own range": HFMH(bin_range="auto", initial="steady", n_bins=25),
     "raw+hfmh": RawHFMH(),
     "raw+hfmh, weighted": RawHFMH(block_weights="unit", bin_range="auto"),
     "dft": DFT(),
@@ -54,7 +56,12 @@ STATISTICS = {
 }
 # One sample of rest, so that recordings of scikit-learn's checks are long enough.
 FILTERS = {"tare": Tare(0.002), "permutation": TimePermutation()}
-ROWS = {"components": PrincipalComponents(), "one component": PrincipalComponents(1)}
+ROWS = {
+    "components": PrincipalComponents(),
+    "one component": PrincipalComponents(1),
+    "rica": RICA(3, contrast="exp", n_init=2, random_state=0),
+    "rica, standardised": RICA(2, standardize=True, random_state=0),
+}
 # Of columns, some with labels: they stand between a space and a classifier.
 SCALERS = {
     "scaling": BlockScaler(),

@@ -1,6 +1,5 @@
 """RICA: what it minimises beside the formula, golden ends, starts, options, refusals."""
 
-import pickle
 import warnings
 
 import joblib
@@ -8,11 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy.optimize import check_grad
-from sklearn.base import clone
-from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils.estimator_checks import parametrize_with_checks
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from granular_id._parallel import single_threaded_blas
@@ -21,11 +18,6 @@ from granular_id.rica import CONTRASTS, RICA, Objective, _early_end
 # Two known local ends of rica in MATLAB on these rows; random starts reach 192.709, 192.738, 194.717, 198.068.
 GOLDEN_ROWS = np.mod(np.arange(1, 61) * 7, 13).reshape(12, 5, order="F") - 6.0
 GOLDEN_START = np.mod(np.arange(1, 16) * 3, 7).reshape(5, 3, order="F") - 3.0
-
-
-@parametrize_with_checks([RICA(3, contrast="exp", n_init=2, random_state=0), RICA(2, standardize=True)])
-def test_sklearn_contract(estimator, check):
-    check(estimator)
 
 
 # --- What is minimised
@@ -50,9 +42,8 @@ def unit_columns(random, n_features, n_components):
 
 def test_golden_start():
     objective = Objective(GOLDEN_ROWS, alpha=1.0, contrast="logcosh", signs=np.ones(3))
-    assert objective(GOLDEN_START / np.linalg.norm(GOLDEN_START, axis=0))[0] == pytest.approx(
-        607.675284, abs=5e-7
-    )
+    units = GOLDEN_START / np.linalg.norm(GOLDEN_START, axis=0)
+    assert objective(units)[0] == pytest.approx(607.675284, abs=5e-7)
 
 
 @pytest.mark.parametrize("contrast", CONTRASTS)
@@ -282,20 +273,9 @@ def test_tol_and_gtol_stop():
     assert fitted(3, tol=0, gtol=10).n_iter_ < fitted(3, tol=0, gtol=1e-3).n_iter_
 
 
-def test_repeatable_clone_pickle_and_names():
-    rica = fitted(3)
-    again = clone(rica).fit(GOLDEN_ROWS)
-    np.testing.assert_array_equal(rica.components_, again.components_)
-    read = pickle.loads(pickle.dumps(rica))
-    np.testing.assert_array_equal(read.transform(GOLDEN_ROWS), rica.transform(GOLDEN_ROWS))
-    assert list(rica.get_feature_names_out()) == ["rica00", "rica01", "rica02"]
+def test_names_are_numbered():
+    assert list(fitted(3).get_feature_names_out()) == ["rica00", "rica01", "rica02"]
     assert list(fitted(101).get_feature_names_out())[::50] == ["rica000", "rica050", "rica100"]
-
-
-def test_set_output_pandas():
-    pytest.importorskip("pandas")
-    frame = RICA(2, random_state=0).set_output(transform="pandas").fit_transform(GOLDEN_ROWS)
-    assert list(frame.columns) == ["rica00", "rica01"]
 
 
 def test_rows_all_equal_are_minimised_where_nothing_divides_by_their_spread():
@@ -344,10 +324,3 @@ def test_bad_parameters(options, error, message):
 def test_bad_rows(rows, standardize, message):
     with pytest.raises(ValueError, match=message):
         RICA(2, standardize=standardize).fit(rows)
-
-
-def test_not_fitted_and_other_width():
-    with pytest.raises(NotFittedError):
-        RICA(2).transform(GOLDEN_ROWS)
-    with pytest.raises(ValueError, match="expecting 5 features"):
-        fitted(2).transform(GOLDEN_ROWS[:, :3])
