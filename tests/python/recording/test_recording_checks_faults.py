@@ -24,7 +24,7 @@ def test_sound_sets_raise_no_warning(seed):
     assert codes(report, infos=True) <= {"rest-shift"}
 
 
-# --- Samples
+# --- The faults
 
 
 def clipped(w, _):
@@ -56,25 +56,57 @@ def humming(w, _):
     w[:, 2] += 0.00885 * np.rint(900 * np.sin(2 * np.pi * 150 * TIMES))
 
 
+def forces_only(w, _):
+    return w[:, :3]
+
+
+def without_a_stretch(w, _):
+    return w[KEPT]
+
+
+def irregular(times, **fields):
+    return {"rate_hz": None, "time_s": times - times[0], "trigger_index": None, **fields}
+
+
+def shaken(by_s):
+    return np.random.default_rng(0).uniform(0, by_s, 1600)
+
+
+KEPT = np.delete(np.arange(1600), slice(600, 640))
+AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
+
+
 @pytest.mark.parametrize(
-    ("fault", "code", "words"),
+    ("places", "wrench", "fields", "found", "words"),
     [
-        (clipped, "clipped", "on fx"),
-        (stuck, "stuck-axis", "(tx)"),
-        (stuck_for_a_while, "stuck-stretch", "(fy)"),
-        (frozen, "frozen", "repeat one sample: 40 times"),
-        (spiky, "spikes", "(4 spikes on fx, fz)"),
-        (coarse, "resolution-differs", "0.00443"),
+        ([7, 30], clipped, {}, "clipped", "on fx"),
+        ([7, 30], stuck, {}, "stuck-axis", "(tx)"),
+        ([7, 30], stuck_for_a_while, {}, "stuck-stretch", "(fy)"),
+        ([7, 30], frozen, {}, "frozen", "repeat one sample: 40 times"),
+        ([7, 30], spiky, {}, "spikes", "(4 spikes on fx, fz)"),
+        ([7, 30], coarse, {}, "resolution-differs", "0.00443"),
+        ([6], None, {"label": None}, "no-label", "has no label"),
+        ([6], None, {"rate_hz": 400}, "rates-differ", "2 different rates, 400 to 500 Hz; 1 not at 500"),
+        ([6], None, {"rate_hz": 0.5}, "slow rates-differ", "in seconds?"),
+        ([6], forces_only, {"axes": ("fx", "fy", "fz")}, "axes-differ", ""),
+        ([6], None, {"session": None}, "some-sessions", "1 of 48"),
+        ([6], without_a_stretch, irregular(TIMES[KEPT]), "gaps", "0.082 s in 'rice_06'"),
+        ([6], None, irregular(AFTER_A_PAUSE), "gaps", "1 above 0.25 s"),
+        ([6, 20, 33], None, irregular(np.sort(TIMES + shaken(1.8e-3))), "jitter", ""),
+        ([6, 20, 33], None, irregular(TIMES + shaken(1e-4)), "", ""),
     ],
 )
-def test_a_fault_of_the_sensor(sound, fault, code, words):
-    report = damaged(sound, [7, 30], fault).check()
-    assert codes(report) == {code}
-    finding = by_code(report)[code]
-    assert finding.indices == (7, 30)
-    assert finding.recordings == (sound[7].name, sound[30].name)
-    assert words in finding.message
-    assert [v.state for v in report.verdicts].count("warning") == 2
+def test_a_fault_is_found_by_its_name_and_nothing_else(sound, places, wrench, fields, found, words):
+    report = damaged(sound, places, wrench, **fields).check()
+    assert codes(report) == set(found.split())
+    for code in found.split()[:1]:
+        finding = by_code(report)[code]
+        assert words in finding.message
+        assert finding.indices == tuple(places)
+        assert finding.recordings == tuple(sound[i].name for i in places)
+    states = [verdict.state for verdict in report.verdicts]
+    assert states.count(report.worst) == (len(places) if found else len(sound))
+    assert ("irregular" in report.counts) == ("time_s" in fields)
 
 
 def test_an_outlier_is_found_where_its_label_has_enough_others(sound):
@@ -112,17 +144,18 @@ def test_clipping_at_a_stated_range(sound, stated):
     assert codes(report) <= {"clipped", "outlier"}
 
 
-def test_readings_far_beyond_the_range_are_in_another_unit(sound):
-    finding = by_code(damaged(sound, [3], lambda w, _: 1000 * w).check(sensor_range=145))["beyond-range"]
-    assert (finding.severity, finding.indices) == ("error", (3,))
-
-
-@pytest.mark.parametrize("factor", [1e3, 1e6])
-def test_millinewtons_are_noticed(sound, factor):
-    report = damaged(sound, WHOLE, lambda w, _: factor * w).check()
-    finding = by_code(report)["units"]
-    assert (finding.severity, report.counts["units"]) == ("warning", 48)
-    assert "are they in mN, N mm or counts?" in finding.message
+@pytest.mark.parametrize(
+    ("places", "factor", "stated", "code", "severity"),
+    [
+        ([3], 1e3, 145, "beyond-range", "error"),
+        (WHOLE, 1e3, None, "units", "warning"),
+        (WHOLE, 1e6, None, "units", "warning"),
+    ],
+)
+def test_readings_in_another_unit(sound, places, factor, stated, code, severity):
+    finding = by_code(damaged(sound, places, lambda w, _: factor * w).check(sensor_range=stated))[code]
+    assert (finding.severity, finding.indices) == (severity, tuple(places))
+    assert code == "beyond-range" or "are they in mN, N mm or counts?" in finding.message
 
 
 def test_other_units_are_their_own_affair():
@@ -157,48 +190,7 @@ def test_bad_ranges(data, stated, error, words):
     assert words in str(caught.value)
 
 
-# --- What is stated, stamps, levels, flags
-
-
-@pytest.mark.parametrize(
-    ("fields", "found"),
-    [
-        ({"label": None}, {"no-label"}),
-        ({"rate_hz": 400}, {"rates-differ"}),
-        ({"rate_hz": 0.5}, {"rates-differ", "slow"}),
-        ({"wrench": lambda w, _: w[:, :3], "axes": ("fx", "fy", "fz")}, {"axes-differ"}),
-        ({"session": None}, {"some-sessions"}),
-    ],
-)
-def test_faults_of_what_is_stated(sound, fields, found):
-    report = damaged(sound, [6], **fields).check()
-    assert codes(report) == found
-    assert all(report.verdicts[6].codes)
-    assert report.verdicts[6].state == report.worst
-
-
-def irregular(times, **fields):
-    return {"rate_hz": None, "time_s": times - times[0], "trigger_index": None, **fields}
-
-
-def shaken(by_s):
-    return np.random.default_rng(0).uniform(0, by_s, 1600)
-
-
-def test_gaps(sound):
-    kept = np.delete(np.arange(1600), slice(600, 640))
-    report = damaged(sound, [6], lambda w, _: w[kept], **irregular(TIMES[kept])).check()
-    assert codes(report) == {"gaps"}
-    assert by_code(report)["gaps"].values["longest_s"] == pytest.approx(0.082)
-    long = np.concatenate([TIMES[:800], TIMES[800:] + 0.4])
-    assert "1 above 0.25 s" in by_code(damaged(sound, [6], **irregular(long)).check())["gaps"].message
-
-
-def test_jitter(sound):
-    report = damaged(sound, [6, 20, 33], **irregular(np.sort(TIMES + shaken(1.8e-3)))).check()
-    assert codes(report) == {"jitter"}
-    assert codes(report, infos=True) >= {"irregular"}
-    assert codes(damaged(sound, [6, 20, 33], **irregular(TIMES + shaken(1e-4))).check()) == set()
+# --- Stamps, levels, flags
 
 
 def test_a_stated_rate_that_the_stamps_do_not_keep(sound):

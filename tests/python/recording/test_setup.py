@@ -163,18 +163,15 @@ def test_a_turned_sensor_is_refused_before_anything_moves(data):
 
 def test_a_live_trigger_and_speed_are_compared(data):
     source = SimSource("rice", seed=1, speed=20)
-    trained = gid.Identifier.fit(
-        with_meta(data, trigger="motion", robot={"speed_m_s": 0.03}), "hfmh", estimate=False
-    )
+    pushed = with_meta(data, trigger="motion", robot={"speed_m_s": 0.03})
+    trained = gid.Identifier.fit(pushed, "hfmh", estimate=False)
     with opened(source) as stream:
         assert LiveIdentifier(stream, trained).differences == ()
         other = LiveIdentifier(stream, trained, setup_of(source, trigger=ForceTrigger), speed_m_s=0.02)
-        assert other.differences == (
-            "trigger 'force', in training 'motion'",
-            "motion '0.02 m/s', in training '0.03 m/s'",
-        )
+        by_force = "trigger 'force', in training 'motion'"
+        assert other.differences == (by_force, "motion '0.02 m/s', in training '0.03 m/s'")
         nobody = LiveIdentifier(stream, trained, setup_of(source, robot=None))
-        assert nobody.differences == ("trigger 'force', in training 'motion'",)
+        assert nobody.differences == (by_force,)
 
 
 def test_every_view_is_told_from_the_start(data, model):
@@ -200,9 +197,8 @@ def test_a_training_on_several_set_ups_knows_each(data):
     model = gid.Identifier.fit(mixed, "hfmh", estimate=False)
     assert model.trained["setup"] == {"frame": ["flange", "sensor"], "tool": ["fork", "spoon"]}
     assert check_recordings(mixed, model.core) == ()
-    assert check_recordings(with_meta(data, tool="knife"), model.core) == (
-        "tool 'knife', in training 'fork' or 'spoon'",
-    )
+    told = ("tool 'knife', in training 'fork' or 'spoon'",)
+    assert check_recordings(with_meta(data, tool="knife"), model.core) == told
     with pytest.raises(ValueError, match="flange"):
         check_recordings(with_meta(data, frame="table"), model.core)
     note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
