@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import fields, replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -79,12 +80,12 @@ def test_a_replay_of_several_set_ups_is_compared_one_by_one(data, name):
             replayed(changed, model)
 
 
+ROW = r"^\| `?(\w+)`? \|.*\| (refused|refused, unless accepted|warning) \|$"
+
+
 def table():
     """Return thing -> what follows, as the page says it."""
-    rows = re.findall(
-        r"^\| `?(\w+)`? \|.*\| (refused|refused, unless accepted|warning) \|$", PAGE.read_text(), re.M
-    )
-    return dict(rows)
+    return dict(re.findall(ROW, PAGE.read_text(), re.M))
 
 
 def test_the_page_names_everything_that_is_compared():
@@ -138,19 +139,7 @@ def test_a_turned_sensor_is_refused_before_anything_moves(data):
         def info(self):
             return replace(super().info, frame="sensor, turned by 90 degrees about z")
 
-    class Robot:
-        moved = 0
-
-        def tcp_pose(self):
-            return None
-
-        def move_line(self, *_):
-            self.moved += 1
-
-        def stop(self):
-            pass
-
-    robot = Robot()
+    robot = Mock(spec=["tcp_pose", "move_line", "stop"])
     with opened(Turned("rice", seed=1, speed=20)) as stream:
         with pytest.raises(ValueError, match="frame 'sensor, turned"):
             LiveIdentifier(stream, trained, setup_of(stream.source, robot))
@@ -158,7 +147,7 @@ def test_a_turned_sensor_is_refused_before_anything_moves(data):
             next(gid.identify(Turned("rice"), trained))
         accepted = LiveIdentifier(stream, trained, accept="frame")
         assert "frame 'sensor, turned" in accepted.push().decision.warnings[0]
-    assert not robot.moved
+    robot.move_line.assert_not_called()
 
 
 def test_a_live_trigger_and_speed_are_compared(data):
@@ -175,20 +164,13 @@ def test_a_live_trigger_and_speed_are_compared(data):
 
 
 def test_every_view_is_told_from_the_start(data, model):
-    shown = []
-
-    class Kept:
-        def publish(self, snapshot):
-            shown.append(snapshot)
-
-        def close(self):
-            pass
-
+    view = Mock(spec=["publish", "close"])
     changed = with_meta(data, **{**FLANGE, "tool": "spoon"})
     with opened(ReplaySource(changed, speed=20)) as stream:
-        LiveIdentifier(stream, model, views=gid.live.Views([Kept()])).push()
+        LiveIdentifier(stream, model, views=gid.live.Views([view])).push()
+    shown = [call.args[0].warnings for call in view.publish.call_args_list]
     assert shown
-    assert all("tool 'spoon', in training 'cylinder'" in snapshot.warnings for snapshot in shown)
+    assert all("tool 'spoon', in training 'cylinder'" in warnings for warnings in shown)
 
 
 def test_a_training_on_several_set_ups_knows_each(data):
@@ -208,18 +190,15 @@ def test_a_training_on_several_set_ups_knows_each(data):
     assert gid.Identifier.fit(varied, "hfmh", estimate=False).trained["setup"] == {}
 
 
-def test_recordings_of_several_units_train_nothing(data):
+def test_other_units_train_nothing_and_other_axes_are_told_how_to_come_into_order(data, model):
     mixed = Dataset([*data[:6], *with_meta(data[6:], units={"tz": "N mm"})])
     with pytest.raises(ValueError, match=r"tz: N m.*tz: N mm"):
         gid.Identifier.fit(mixed, "hfmh", estimate=False)
     same = Dataset([*data[:6], *with_meta(data[6:], units={"tz": "Nm"})])
     assert gid.Identifier.fit(same, "hfmh", estimate=False).classes == ("fine sugar", "rice")
-
-
-def test_recordings_of_other_axes_are_told_how_to_come_into_order(data, model):
-    mixed = data.select(axes=["tz", "fx", "fy", "fz", "tx", "ty"])
+    turned = data.select(axes=["tz", "fx", "fy", "fz", "tx", "ty"])
     with pytest.raises(ValueError, match=r"tz fx.*fx fy.*select\(axes="):
-        model.identify(mixed[0])
+        model.identify(turned[0])
 
 
 def changed_file(model, path, **trained):
