@@ -41,5 +41,6 @@ def test_good_values_come_back():
     assert _checks.real_number("x", 10**400) == math.inf
     assert _checks.finite_number("x", np.float32(0.5)) == 0.5
     assert _checks.float_array("x", [[1, 2]]).tolist() == [[1.0, 2.0]]
+    assert _checks.freeze({"a": np.int64(3), "b": [None, True]}, "x") == {"a": 3, "b": (None, True)}
     values = np.arange(3.0)
     assert _checks.float_array("x", values) is values

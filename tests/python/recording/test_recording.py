@@ -32,12 +32,16 @@ def test_keeps_what_it_was_given():
     assert r.flags.tolist() == [0, 1, 0, SampleFlag.TIME_REPAIRED]
     assert (r.n_samples, r.is_uniform, r.duration_s) == (4, True, 3 / 500)
     np.testing.assert_array_equal(r.times(), np.arange(4) / 500)
+    assert repr(r) == "Recording('rice_01', label='rice', 4 samples at 500 Hz)"
+    one = Recording(WRENCH[:1, :2], time_s=[0], axes=["a", "b"])
+    assert repr(one) == "Recording('', label=None, 1 samples irregular, axes a b)"
 
 
 def test_irregular_recording_keeps_its_stamps():
     r = Recording(WRENCH, time_s=[0, 0.1, 0.5, 0.6])
     assert not r.is_uniform
     assert r.duration_s == 0.6
+    assert repr(r) == "Recording('', label=None, 4 samples irregular, 5 Hz on average)"
     assert r.times() is r.time_s
 
 

@@ -90,6 +90,7 @@ AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
         ([6], None, {"rate_hz": 0.5}, "slow rates-differ", "in seconds?"),
         ([6], forces_only, {"axes": ("fx", "fy", "fz")}, "axes-differ", ""),
         ([6], None, {"session": None}, "some-sessions", "1 of 48"),
+        (WHOLE, None, {"start_time": None}, "", ""),
         ([6], without_a_stretch, irregular(TIMES[KEPT]), "gaps", "0.082 s in 'rice_06'"),
         ([6], None, irregular(AFTER_A_PAUSE), "gaps", "1 above 0.25 s"),
         ([6, 20, 33], None, irregular(np.sort(TIMES + shaken(1.8e-3))), "jitter", ""),

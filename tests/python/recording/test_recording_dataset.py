@@ -106,6 +106,7 @@ def test_select(mixed):
     assert mixed.select(labels="rice").names == ("r1", "r3")
     assert mixed.select(sessions=["b"]).names == ("r2", "r3")
     assert mixed.select(labels="rice", sessions="b").names == ("r3",)
+    assert mixed.select(where=lambda r: r.n_samples > 10).names == ("r2", "r3")
     assert mixed.select(indices=[2, -3]).names == ("r3", "r1")
     assert mixed.select(indices=mixed.y == "peas").names == ("r2",)
     assert mixed[1:].names == ("r2", "r3")
@@ -116,9 +117,18 @@ def test_select(mixed):
     assert mixed.select(labels="rice").history[-1].totals == {"recordings_before": 3, "recordings_after": 2}
 
 
+def test_select_axes(mixed):
+    chosen = mixed.select(axes=np.array(["fz", "fx"]))
+    assert chosen.axes == ("fz", "fx")
+    np.testing.assert_array_equal(chosen[1].wrench, mixed[1].wrench[:, [2, 0]])
+
+
 @pytest.mark.parametrize(
     ("how", "error", "message"),
     [
+        ({"axes": "fx"}, ValueError, "axes='fx'; wanted a sequence of names"),
+        ({"axes": ["fz", "fw"]}, ValueError, "axes: recording 'r1' has no axis 'fw'; it has fx fy fz"),
+        ({"where": 3}, TypeError, "where must be callable, got int"),
         ({"labels": "oats"}, ValueError, "labels: no recording has 'oats'; there are 'peas', 'rice'"),
         ({"sessions": ["a", "c"]}, ValueError, "sessions: no recording has 'c'; there are 'a', 'b'"),
         ({"labels": "peas", "sessions": "a"}, ValueError, "leaves no recording"),

@@ -31,6 +31,7 @@ def test_sklearn_contract(estimator, check):
 # scikit-learn runs these on its own estimators only.
 BY_HAND = [
     "check_transformer_get_feature_names_out",
+    "check_transformer_get_feature_names_out_pandas",
     "check_set_output_transform_pandas",
     "check_dataframe_column_names_consistency",
     "check_n_features_in_after_fitting",
