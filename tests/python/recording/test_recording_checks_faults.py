@@ -9,12 +9,15 @@ from checks_cases import PER_CLASS, WHOLE, by_code, codes, damaged, sound_set
 from granular_id.recording import Dataset, Recording, SampleFlag
 
 TIMES = np.arange(1600) / 500
-SECOND_SESSION = [i for i, r in enumerate(sound_set()) if r.session == "session 2"]
 
 
 @pytest.fixture(scope="module")
 def sound():
     return sound_set()
+
+
+def second_session():
+    return [i for i, r in enumerate(sound_set()) if r.session == "session 2"]
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -168,27 +171,28 @@ def test_other_units_are_their_own_affair():
     assert "units" not in Dataset(depth).check().counts
 
 
-FORCE = Dataset([Recording(np.ones((9, 1)), rate_hz=9, axes=("force",))])
-
-
 @pytest.mark.parametrize(
-    ("data", "stated", "error", "words"),
+    ("stated", "error", "words"),
     [
-        (sound_set(), "Mini45", ValueError, "is the name of several sensors; choose from ATI"),
-        (sound_set(), "Foo", ValueError, "is no known sensor; choose from ATI Nano17"),
-        (sound_set(), [1, 2], ValueError, "2 numbers; wanted 6: fx, fy, fz, tx, ty, tz"),
-        (sound_set(), {"fw": 1}, ValueError, "names the axis 'fw'; there are fx"),
-        (sound_set(), [1, 1, 1, 1, 1, 0], ValueError, "must be positive, got tz: 0"),
-        (sound_set(), float("nan"), ValueError, "must be finite"),
-        (FORCE, "SI-145-5", ValueError, "has no axis 'force'"),
-        (FORCE, object(), TypeError, "sensor_range must be a number"),
+        ("Mini45", ValueError, "is the name of several sensors; choose from ATI Mini45 SI-145-5"),
+        ("Foo", ValueError, "is no known sensor; choose from ATI Nano17"),
+        ([1, 2], ValueError, "2 numbers; wanted 6: fx, fy, fz, tx, ty, tz"),
+        ({"fw": 1}, ValueError, "names the axis 'fw'; there are fx"),
+        ([1, 1, 1, 1, 1, 0], ValueError, "must be positive, got tz: 0"),
+        (float("nan"), ValueError, "must be finite"),
+        (object(), TypeError, "sensor_range must be a number"),
     ],
-    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_bad_ranges(data, stated, error, words):
-    with pytest.raises(error, match="sensor_range") as caught:
-        data.check(sensor_range=stated)
+def test_bad_ranges(sound, stated, error, words):
+    with pytest.raises(error, match=r"^sensor_range") as caught:
+        sound.check(sensor_range=stated)
     assert words in str(caught.value)
+
+
+def test_a_named_sensor_needs_its_axes():
+    force = Dataset([Recording(np.ones((9, 1)), rate_hz=9, axes=("force",))])
+    with pytest.raises(ValueError, match=r"sensor_range.* has no axis 'force'"):
+        force.check(sensor_range="SI-145-5")
 
 
 # --- Stamps, levels, flags
@@ -215,17 +219,17 @@ def test_drift_of_the_rest_level(sound):
     def warming(w, r):
         w[:, 2] += 0.1 * (place[r.name] % PER_CLASS)
 
-    finding = by_code(damaged(sound, SECOND_SESSION, warming).check())["rest-drift"]
+    finding = by_code(damaged(sound, second_session(), warming).check())["rest-drift"]
     assert finding.values["axis"] == "fz"
     assert "'session 2' (24 recordings)" in finding.message
     assert finding.values["change"] == pytest.approx(1.0, rel=0.3)
 
 
 def test_sessions_with_another_zero(sound):
-    report = damaged(sound, SECOND_SESSION, lambda w, _: w + 0.5 * np.eye(6)[3]).check()
+    report = damaged(sound, second_session(), lambda w, _: w + 0.5 * np.eye(6)[3]).check()
     finding = by_code(report)["rest-shift"]
     assert (finding.severity, finding.values["axis"]) == ("warning", "tx")
-    assert set(finding.indices) in (set(SECOND_SESSION), set(WHOLE) - set(SECOND_SESSION))
+    assert set(finding.indices) in (set(second_session()), set(WHOLE) - set(second_session()))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -8,20 +8,21 @@ from granular_id.recording import Dataset, Recording
 from granular_id.recording.checks.leaks import by_kind, by_number, by_place, naming
 
 SLOT = {label: k for k, label in enumerate(MATERIALS)}
-RICE = [i for i, r in enumerate(sound_set()) if r.label == "rice"]
-# Recordings one after the other, label by label; and in turns, in two long blocks of time.
-IN_A_ROW = {name: 1e9 + 60 * k for k, name in enumerate(sound_set().names)}
-IN_STRETCHES = {
-    r.name: 1e9 + 60 * (i % 6) + 1e4 * SLOT[r.label] + 1e5 * (i // 6 % 2) for i, r in enumerate(sound_set())
-}
+
+
+def rice():
+    return [i for i, r in enumerate(sound_set()) if r.label == "rice"]
 
 
 def in_a_row(r):
-    return IN_A_ROW[r.name]
+    """One after the other, label by label."""
+    return 1e9 + 60 * sound_set().names.index(r.name)
 
 
 def in_stretches(r):
-    return IN_STRETCHES[r.name]
+    """Labels in turn, six recordings at a time, in two long blocks."""
+    i = sound_set().names.index(r.name)
+    return 1e9 + 60 * (i % 6) + 1e4 * SLOT[r.label] + 1e5 * (i // 6 % 2)
 
 
 def file_type(r):
@@ -55,11 +56,11 @@ def test_what_is_stated_beside_the_samples(fields, found, words):
 
 
 def test_what_the_samples_of_one_label_have_alone():
-    cut = by_code(damaged(sound_set(), RICE, lambda w, _: w[:1400]).check())["leak-length"]
+    cut = by_code(damaged(sound_set(), rice(), lambda w, _: w[:1400]).check())["leak-length"]
     assert cut.message == "the duration gives 'rice' away: 2.8 s, others 3.2; so does the number of samples"
     assert cut.indices == ()
-    assert "leak-rate" in codes(damaged(sound_set(), RICE, rate_hz=501).check())
-    rounded = damaged(sound_set(), RICE, lambda w, _: w.round(3)).check()
+    assert "leak-rate" in codes(damaged(sound_set(), rice(), rate_hz=501).check())
+    rounded = damaged(sound_set(), rice(), lambda w, _: w.round(3)).check()
     assert codes(rounded) == {"leak-resolution", "resolution-differs"}
     tared = damaged(sound_set(), WHOLE, lambda w, r: w + 0.6 * SLOT[r.label] * np.eye(6)[0]).check()
     assert codes(tared) == {"leak-rest"}
