@@ -24,7 +24,7 @@ INDEX = (
 )
 CELLS = '|,|\n|\r|\0|nan|-inf|1e999|-|1_0|0x1|1e-999|"|"1"|\xff|\ufeff| |\t|\u2212|../'
 PIECES = st.sampled_from(f"{CELLS}|Fx [N]|Torque_y|time_s|tx_Nmm|flags".split("|")).map(str.encode)
-fuzz = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(300))
+fuzz = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(150))
 
 
 @st.composite
@@ -149,14 +149,7 @@ def digits(number):
 
 
 @pytest.mark.parametrize(
-    "columns",
-    [
-        [np.zeros(3), np.zeros(2)],
-        [np.array([0.0, np.nan])],
-        [np.zeros((2, 2))],
-        [np.zeros(2, dtype=np.float32)],
-        [[1.0]],
-    ],
+    "columns", [[np.zeros(3), np.zeros(2)], [np.array([0, np.nan])], [np.zeros((2, 2))], [[1.0]]]
 )
 def test_columns_that_cannot_be_written(columns):
     with pytest.raises((TypeError, ValueError), match=r"column|array"):

@@ -24,18 +24,18 @@ def test_labels_never_become_paths(tmp_path):
         "a\\b",
         "CON",
         "com1.txt",
+        "com\u00b9",
         ".hidden",
         "...",
         "ä",
-        "Gru\u0308tze & \u9162",
-        "\u0915\u094d\u0937\u0947\u0924\u094d\u0930",
-        "\u0301rice",
+        "rice",
+    ]
+    labels += ["Gru\u0308tze & \u9162", "\u0915\u094d\u0937\u0947\u0924\u094d\u0930", "\u0301rice"]
+    labels += [
         "\u0645\u06cc\u200c\u0634\u0648\u062f",
-        "com\u00b9",
         "x" * 300,
         "\u9162" * 300,
         "\U0001f35a" * 3 + "\U00020000" * 300,
-        "rice",
     ]
     data = Dataset([sample(label=label) for label in labels])
     folder = save_csv(data, tmp_path / "set")
@@ -50,7 +50,6 @@ def test_labels_never_become_paths(tmp_path):
             assert part[-1] not in "._- "
             assert len(part.encode()) < 143
             assert part.split(".")[0].lower() not in {"con", "com1", "com\u00b9"}
-    assert "Gru\u0308tze & \u9162" in labels
     assert (folder / "Gr\u00fctze_\u9162").is_dir()
 
 
@@ -78,10 +77,11 @@ def test_an_empty_folder_is_used_and_nothing_is_written_over_or_through_a_link(t
     assert list((tmp_path / "empty").iterdir()) == []
 
 
-def test_relative_paths_go_where_they_say(tmp_path, monkeypatch):
+def test_relative_paths_go_where_they_say_with_ordinary_permissions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load(save_csv(Dataset([sample(label="rice")]), "set")).labels == ("rice",)
-    assert (tmp_path / "set" / "index.csv").is_file()
+    (tmp_path / "plain").mkdir()
+    assert (tmp_path / "set").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "mcap"])
@@ -108,10 +108,3 @@ def test_what_stops_the_writing_of_a_folder_names_the_folder(tmp_path, monkeypat
             with pytest.raises(OSError, match=r"^cannot write \S*/set: No space left on device$"):
                 save(data, tmp_path / "set", form)
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.skipif(os.name != "posix", reason="file modes of POSIX")
-def test_folders_have_ordinary_permissions(tmp_path):
-    (tmp_path / "plain").mkdir()
-    folder = save_csv(Dataset([sample()]), tmp_path / "set")
-    assert folder.stat().st_mode == (tmp_path / "plain").stat().st_mode
