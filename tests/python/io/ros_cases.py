@@ -55,41 +55,41 @@ def payloads(store, wrench, stamps_ns=None, frame="ft_link"):
     return [to_bytes(message(store, row, stamp, frame)) for row, stamp in zip(wrench, every, strict=True)]
 
 
-def write_bag1(path, topics, compression=None, node=None):
+def write_bag1(path, topics, compression=None, node=None, store=ROS1):
     """Write a ROS 1 bag of ``{topic: (type, payloads, log times)}``."""
     writer = Writer1(path)
     if compression is not None:
         writer.set_compression(getattr(Writer1.CompressionFormat, compression))
     with writer:
         for topic, (type_name, messages, log_ns) in topics.items():
-            connection = writer.add_connection(topic, type_name, typestore=ROS1, callerid=node)
+            connection = writer.add_connection(topic, type_name, typestore=store, callerid=node)
             for data, time in zip(messages, log_ns, strict=True):
                 writer.write(connection, time, data)
     return path
 
 
-def write_bag2(path, topics, plugin=SQLITE, mode=None, version=9):
+def write_bag2(path, topics, plugin=SQLITE, mode=None, version=9, store=ROS2):
     """Write a ROS 2 bag folder of ``{topic: (type, payloads, log times)}``."""
     writer = Writer2(path, version=version, storage_plugin=plugin)
     if mode is not None:
         writer.set_compression(getattr(CompressionMode, mode), CompressionFormat.ZSTD)
     with writer:
         for topic, (type_name, messages, log_ns) in topics.items():
-            connection = writer.add_connection(topic, type_name, typestore=ROS2)
+            connection = writer.add_connection(topic, type_name, typestore=store)
             for data, time in zip(messages, log_ns, strict=True):
                 writer.write(connection, time, data)
     return path
 
 
-def write_mcap(path, topics, compression="ZSTD", *, encoding="cdr", definitions=True, **settings):
+def write_mcap(path, topics, compression="ZSTD", *, encoding="cdr", definitions=True, store=ROS2, **settings):
     """Write an MCAP file of ``{topic: (type, payloads, log times)}``."""
     with path.open("wb") as file:
         writer = McapWriter(file, compression=CompressionType[compression], **settings)
         writer.start(profile="ros2", library="test")
         for topic, (type_name, messages, log_ns) in topics.items():
-            store, schema = (ROS2, "ros2msg") if encoding == "cdr" else (ROS1, "ros1msg")
+            own, schema = (store, "ros2msg") if encoding == "cdr" else (ROS1, "ros1msg")
             kind = {"ros_version": 2} if encoding == "cdr" else {}
-            text = store.generate_msgdef(type_name, **kind)[0] if definitions is True else definitions
+            text = own.generate_msgdef(type_name, **kind)[0] if definitions is True else definitions
             schema_id = writer.register_schema(
                 type_name, schema, text if isinstance(text, bytes) else text.encode()
             )

@@ -16,8 +16,6 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from granular_id.io.ros.messages import MessageType, encode_wrenches, message_type
@@ -36,9 +34,15 @@ from ros_cases import (
     ros1_bytes,
     samples,
     write_bag1,
+    write_bag2,
     write_kind,
     write_mcap,
 )
+
+
+def write_one(folder, store, raw):
+    topics = {"/ft": (STAMPED, raw, even_stamps())}
+    return write_bag1(folder / "x.bag", topics) if store is ROS1 else write_mcap(folder / "x.mcap", topics)
 
 
 def raising(index, problem):
@@ -71,8 +75,10 @@ def test_plain_messages_of_any_content(frame, values, start, little_endian):
     assert encode_wrenches(found.wrench, found.stamps_ns, frame) == little
 
 
-@pytest.mark.parametrize("kind", ["bag1 None", "bag2 sqlite None v9", "mcap ZSTD"])
-@pytest.mark.parametrize(("value", "column", "name"), [(math.nan, 1, "force.y"), (-math.inf, 5, "torque.z")])
+@pytest.mark.parametrize(
+    ("kind", "value", "column", "name"),
+    [("bag1 None", math.nan, 1, "force.y"), ("mcap ZSTD", -math.inf, 5, "torque.z")],
+)
 def test_forces_that_are_not_finite(tmp_path, kind, value, column, name):
     wrench = samples()
     wrench[16, column] = value
@@ -81,19 +87,19 @@ def test_forces_that_are_not_finite(tmp_path, kind, value, column, name):
     assert caught.value.place == "message 17 of /ft"
 
 
-@pytest.mark.parametrize("other", ["tool0", "ft_lin2", "x", ""])
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
-def test_a_frame_that_changes(tmp_path, store, other):
+def test_a_frame_that_changes(tmp_path, store):
     stamps = even_stamps()
-    raw = payloads(store, samples(), stamps)
-    raw[9] = payloads(store, samples()[9:10], stamps[9:10], other)[0]
-    topics = {"/ft": (STAMPED, raw, stamps)}
-    path = (
-        write_bag1(tmp_path / "x.bag", topics) if store is ROS1 else write_mcap(tmp_path / "x.mcap", topics)
-    )
-    with pytest.raises(RecordingFileError, match=f"frame_id changes from 'ft_link' to {other!r}") as caught:
-        read(path)
-    assert caught.value.place == "message 10 of /ft"
+    for other in ("ft_lin2", "x", ""):  # of the same length, and of others
+        raw = payloads(store, samples(), stamps)
+        raw[9] = payloads(store, samples()[9:10], stamps[9:10], other)[0]
+        path = write_one(tmp_path, store, raw)
+        with pytest.raises(
+            RecordingFileError, match=f"frame_id changes from 'ft_link' to {other!r}"
+        ) as caught:
+            read(path)
+        assert caught.value.place == "message 10 of /ft"
+        path.unlink()
 
 
 @pytest.mark.parametrize(
@@ -112,49 +118,43 @@ def test_a_frame_that_changes(tmp_path, store, other):
 def test_damaged_messages(tmp_path, change, problem, number):
     raw = payloads(ROS2, samples(), even_stamps())
     raw[number - 1] = change(raw[number - 1])
-    path = write_mcap(tmp_path / "x.mcap", {"/ft": (STAMPED, raw, even_stamps())})
     with pytest.raises(RecordingFileError, match=problem) as caught:
-        read(path)
+        read(write_one(tmp_path, ROS2, raw))
     assert caught.value.place == f"message {number} of /ft"
 
 
+RULE = "=" * 80
+
+
+def read_by(folder, definition, topics):
+    return read(write_mcap(folder / "x.mcap", topics, definitions=definition)).recordings[0].wrench
+
+
 def test_a_plain_type_with_other_fields_is_read_by_its_definition(tmp_path):
-    rule = "=" * 80
-    text = f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{rule}\nMSG: geometry_msgs/Wrench\n"
+    text = f"std_msgs/Header header\ngeometry_msgs/Wrench wrench\n{RULE}\nMSG: geometry_msgs/Wrench\n"
     text += "geometry_msgs/Vector3 torque\ngeometry_msgs/Vector3 force\n"
-    text += f"{rule}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
-    text += f"{rule}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-    topics = one_topic(ROS2, samples(), even_stamps())
-    (recording,) = read(write_mcap(tmp_path / "x.mcap", topics, definitions=text)).recordings
-    np.testing.assert_array_equal(recording.wrench, np.roll(samples(), 3, axis=1))
+    text += f"{RULE}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+    text += f"{RULE}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
+    found = read_by(tmp_path, text, one_topic(ROS2, samples(), even_stamps()))
+    np.testing.assert_array_equal(found, np.roll(samples(), 3, axis=1))
 
 
 @pytest.mark.parametrize("number", ["float32", "int64"])
 def test_numbers_of_another_kind_are_read_by_their_definition(tmp_path, number):
-    vector = f"{number} x\n{number} y\n{number} z\n"
-    text = "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n"
-    text += f"{'=' * 80}\nMSG: geometry_msgs/Vector3\n{vector}"
+    text = f"geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n{RULE}\nMSG: geometry_msgs/Vector3\n"
+    text += f"{number} x\n{number} y\n{number} z\n"
     rows = np.arange(120.0).reshape(20, 6)
     raw = [b"\x00\x01\x00\x00" + row.astype(number).tobytes() for row in rows]
-    topics = {"/ft": ("geometry_msgs/msg/Wrench", raw, even_stamps())}
-    (recording,) = read(write_mcap(tmp_path / "x.mcap", topics, definitions=text)).recordings
-    np.testing.assert_array_equal(recording.wrench, rows)
+    found = read_by(tmp_path, text, {"/ft": ("geometry_msgs/msg/Wrench", raw, even_stamps())})
+    np.testing.assert_array_equal(found, rows)
 
 
 def test_a_comment_in_other_letters_than_utf_8_spoils_nothing(tmp_path):
-    text = ROS2.generate_msgdef(STAMPED, ros_version=2)[0].encode() + "# in N, not \N{DEGREE SIGN}C\n".encode(
+    text = ROS2.generate_msgdef(STAMPED, ros_version=2)[0].encode() + "# not \N{DEGREE SIGN}C\n".encode(
         "latin-1"
     )
-    topics = one_topic(ROS2, samples(), even_stamps())
-    (recording,) = read(write_mcap(tmp_path / "x.mcap", topics, definitions=text)).recordings
-    np.testing.assert_array_equal(recording.wrench, samples())
-
-
-@pytest.mark.parametrize("content", [b"", b"\x89MCA", b"Hello, this is text"])
-def test_what_does_not_begin_as_mcap_is_told(tmp_path, content):
-    (tmp_path / "x.mcap").write_bytes(content)
-    with pytest.raises(RecordingFileError, match="does not begin as an MCAP file does"):
-        read(tmp_path / "x.mcap")
+    found = read_by(tmp_path, text, one_topic(ROS2, samples(), even_stamps()))
+    np.testing.assert_array_equal(found, samples())
 
 
 # -- makers' types
@@ -213,17 +213,12 @@ def values(version, name, n=20, words=lambda i: []):
 def write(folder, kind, name, **about):
     version, type_name = KINDS[kind], f"maker_msgs/msg/{name}"
     store = STORES[version]
-    if kind == "bag":
-        writer, path = Writer1(folder / "x.bag"), folder / "x.bag"
-    else:
-        writer = Writer2(folder / "x", version=9, storage_plugin=SQLITE if kind == "db3" else MCAP)
-        path = folder / "x"
     to_bytes = store.serialize_ros1 if version == 1 else store.serialize_cdr
-    with writer:
-        connection = writer.add_connection("/ft", type_name, typestore=store)
-        for value, log_ns in zip(values(version, name, **about), even_stamps(), strict=True):
-            writer.write(connection, log_ns, to_bytes(value, type_name))
-    return path
+    raw = [bytes(to_bytes(value, type_name)) for value in values(version, name, **about)]
+    topics = {"/ft": (type_name, raw, even_stamps())}
+    if kind == "bag":
+        return write_bag1(folder / "x.bag", topics, store=store)
+    return write_bag2(folder / "x", topics, SQLITE if kind == "db3" else MCAP, store=store)
 
 
 CASES = {
@@ -236,8 +231,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("case", CASES)
+BY_KIND = [
+    *((case, kind) for case in CASES for kind in ("bag", "mcap")),
+    ("Reading", "db3"),
+]
+
+
+@pytest.mark.parametrize(("case", "kind"), BY_KIND)
 def test_the_wrench_is_that_of_rosbags(tmp_path, monkeypatch, kind, case):
     field, about, stamped = CASES[case]
     path = write(tmp_path, kind, case.partition(",")[0], **about)
@@ -257,39 +257,30 @@ def test_the_wrench_is_that_of_rosbags(tmp_path, monkeypatch, kind, case):
     assert ("log times" in content.notes[-1]) is not stamped
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_of_several_one_is_chosen(tmp_path, kind):
-    path = write(tmp_path, kind, "Two")
+def test_of_several_one_is_chosen_and_those_in_lists_are_none(tmp_path):
+    path = write(tmp_path, "mcap", "Two")
     for topic in (None, "/ft", "/ft.middle"):
         with pytest.raises(RecordingFileError, match=r"/ft\.left, /ft\.right\.load; choose by topic="):
             read(path, topic=topic)
     assert read(path, topic="/ft.left").recordings[0].meta["frame"] == "link"
     assert "frame" not in read(path, topic="ft.right.load").recordings[0].meta
-
-
-def test_wrenches_in_lists_are_none_that_could_be_taken(tmp_path):
+    (tmp_path / "lists").mkdir()
     with pytest.raises(RecordingFileError, match=r"nor with one as a field; it has /ft \(maker_msgs/Listed"):
-        read(write(tmp_path, "mcap", "Listed"))
+        read(write(tmp_path / "lists", "mcap", "Listed"))
 
 
 def test_a_plain_topic_comes_first_and_the_other_is_named(tmp_path):
-    store = STORES[2]
-    writer = Writer2(tmp_path / "b", version=9, storage_plugin=MCAP)
+    store, stamps = STORES[2], even_stamps()
     raw = [bytes(store.serialize_cdr(value, value.__msgtype__)) for value in values(2, "Reading")]
-    topics = one_topic(ROS2, samples(seed=5), even_stamps())
-    topics["/maker"] = ("maker_msgs/msg/Reading", raw, even_stamps())
-    with writer:
-        for topic, (type_name, messages, log_ns) in topics.items():
-            connection = writer.add_connection(topic, type_name, typestore=store)
-            for data, time in zip(messages, log_ns, strict=True):
-                writer.write(connection, time, data)
-    content = read(tmp_path / "b")
+    topics = one_topic(ROS2, samples(seed=5), stamps) | {"/maker": ("maker_msgs/msg/Reading", raw, stamps)}
+    path = write_mcap(tmp_path / "x.mcap", topics, store=store)
+    content = read(path)
     assert content.recordings[0].wrench.tobytes() == samples(seed=5).tobytes()
     assert "/maker (maker_msgs/Reading, 20 messages, 500 Hz)" in content.notes[0]
     for topic in ("/maker", "/maker.wrench"):
-        assert read(tmp_path / "b", topic=topic).recordings[0].wrench.tobytes() == samples().tobytes()
+        assert read(path, topic=topic).recordings[0].wrench.tobytes() == samples().tobytes()
     with pytest.raises(RecordingFileError, match=r"no messages on topic '/ft\.wrench'"):
-        read(tmp_path / "b", topic="/ft.wrench")
+        read(path, topic="/ft.wrench")
 
 
 @pytest.mark.parametrize(
