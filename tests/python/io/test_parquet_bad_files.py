@@ -78,33 +78,29 @@ def test_links_out_of_the_archive_are_not_followed(archive, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("column", "values", "message"),
     [
-        (
-            with_column("n_samples", pa.array([5, 5, 5, 6])),
-            "row group 1: holds 10 samples; .* recordings have 11",
-        ),
-        (
-            with_column("n_samples", pa.array([5, None, 5, 5])),
-            "n_samples: row 1 holds None; wanted at least 1",
-        ),
-        (with_column("n_samples", pa.array([1 << 60, 5, 5, 5])), None),
-        (with_column("row_group", pa.array([0, 0, 2, 2])), "row 2 is said to lie in row group 2"),
-        (with_column("row_group", pa.array([0, 0, 0, 0])), "holds 2 row groups; recordings.parquet lists 1"),
-        (with_column("id", pa.array([0, 1, 1, 3])), "id: row 2 holds 1; wanted 0, 1, 2"),
-        (
-            with_column("file", pa.array([PART, "../a.parquet"] * 2)),
-            "row 1 holds '../a.parquet'; wanted samples",
-        ),
-        (with_column("rate_hz", pa.array([500.0, None, 500, 500])), "no stamps"),
-        (with_column("label", pa.array([1, 2, 3, 4])), None),
-        (lambda t: t.drop_columns(["rate_hz"]), "column 'rate_hz' is missing"),
-        (lambda t: t.slice(0, 0), "lists no recordings"),
+        ("n_samples", [5, 5, 5, 6], "row group 1: holds 10 samples; .* recordings have 11"),
+        ("n_samples", [5, None, 5, 5], "n_samples: row 1 holds None; wanted at least 1"),
+        ("n_samples", [1 << 60, 5, 5, 5], None),
+        ("row_group", [0, 0, 2, 2], "row 2 is said to lie in row group 2"),
+        ("row_group", [0, 0, 0, 0], "holds 2 row groups; recordings.parquet lists 1"),
+        ("id", [0, 1, 1, 3], "id: row 2 holds 1; wanted 0, 1, 2"),
+        ("file", [PART, "../a.parquet"] * 2, "row 1 holds '../a.parquet'; wanted samples"),
+        ("rate_hz", [500.0, None, 500, 500], "no stamps"),
+        ("label", [1, 2, 3, 4], None),
     ],
 )
-def test_an_index_that_lies(archive, change, message):
-    rewrite(archive / INDEX, change)
+def test_an_index_that_lies(archive, column, values, message):
+    rewrite(archive / INDEX, with_column(column, pa.array(values)))
     refused(archive, message)
+
+
+def test_an_index_without_a_column_or_rows(archive):
+    rewrite(archive / INDEX, lambda table: table.slice(0, 0))
+    refused(archive, "lists no recordings")
+    rewrite(archive / INDEX, lambda table: table.drop_columns(["rate_hz"]))
+    refused(archive, "column 'rate_hz' is missing")
 
 
 @pytest.mark.parametrize(

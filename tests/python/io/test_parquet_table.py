@@ -22,15 +22,6 @@ def write(tmp_path, values, **options):
     return path
 
 
-def test_a_table_of_one_recording(tmp_path):
-    data = load(write(tmp_path, columns()), rate_hz=500)
-    assert len(data) == 1
-    assert data[0].name == "pushes.parquet"
-    assert data[0].wrench.tobytes() == WRENCH.tobytes()
-    assert data[0].rate_hz == 500
-    assert data[0].label is None
-
-
 def test_recordings_are_told_apart_by_a_column(tmp_path):
     values = columns(
         recording=["b"] * 3 + ["a"] * 3,
@@ -49,15 +40,17 @@ def test_recordings_are_told_apart_by_a_column(tmp_path):
     assert data[0].flags is None
 
 
-@pytest.mark.parametrize("column", ["material", "session"])
-def test_trials_may_be_counted_anew(tmp_path, column):
-    values = columns(
-        trial=[1, 1, 2, 1, 2, 2], time=[0.0, 1, 0, 0, 0, 1], **{column: ["rice"] * 3 + ["peas"] * 3}
-    )
-    data = load(write(tmp_path, values), time_unit="s", rate_hz=1)
-    assert [r.n_samples for r in data] == [2, 1, 1, 2]
-    assert data.names[::3] == ("pushes.parquet[1] (rice)", "pushes.parquet[2] (peas)")
-    assert [r.label or r.session for r in data] == ["rice", "rice", "peas", "peas"]
+def test_trials_may_be_counted_anew_for_each_material_or_session(tmp_path):
+    for column in ("material", "session"):
+        about = {
+            "trial": [1, 1, 2, 1, 2, 2],
+            "time": [0.0, 1, 0, 0, 0, 1],
+            column: ["rice"] * 3 + ["peas"] * 3,
+        }
+        data = load(write(tmp_path, columns(**about)), time_unit="s", rate_hz=1)
+        assert [r.n_samples for r in data] == [2, 1, 1, 2]
+        assert data.names[::3] == ("pushes.parquet[1] (rice)", "pushes.parquet[2] (peas)")
+        assert [r.label or r.session for r in data] == ["rice", "rice", "peas", "peas"]
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
@@ -99,20 +92,12 @@ def test_dates_and_times_give_start_and_rate(tmp_path, unit):
     assert data[0].start_time == 1_600_000_000
 
 
-@pytest.mark.parametrize("kind", ["string", "large_string", "string_view"])
-def test_texts_of_every_type_of_arrow(tmp_path, kind):
-    try:
-        labels = pa.array(["rice"] * 3 + ["peas"] * 3).cast(getattr(pa, kind)())
-        path = write(tmp_path, columns(label=labels, id=labels))
-    except (AttributeError, pa.ArrowNotImplementedError):
-        pytest.skip(f"this pyarrow writes no {kind}")
-    assert [(r.name, r.label) for r in load(path, rate_hz=10)] == [("rice", "rice"), ("peas", "peas")]
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"fx": None}, "column 'fx' is missing"),
+        ({name: pa.array([], pa.float64()) for name in AXES}, "holds no samples"),
+        ({"fx": [{"a": 1.0}] * 6}, "row group 0|column fx"),
         ({"fx": ["1"] * 6}, "column fx: holds .*string.*; wanted numbers"),
         ({"fx": [1.0, 2, None, 4, 5, 6]}, "column fx: has 1 empty cells"),
         ({"fx": [1.0, 2, np.inf, 4, 5, 6]}, "column fx, row 2: is inf"),
@@ -140,34 +125,36 @@ def test_what_is_refused(tmp_path, change, message):
         load(path, rate_hz=None if "time" in change else 500)
 
 
-def test_an_empty_table(tmp_path):
-    path = tmp_path / "x.parquet"
-    pq.write_table(pa.table(columns()).slice(0, 0), path)
-    with pytest.raises(RecordingFileError, match="holds no samples"):
-        load(path, rate_hz=1)
-
-
-def test_a_nested_column_is_no_axis(tmp_path):
-    path = write(tmp_path, columns(fx=[{"a": 1.0}] * 6))
-    with pytest.raises(RecordingFileError, match=r"row group 0|column fx"):
-        load(path, rate_hz=1)
-
-
-INDICES = [f"{sign}int{bits}" for bits in (8, 16, 32, 64) for sign in ("", "u")]
-
-
-@pytest.mark.parametrize("group_rows", [2, 6])
-@pytest.mark.parametrize("indices", INDICES)
-def test_dictionaries_with_indices_of_any_width(tmp_path, indices, group_rows):
+def test_dictionaries_with_indices_of_any_width(tmp_path):
     """As pandas (int8), polars (uint32 and uint8) and pyarrow (any) write categories."""
-    kind = pa.dictionary(getattr(pa, indices)(), pa.large_string())
-    label = pa.array(["rice"] * 3 + [None] * 3).cast(kind)
-    trial = pa.array(["b"] * 3 + ["a"] * 3).cast(kind)
-    number = pa.array(WRENCH[:, 0].round(1)).dictionary_encode()
-    values = columns(label=label, trial=trial, fx=number)
-    data = load(write(tmp_path, values, row_group_size=group_rows), rate_hz=10)
-    assert [(r.name, r.label) for r in data] == [("b", "rice"), ("a", None)]
-    assert data[0].wrench[:, 0].tolist() == WRENCH[:3, 0].round(1).tolist()
+    for width in (
+        pa.int8(),
+        pa.uint8(),
+        pa.int16(),
+        pa.uint16(),
+        pa.int32(),
+        pa.uint32(),
+        pa.int64(),
+        pa.uint64(),
+    ):
+        kind = pa.dictionary(width, pa.large_string())
+        label = pa.array(["rice"] * 3 + [None] * 3).cast(kind)
+        trial = pa.array(["b"] * 3 + ["a"] * 3).cast(kind)
+        number = pa.array(WRENCH[:, 0].round(1)).dictionary_encode()
+        path = write(tmp_path, columns(label=label, trial=trial, fx=number), row_group_size=2)
+        data = load(path, rate_hz=10)
+        assert [(r.name, r.label) for r in data] == [("b", "rice"), ("a", None)]
+        assert data[0].wrench[:, 0].tolist() == WRENCH[:3, 0].round(1).tolist()
+
+
+@pytest.mark.parametrize("kind", ["large_string", "string_view"])
+def test_texts_of_every_type_of_arrow(tmp_path, kind):
+    try:
+        labels = pa.array(["rice"] * 3 + ["peas"] * 3).cast(getattr(pa, kind)())
+        path = write(tmp_path, columns(label=labels, id=labels))
+    except (AttributeError, pa.ArrowNotImplementedError):
+        pytest.skip(f"this pyarrow writes no {kind}")
+    assert [(r.name, r.label) for r in load(path, rate_hz=10)] == [("rice", "rice"), ("peas", "peas")]
 
 
 def rows_of_lists(kind=None, **more):
@@ -179,25 +166,18 @@ def rows_of_lists(kind=None, **more):
 @pytest.mark.parametrize("kind", [None, pa.large_list(pa.float64()), pa.list_(pa.float64(), 3)])
 def test_a_row_may_be_a_recording(tmp_path, kind):
     times = [[0.0, 0.1, 0.2], [7.0, 7.5, 8.0]]
-    values = rows_of_lists(
-        kind, time=times, label=pa.array(["rice", "peas"]).dictionary_encode(), trial=["b", "a"]
-    )
-    data = load(write(tmp_path, values))
+    labels = pa.array(["rice", "peas"]).dictionary_encode()
+    data = load(write(tmp_path, rows_of_lists(kind, time=times, label=labels, trial=["b", "a"])))
     assert [(r.name, r.label, r.rate_hz) for r in data] == [("b", "rice", 10), ("a", "peas", 2)]
     assert np.vstack([r.wrench for r in data]).tobytes() == WRENCH.tobytes()
 
 
-def test_rows_of_lists_by_pandas_with_a_rate_each(tmp_path):
-    pandas = pytest.importorskip("pandas")
-    cells = {axis: [WRENCH[:2, j], WRENCH[2:, j]] for j, axis in enumerate(AXES)}
-    pandas.DataFrame(cells | {"fs": [500, 100]}).to_parquet(tmp_path / "a.parquet")
-    data = load(tmp_path / "a.parquet")
-    assert [(r.name, r.n_samples, r.rate_hz) for r in data] == [
-        ("a.parquet[0]", 2, 500),
-        ("a.parquet[1]", 4, 100),
-    ]
+def test_rows_of_lists_have_a_rate_each(tmp_path):
+    path = write(tmp_path, rows_of_lists(fs=[500, 100]))
+    found = [(r.name, r.rate_hz) for r in load(path)]
+    assert found == [("pushes.parquet[0]", 500), ("pushes.parquet[1]", 100)]
     with pytest.raises(RecordingFileError, match="200 Hz is stated"):
-        load(tmp_path / "a.parquet", rate_hz=200)
+        load(path, rate_hz=200)
 
 
 @pytest.mark.parametrize(
