@@ -72,7 +72,7 @@ def test_a_material_may_be_called_test_beside_others(tmp_path):
 
 def test_index(tmp_path):
     write(tmp_path / "a.csv", seed=1)
-    write(tmp_path / "deep" / "er" / "b.csv", seed=2)
+    write(tmp_path / "deep" / "er" / "b.csv", [1.6e9, 1.6e9 + 0.01], seed=2)
     write(tmp_path / "spare.csv")
     (tmp_path / "index.csv").write_text(
         "File,LABEL,session,start_time,rate_hz,trigger_index,meta,operator\n"

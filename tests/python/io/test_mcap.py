@@ -7,13 +7,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
-from dataset_strategies import assert_same_bits, recordings as any_recording
-from effort import cases
 from granular_id.io import RecordingFileError, load
 from granular_id.io.ros.mcap import CHANGED_NOTE, save_mcap
-from granular_id.recording import Dataset, Recording, StepReport
+from granular_id.recording import Dataset, Recording
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
@@ -32,17 +29,6 @@ def decoded(path):
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         return list(reader.iter_decoded_messages())
-
-
-@settings(max_examples=cases(15))
-@given(st.lists(any_recording(), min_size=1, max_size=3), st.booleans())
-def test_round_trip(tmp_path_factory, items, changed):
-    history = [StepReport("made", {"seed": 1}, rows=[{"name": "a", "gap": 0.1}])] if changed else []
-    data = Dataset(items, history)
-    name = "one.mcap" if len(items) == 1 else "several"
-    back = load(save_mcap(data, tmp_path_factory.mktemp("mcap") / name))
-    assert_same_bits(back, data)
-    assert [step.to_dict() for step in back.history[:-1]] == [step.to_dict() for step in data.history]
 
 
 # -- other readers
@@ -100,20 +86,28 @@ def test_what_foxglove_and_plotjuggler_ask_for(tmp_path):
 
 @pytest.mark.parametrize("start", [None, -1.0, 3e9, 1e300])
 def test_unknown_or_impossible_start_counts_from_the_first_sample(tmp_path, start):
-    recording = push(5, start_time=start)
+    recording = push(3, start_time=start)
     path = save_mcap(Dataset([recording]), tmp_path / "x.mcap")
-    assert [m.message.log_time for m in decoded(path)] == [0, 2_000_000, 4_000_000, 6_000_000, 8_000_000]
+    assert [m.message.log_time for m in decoded(path)] == [0, 2_000_000, 4_000_000]
     assert load(path)[0] == recording
 
 
 @pytest.mark.parametrize(
-    "frame", ["ft", "\u00b5 sensor", "", "\ud800", "a\0b", "x" * 1023, "x" * 1024, 7, None]
+    ("frame", "can_be"),
+    [
+        ("ft", True),
+        ("\u00b5 m", True),
+        ("x" * 1023, True),
+        ("x" * 1024, False),
+        ("\ud800", False),
+        ("a\0", False),
+        (7, False),
+    ],
 )
-def test_frames_that_can_be_written_and_others(tmp_path, frame):
+def test_frames_that_can_be_written_and_others(tmp_path, frame, can_be):
     recording = push(3, meta={"frame": frame})
     path = save_mcap(Dataset([recording]), tmp_path / "x.mcap")
     written = {message.decoded_message.header.frame_id for message in decoded(path)}
-    can_be = isinstance(frame, str) and frame.isprintable() and len(frame) < 1024
     assert written == {frame if can_be else ""}
     assert load(path)[0] == recording
 
@@ -124,26 +118,14 @@ def test_frames_that_can_be_written_and_others(tmp_path, frame):
 def test_refusals(tmp_path):
     one_axis = Recording(np.zeros((3, 1)), rate_hz=62.5, axes=("force",), name="gm10")
     forever = Recording(np.zeros((2, 6)), time_s=[0, 1e10], name="long")
-    (tmp_path / "b.mcap").write_bytes(b"precious")
-    for recordings, name, kind, problem in (
-        ([one_axis], "a.mcap", ValueError, "'gm10' has the axes force; MCAP holds fx fy fz tx ty tz only"),
-        ([push(2), push(2)], "a.mcap", ValueError, r"holds one recording, and there are 2"),
-        ([forever], "a.mcap", ValueError, r"recording 'long': the recording lasts 1e\+10 s"),
-        ([push(2)], "no/a.mcap", FileNotFoundError, "no"),
-        ([push(2)], "b.mcap", FileExistsError, "nothing is overwritten"),
+    for recordings, problem in (
+        ([one_axis], "'gm10' has the axes force; MCAP holds fx fy fz tx ty tz only"),
+        ([push(2), push(2)], r"holds one recording, and there are 2"),
+        ([forever], r"recording 'long': the recording lasts 1e\+10 s"),
     ):
-        with pytest.raises(kind, match=problem):
-            save_mcap(Dataset(recordings), tmp_path / name)
-    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("b.mcap", b"precious")]
-
-
-def test_progress_and_the_files_of_a_folder(tmp_path):
-    calls = []
-    data = Dataset([push(2, label=label) for label in ("a/b", None, "..")])
-    folder = save_mcap(data, tmp_path / "set", progress=lambda *call: calls.append(call))
-    assert load(folder) == data
-    assert [call[:2] for call in calls] == [(1, 3), (2, 3), (3, 3)]
-    assert all((folder / call[2]).is_file() for call in calls)
+        with pytest.raises(ValueError, match=problem):
+            save_mcap(Dataset(recordings), tmp_path / "a.mcap")
+    assert not any(tmp_path.iterdir())
 
 
 # -- what others have changed since
@@ -169,27 +151,17 @@ def rewritten(path, target, keep=lambda i: True, metadata=lambda data: data, att
     return target
 
 
-@pytest.mark.parametrize("recording", [push(), irregular()], ids=["uniform", "irregular"])
-def test_a_copy_is_still_ours(tmp_path, recording):
-    path = save_mcap(Dataset([recording]), tmp_path / "a.mcap")
-    assert load(rewritten(path, tmp_path / "b.mcap"))[0] == recording
-
-
-def test_a_cut_copy_is_read_by_its_stamps_and_says_so(tmp_path):
-    path = save_mcap(Dataset([push(20, trigger_index=3, flags=np.arange(20) % 2)]), tmp_path / "a.mcap")
-    data = load(rewritten(path, tmp_path / "b.mcap", keep=lambda i: i >= 10))
-    (recording,) = data
-    assert (recording.n_samples, recording.rate_hz) == (10, 500)
-    assert (recording.label, recording.trigger_index, recording.flags) == (None, None, None)
-    assert CHANGED_NOTE in data.history[-1].notes
-
-
-def test_a_copy_with_other_stamps_is_read_by_them(tmp_path):
-    path = save_mcap(Dataset([push(20)]), tmp_path / "a.mcap")
-    moved = rewritten(path, tmp_path / "b.mcap", metadata=lambda data: {**data, "start_time": "1700000009.0"})
-    data = load(moved)
-    assert data[0].start_time == push().start_time
-    assert CHANGED_NOTE in data.history[-1].notes
+def test_copies_are_ours_where_the_messages_are_and_read_by_their_stamps_elsewhere(tmp_path):
+    original = push(20, trigger_index=3, flags=np.arange(20) % 2)
+    path = save_mcap(Dataset([original]), tmp_path / "a.mcap")
+    assert load(rewritten(path, tmp_path / "b.mcap"))[0] == original
+    cut = load(rewritten(path, tmp_path / "c.mcap", keep=lambda i: i >= 10))
+    assert (cut[0].n_samples, cut.rate_hz, cut[0].trigger_index, cut[0].flags) == (10, 500, None, None)
+    moved = rewritten(path, tmp_path / "d.mcap", metadata=lambda data: {**data, "start_time": "1700000009.0"})
+    for data in (cut, load(moved)):
+        assert data[0].label is None
+        assert CHANGED_NOTE in data.history[-1].notes
+    assert load(moved)[0].start_time == original.start_time
 
 
 @pytest.mark.parametrize(

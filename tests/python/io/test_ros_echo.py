@@ -35,7 +35,7 @@ def ros2(stamps=STAMPS_NS):
 def load(tmp_path):
     def load(lines, end="\n", **options):
         path = tmp_path / "rice_1.csv"
-        path.write_bytes((end.join(lines) + end).encode())
+        path.write_bytes((end.join(lines) + end).encode("latin-1"))
         return gid.load(path, **options)
 
     return load
@@ -59,10 +59,11 @@ def test_messages_without_a_header_have_log_times(load):
     assert "log times are taken" in str(data.history[-1])
 
 
-def test_messages_are_in_the_order_in_which_they_were_logged(load):
-    lines = ros1()
+def test_messages_are_in_the_order_in_which_they_were_logged_also_without_a_frame(load):
+    lines = [line.replace("tool0", "") for line in ros1()]
     (recording,) = load([lines[0], lines[2], lines[1], *lines[3:]])
     assert recording.wrench.tobytes() == WRENCH.tobytes()
+    assert recording.meta == {"message_type": "geometry_msgs/WrenchStamped"}
 
 
 def test_stamps_that_were_never_set(load):
@@ -74,11 +75,6 @@ def test_stamps_that_were_never_set(load):
     ):
         load(ros2(np.zeros(40, int)))
     assert load(ros2(np.zeros(40, int)), rate_hz=500)[0].rate_hz == 500.0
-
-
-def test_messages_without_a_frame(load):
-    (recording,) = load([line.replace("tool0", "") for line in ros2()])
-    assert recording.meta == {"message_type": "geometry_msgs/WrenchStamped"}
 
 
 def changed(lines, line, old, new):
@@ -94,9 +90,10 @@ def changed(lines, line, old, new):
         (ros1()[:1], "line 1: holds no messages"),
         (changed(ros1(), 1, "header.seq", "header.temperature"), r"line 1, column 2.*no field of a wrench"),
         (changed(ros1(), 1, ",field.wrench.torque.z", ""), "line 1: column 'tz' is missing"),
+        (ros1(frames="tool\xff"), "line 2: frame_id is not UTF-8 text"),
         (changed(ros1(), 9, "tool0", "tool1"), "line 9: frame_id changes from 'tool0' to 'tool1'"),
         (
-            changed(ros1(), 9, "1700000000", "17000000000000"),
+            changed(ros1(), 9, "1700000000", "1700000000000"),
             r"line 9, column %time: '17\d+' is not a whole number",
         ),
         (changed(ros1(), 9, "tool0,", "tool0,nan"), "line 9, column fx"),
@@ -108,13 +105,6 @@ def changed(lines, line, old, new):
 def test_what_is_refused(load, lines, message):
     with pytest.raises(RecordingFileError, match=message):
         load(lines)
-
-
-def test_a_frame_that_is_no_text(tmp_path):
-    path = tmp_path / "rice_1.csv"
-    path.write_bytes("\n".join(ros1()).encode().replace(b"tool0", b"tool\xff"))
-    with pytest.raises(RecordingFileError, match="line 2: frame_id is not UTF-8 text"):
-        gid.load(path)
 
 
 def test_stamps_that_run_back(load):
