@@ -20,6 +20,7 @@ PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 
 CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
 MILLI = X * [1e3, 1e3, 1e3, 1e3, 1e3, 1e3]
 BLOCK = np.zeros(50, [("index", "i8"), ("values_block_0", "f8", (6,))])
+ACROSS = X.transpose(1, 0, 2)
 HALF = [1e3, 1e3, 1e3, 1, 1, 1]
 GRID = [[X[0], X[1]], [X[2], X[3]]]
 JOINTS = np.full((50, 6), 0.5)
@@ -28,6 +29,15 @@ JOINTS = np.full((50, 6), 0.5)
 def tree(**arrays):
     """Arrays under their names, in a file of every format that can hold them."""
     return arrays
+
+
+def at_500(X, **more):
+    return tree(X=X, fs=500, **more)
+
+
+def turned(**names):
+    """Recordings whose axes stand in another order, and what names that."""
+    return tree(X=X[..., TURNED], fs=500, **names)
 
 
 def h5(arrays, **attributes):
@@ -42,6 +52,10 @@ def h5(arrays, **attributes):
                 file[name].attrs.update(about)
 
     return "set.h5", write
+
+
+def h5_at_500(X, about):
+    return h5({"X": (X, about), "fs": 500})
 
 
 def labelled_dimensions(*names, array=X):
@@ -116,7 +130,7 @@ def own(units, name="wrench", values=W):
 READ = {
     # names of axes beside the array
     **{
-        f"{name}=": (tree(X=X[..., TURNED], fs=500, **{name: names}), X)
+        f"{name}=": (turned(**{name: names}), X)
         for name, names in {
             **dict.fromkeys(
                 ("columns", "feature_names", "channel_names", "axes", "X_columns", "header"), NAMES
@@ -125,7 +139,7 @@ READ = {
         }.items()
     },
     "h5 attribute axis_order": (h5({"X": (X[..., TURNED], {"axis_order": " ".join(NAMES)}), "fs": 500}), X),
-    "columns and header": (tree(X=X[..., TURNED], fs=500, columns=NAMES, header=",".join(NAMES)), X),
+    "columns and header": (turned(columns=NAMES, header=",".join(NAMES)), X),
     "columns with units": (
         tree(
             X=X[..., TURNED] * 1e3,
@@ -134,15 +148,12 @@ READ = {
         ),
         X,
     ),
-    "columns in one text": (tree(X=X[..., TURNED], fs=500, columns=", ".join(NAMES)), X),
-    "columns in JSON": (tree(X=X[..., TURNED], fs=500, columns=json.dumps(NAMES)), X),
+    "columns in one text": (turned(columns=", ".join(NAMES)), X),
+    "columns in JSON": (turned(columns=json.dumps(NAMES)), X),
     "columns with time": (tree(X=np.column_stack([T, W[:, TURNED]]), columns=["time", *NAMES]), [W]),
     "columns with time in ms": (tree(X=np.column_stack([T * 1e3, W]), columns=["time [ms]", *AXES]), [W]),
     "columns and more": (tree(X=np.dstack([X, X[..., 0]]), fs=500, columns=[*AXES, "temp"]), X),
-    "other features": (
-        tree(X=X, fs=500, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]),
-        X,
-    ),
+    "other features": (at_500(X, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]), X),
     "h5 attribute columns": (h5({"X": (X[..., TURNED], {"columns": NAMES}), "fs": 500}), X),
     "h5 pandas fixed": (
         h5(
@@ -157,10 +168,10 @@ READ = {
         [W],
     ),
     # units
-    "units of each": (tree(X=MILLI, fs=500, units=["mN"] * 3 + ["mN m"] * 3), X),
-    "units of two": (tree(X=MILLI, fs=500, units=["mN", "N mm"]), X),
-    "units N": (tree(X=X, fs=500, units="N"), X),
-    "force_units": (tree(X=MILLI, fs=500, force_unit="mN", torque_unit="N·mm"), X),
+    "units of each": (at_500(MILLI, units=["mN"] * 3 + ["mN m"] * 3), X),
+    "units of two": (at_500(MILLI, units=["mN", "N mm"]), X),
+    "units N": (at_500(X, units="N"), X),
+    "force_units": (at_500(MILLI, force_unit="mN", torque_unit="N·mm"), X),
     "kN, lbf in": (
         tree(X=X / ([1e3] * 3 + [4.4482216152605 * 0.0254] * 3), fs=500, units=["kN"] * 3 + ["lbf in"] * 3),
         X,
@@ -179,10 +190,7 @@ READ = {
         [W],
     ),
     "h5 unit of halves": (h5({"force": (FORCES * 1e3, {"unit": "mN"}), "torque": TORQUES, "fs": 500}), X),
-    "h5 units of parts": (
-        h5({"X": (MILLI, {"force_units": "mN", "torque_units": "mN m"}), "fs": 500}),
-        X,
-    ),
+    "h5 units of parts": (h5({"X": (MILLI, {"force_units": "mN", "torque_units": "mN m"}), "fs": 500}), X),
     **{
         f"h5 {key} beside units": (h5({"X": (X * scale, {key: unit, "units": "N"}), "fs": 500}), X)
         for key, unit, scale in (
@@ -239,27 +247,24 @@ READ = {
         [W],
     ),
     # padding
-    **{f"{name}": (tree(X=PADDED, fs=500, **{name: LENGTHS}), CUT) for name in ("lengths", "n_samples")},
-    "mask": (tree(X=PADDED, fs=500, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
+    **{f"{name}": (at_500(PADDED, **{name: LENGTHS}), CUT) for name in ("lengths", "n_samples")},
+    "mask": (at_500(PADDED, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
     "lengths of what lies in a row": (tree(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
-    "n_samples counts recordings": (tree(X=X, fs=500, n_samples=4), X),
-    "padding_mask": (
-        tree(X=PADDED, fs=500, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]),
-        CUT,
-    ),
+    "n_samples counts recordings": (at_500(X, n_samples=4), X),
+    "padding_mask": (at_500(PADDED, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]), CUT),
     **{
-        f"{name}={value}": (tree(X=X, fs=500, **{name: value}), X)
+        f"{name}={value}": (at_500(X, **{name: value}), X)
         for name, value in {"length": 40, "n_steps": 200, "num_samples": 20, "channels": 6, "axes": 6}.items()
     },
-    "columns by number": (tree(X=X, fs=500, columns=np.arange(6)), X),
-    "length in m": (tree(X=X, fs=500, length=0.08), X),
+    "columns by number": (at_500(X, columns=np.arange(6)), X),
+    "length in m": (at_500(X, length=0.08), X),
     "lengths and stamps": (tree(X=PADDED, t=T, lengths=LENGTHS), CUT),
     # which axis is which
-    "(T, n, 6) with labels": (tree(X=X.transpose(1, 0, 2), fs=500, y=LABELS), X),
-    "(T, n, 6) with dims": (tree(X=X.transpose(1, 0, 2), fs=500, dims=["time", "trial", "channel"]), X),
+    "(T, n, 6) with labels": (at_500(ACROSS, y=LABELS), X),
+    "(T, n, 6) with dims": (at_500(ACROSS, dims=["time", "trial", "channel"]), X),
     "h5 dimensions: time alone": (labelled_dimensions("time", "", array=W), [W]),
     "h5 dimensions, (6, T)": (labelled_dimensions("", "time", array=W.T), [W]),
-    "h5 dimensions": (labelled_dimensions("time", "recording", "axis", array=X.transpose(1, 0, 2)), X),
+    "h5 dimensions": (labelled_dimensions("time", "recording", "axis", array=ACROSS), X),
     # what is no wrench
     "ee_wrench and joint_pos": (demos(ee_wrench=W, joint_pos=JOINTS), [W, W]),
     **{
@@ -280,10 +285,7 @@ READ = {
         tree(**{m: {f"speed_{v}": {"ft": W} for v in (30, 60)} for m in "ab"}, fs=500),
         [W] * 4,
     ),
-    "joint_states": (
-        demos(**{"ft": W, "joint_states": {"position": JOINTS, "effort": JOINTS}}),
-        [W, W],
-    ),
+    "joint_states": (demos(**{"ft": W, "joint_states": {"position": JOINTS, "effort": JOINTS}}), [W, W]),
     "structs with joints": (structs(wrench=W, q=JOINTS), [W, W]),
     "joints of all": (tree(ft=X, joint_positions=X * 0, fs=500), X),
     **{
@@ -294,28 +296,28 @@ READ = {
 
 REFUSED = {
     "two units of one axis": (
-        tree(X=X, fs=500, columns=[f"{a} [N]" for a in AXES[:3]] + AXES[3:], units="mN, mN m"),
+        at_500(X, columns=[f"{a} [N]" for a in AXES[:3]] + AXES[3:], units="mN, mN m"),
         "two units of fx",
     ),
-    "dims that do not fit": (tree(X=X, fs=500, dims=["axis", "time", "recording"]), "dimensions are stated"),
+    "dims that do not fit": (at_500(X, dims=["axis", "time", "recording"]), "dimensions are stated"),
     "dt in volt": (tree(X=X, dt=2.0, dt_units="V"), "is in 'V'"),
-    "two names of one axis": (tree(X=X, fs=500, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
-    "two orders": (tree(X=X, fs=500, columns=NAMES, header=AXES), "orders"),
-    "names of seven": (tree(X=X, fs=500, columns=["time", *AXES]), "6 columns, columns names 7"),
+    "two names of one axis": (at_500(X, columns=["fx", "Fx", "fz", "tx", "ty", "tz"]), "fx"),
+    "two orders": (at_500(X, columns=NAMES, header=AXES), "orders"),
+    "names of seven": (at_500(X, columns=["time", *AXES]), "6 columns, columns names 7"),
     "csv time in two": (csv(T, "sec", axes=[*AXES, "nanosec"], values=X[0][:, [*range(6), 0]]), "nanosec"),
-    "units mN": (tree(X=MILLI, fs=500, units="mN"), "units"),
-    "units counts": (tree(X=X, fs=500, units=["counts"] * 6), "units"),
+    "units mN": (at_500(MILLI, units="mN"), "units"),
+    "units counts": (at_500(X, units=["counts"] * 6), "units"),
     "wrench_mN": (tree(wrench_mN=X, fs=500), "mN"),
-    "scale_factor": (tree(X=X, fs=500, scale_factor=0.01), "scale_factor"),
+    "scale_factor": (at_500(X, scale_factor=0.01), "scale_factor"),
     "h5 own units lb": (own(["lb"] * 6), "units"),
     "parquet rate of the table": (parquet(about={"fs": "100"}, time=T), "100"),
     "h5 fill values": (
         h5({"X": (np.where(PADDED == 0, -9999, PADDED), {"_FillValue": -9999.0}), "fs": 500}),
         "_FillValue",
     ),
-    "axes of joints": (tree(X=X, fs=500, axes=[f"joint_{i}" for i in range(6)]), "no wrench"),
-    "start in ms": (tree(X=X, fs=500, start_time=1.7e12 + np.arange(4)), "start_time"),
-    "Ts beside fs": (tree(X=X, fs=500, Ts=0.001), "Ts"),
+    "axes of joints": (at_500(X, axes=[f"joint_{i}" for i in range(6)]), "no wrench"),
+    "start in ms": (at_500(X, start_time=1.7e12 + np.arange(4)), "start_time"),
+    "Ts beside fs": (at_500(X, Ts=0.001), "Ts"),
     "h5 date as unit of time": (h5({"X": X, "t": (T, {"units": "hours since 2026-01-01"})}), "hours"),
     "parquet fs beside time": (parquet(fs=np.full(50, 100.0), time=T), "100 Hz"),
     "parquet mask": (parquet(valid=np.arange(50) < 40, time=T), "valid"),
@@ -328,13 +330,13 @@ REFUSED = {
     "dt of 2": (tree(X=X, dt=2.0), "time_unit="),
     "fs beside stamps": (tree(X=X, t=T, fs=1000), "fs"),
     "fs beside uneven stamps": (tree(X=W, t=T**1.01, fs=1000), "fs"),
-    "dt beside fs": (tree(X=X, fs=500, dt=0.001), "dt"),
+    "dt beside fs": (at_500(X, dt=0.001), "dt"),
     "two clocks": (tree(X=X, t=T, timestamps=T * 2), "timestamps"),
-    "lengths too long": (tree(X=X, fs=500, lengths=[51, 50, 50, 50]), "lengths"),
-    "lengths of something else": (tree(X=X, fs=500, lengths=[20] * 4), "lengths"),
-    "mask with holes": (tree(X=X, fs=500, mask=np.arange(200).reshape(4, 50) % 2), "mask"),
-    "(T, n, 6)": (tree(X=X.transpose(1, 0, 2), fs=500), "labels"),
-    "dims of other words": (tree(X=X, fs=500, dims=["a", "b", "c"]), "dims"),
+    "lengths too long": (at_500(X, lengths=[51, 50, 50, 50]), "lengths"),
+    "lengths of something else": (at_500(X, lengths=[20] * 4), "lengths"),
+    "mask with holes": (at_500(X, mask=np.arange(200).reshape(4, 50) % 2), "mask"),
+    "(T, n, 6)": (at_500(ACROSS), "labels"),
+    "dims of other words": (at_500(X, dims=["a", "b", "c"]), "dims"),
     "2 x 2 cell": (tree(data=GRID, materials=["rice", "peas"], fs=500.0), "materials"),
     "two wrenches": (demos(ft_left=W, ft_right=W + 1), "array="),
     "a wrench and what nobody knows": (demos(wrench=W, arm=W + 1), "array="),
@@ -346,7 +348,7 @@ REFUSED = {
     "parts that differ": (tree(wrench=X, force=FORCES + 1, torque=TORQUES, fs=500), "array="),
     "vectors that differ": (tree(X=W + 1, fs=500, **dict(zip(AXES, W.T, strict=True))), "array="),
     "joints alone": (tree(joint_pos=X, fs=500), "array="),
-    "two lists of labels": (tree(X=X, fs=500, labels=LABELS, material=LABELS[::-1]), "label="),
+    "two lists of labels": (at_500(X, labels=LABELS, material=LABELS[::-1]), "label="),
     "trials in a row": (tree(X=W, fs=500, trial=np.repeat([1, 2], 25)), "trial"),
 }
 
@@ -445,7 +447,7 @@ def test_options_that_choose_nothing_are_refused(tmp_path, case, form):
         load(made(tmp_path, file, form), **options)
 
 
-@pytest.mark.parametrize("file", [tree(X=X, fs=500, labels=LABELS[::-1], material=LABELS, arr_1=LABELS)])
+@pytest.mark.parametrize("file", [at_500(X, labels=LABELS[::-1], material=LABELS, arr_1=LABELS)])
 @pytest.mark.parametrize("label", ["material", "arr_1"])
 def test_labels_are_chosen(tmp_path, file, label):
     assert load(made(tmp_path, file), label=label).y.tolist() == LABELS
@@ -463,7 +465,7 @@ def test_labels_of_a_table_are_chosen(tmp_path, ending):
 
 
 def test_the_class_of_pytables_is_no_label(tmp_path):
-    data = load(made(tmp_path, h5({"X": (X, {"CLASS": np.bytes_("ARRAY")}), "fs": 500})))
+    data = load(made(tmp_path, h5_at_500(X, {"CLASS": np.bytes_("ARRAY")})))
     assert data.labels == ()
 
 
