@@ -37,7 +37,7 @@ from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, r
 from granular_id.io.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, Dataset, Recording, SampleFlag
+from granular_id.recording import AXES, Dataset, Recording
 
 _TEXTS = (RECORDING, LABEL, SESSION, MASK)
 
@@ -75,7 +75,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         stated,
         place,
         stamps=np.ascontiguousarray(values[:, numbers[TIME]]) if TIME in columns else None,
-        flags=_flags(values[:, numbers[FLAGS]], path) if FLAGS in columns else None,
+        flags=values[:, numbers[FLAGS]] if FLAGS in columns else None,
         rates=values[:, numbers[RATE]] if RATE in columns else None,
         keys=keys,
         names=[f"{source.name}[{key}]" if key.isdecimal() else key for key in map(str, key_names)],
@@ -173,14 +173,6 @@ def _renamed(called: Mapping[str, str], stated: Stated) -> list[str]:
     if not names:
         return []
     return [f"columns {', '.join(map(repr, names))} taken as {', '.join(names.values())}"]
-
-
-def _flags(column: NDArray[np.float64], path: Path) -> NDArray[np.uint8]:
-    wrong = np.flatnonzero((column != np.floor(column)) | (column < 0) | (column > sum(SampleFlag)))
-    if len(wrong):
-        problem = f"{column[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {sum(SampleFlag)})"
-        raise RecordingFileError(path, problem, line=int(wrong[0]) + 2, column=FLAGS)
-    return column.astype(np.uint8)
 
 
 def save_csv(

@@ -17,19 +17,13 @@ from pathlib import Path
 from granular_id._checks import thaw
 from granular_id._files import cannot_write
 from granular_id._progress import ProgressCallback
-from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
 from granular_id.recording import AXES, Dataset, Recording
 
-__all__ = [
-    "HISTORY_NAME",
-    "check_room",
-    "checked_dataset",
-    "history_json",
-    "indexed_folder",
-    "new_folder",
-    "safe_name",
-    "write_history",
-]
+INDEX_NAME = "index.csv"
+INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta")
+
+IRREGULAR = "irregular"
+"""What stands for a rate where a recording's own stamps are to be kept as they are."""
 
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""

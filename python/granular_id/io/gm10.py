@@ -20,7 +20,7 @@ import numpy as np
 from granular_id._checks import FloatArray, checked_text
 from granular_id._core import NumberTableError, parse_number_table
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import open_bounded, read_bounded, refuse_outside
+from granular_id.io.files import open_bounded, read_bounded
 from granular_id.io.numbers import plain_number
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -155,18 +155,17 @@ def _recording(
         problem = f"the material's id is {material}, but the list of names beside the file has {len(names)}"
         raise RecordingFileError(source.path, problem, line=line, column="1")
     settings = dict(zip(_SETTINGS, values[1:start].tolist(), strict=False))
-    recording, remarks = stamped_recording(
+    return stamped_recording(
         values[middle:, None].copy(),
         source,
         options,
         stamps=values[start:middle],
+        label=str(material) if names is None else names[material],
         axes=AXES,
         meta=settings,
         locate=locate,
         time_unit="s",
     )
-    label = str(material) if names is None else names[material]
-    return Recording._trusted(**{**vars(recording), "label": label}), remarks
 
 
 def _material_names(source: FileSource) -> list[str] | None:
@@ -175,7 +174,6 @@ def _material_names(source: FileSource) -> list[str] | None:
     path = source.path.with_name(f"{split[1] if split else source.path.stem}.txt")
     if not path.is_file():
         return None
-    refuse_outside(path, source.root)
     data = read_bounded(path, source.root, _MAX_NAMES_BYTES)
     try:
         lines = [line.strip() for line in data.decode("utf-8-sig").splitlines()]

@@ -10,19 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_text
+from granular_id._checks import FloatArray
 from granular_id.io.arrays.details import Entries, stated_rates
 from granular_id.io.arrays.names import Role, role_of
 from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
 from granular_id.io.arrays.tree import Origin
-from granular_id.io.columns import LABEL, RATE, RECORDING, SESSION, TIME, factor, split_unit
+from granular_id.io.columns import FLAGS, LABEL, RATE, RECORDING, SESSION, TIME, factor, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
 from granular_id.io.stamped import stamped_recording
-from granular_id.recording import AXES, Recording
-
-__all__ = ["Coded", "LongTable", "Stated", "recordings_of", "refuse_mask"]
+from granular_id.recording import AXES, KNOWN_FLAGS, Recording
 
 _OF_ROLE: dict[Role | None, str] = {"labels": LABEL, "sessions": SESSION}
 
@@ -99,7 +97,7 @@ class LongTable:
     ]  # from a recording's name and a row to what an error names
     stamps: FloatArray | None = None
     nanoseconds: NDArray[np.int64] | None = None  # since 1970, in place of `stamps`
-    flags: NDArray[np.uint8] | None = None
+    flags: FloatArray | None = None
     rates: FloatArray | None = None  # of the recording, in each of its rows
     keys: NDArray[Any] | None = None  # which recording a row belongs to; None: all to one
     names: list[str | None] | None = None  # what a key stands for; None: it is a number
@@ -110,6 +108,7 @@ def recordings_of(
     table: LongTable, source: FileSource, options: LoadOptions, *, clock: str = "time"
 ) -> tuple[list[Recording], list[dict[str, Any]]]:
     """Make the recordings of a table, in the order in which they begin, and remarks on them."""
+    _check_flags(table, source)
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)
         for rows, name in _parts(table, source)
@@ -124,6 +123,16 @@ def refuse_mask(values: Iterable[Any], name: str, path: Path) -> None:
     if not {str(value).lower() for value in values} <= kept:
         wanted = "leave the others out first, and then the column"
         raise RecordingFileError(path, f"tells which rows are samples: {wanted}", column=name)
+
+
+def _check_flags(table: LongTable, source: FileSource) -> None:
+    flags = np.zeros(0) if table.flags is None else table.flags
+    wrong = np.flatnonzero((flags != np.floor(flags)) | (flags < 0) | (flags > KNOWN_FLAGS))
+    if len(wrong):
+        row = int(wrong[0])
+        place = table.place(source.name, row) | {"column": table.columns[FLAGS]}
+        problem = f"{flags[row]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
+        raise RecordingFileError(source.path, problem, **place)
 
 
 def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp], str]]:
@@ -172,14 +181,16 @@ def _recording(
         own = picked(table.nanoseconds)
         stamps, start_time = (own - own[0]) / 1e9, float(own[0]) / 1e9
     varies = stamps is not None and table.rates is not None and len(np.unique(table.rates[rows])) > 1
-    wrench, scales = picked(table.wrench), table.stated.scales
     recording, remarks = stamped_recording(
-        wrench if scales is None else wrench * scales,
+        picked(table.wrench),
         source,
         options,
+        scales=table.stated.scales,
         stamps=stamps,
         start_time=start_time,
-        flags=None if table.flags is None else picked(table.flags),
+        flags=None if table.flags is None else picked(table.flags).astype(np.uint8),
+        label=_one_text(table, LABEL, rows, source),
+        session=_one_text(table, SESSION, rows, source),
         locate=locate,
         clock=clock,
         time_unit="s" if table.nanoseconds is not None else table.stated.time_unit,
@@ -187,8 +198,7 @@ def _recording(
     )
     if varies:  # it was measured
         remarks["remark"] = f"column {table.columns[RATE]!r} changes: the stamps give the rate"
-    known = {name: _one_text(table, name, rows, source) for name in (LABEL, SESSION)}
-    return Recording._trusted(**{**vars(recording), **known}), remarks
+    return recording, remarks
 
 
 def _rate_hz(table: LongTable, rows: NDArray[np.intp], source: FileSource) -> float | None:
@@ -211,18 +221,12 @@ def _rate_hz(table: LongTable, rows: NDArray[np.intp], source: FileSource) -> fl
 
 def _one_text(table: LongTable, meaning: str, rows: NDArray[np.intp], source: FileSource) -> str | None:
     """Return what a recording's rows, or the whole table, say of its label or session: all of them the same."""
-    column = table.columns.get(meaning)
     if meaning not in table.texts:
-        text = table.stated.texts.get(meaning)
-    else:
-        codes, values = table.texts[meaning]
-        said = {values[code] for code in np.unique(codes[rows]).tolist()}
-        if len(said) > 1:
-            shown = ", ".join(sorted(f"{text!r:.30}" for text in said))[:80]
-            problem = f"recording {source.name!r:.60} has {len(said)} values: {shown}; wanted one"
-            raise RecordingFileError(source.path, problem, column=column)
-        text = said.pop()
-    try:
-        return None if text is None else checked_text(text, meaning, spaced=False)
-    except ValueError as error:
-        raise RecordingFileError(source.path, str(error), column=column) from error
+        return table.stated.texts.get(meaning)
+    codes, values = table.texts[meaning]
+    said: set[str | None] = {values[code] for code in np.unique(codes[rows]).tolist()}
+    if len(said) > 1:
+        shown = ", ".join(sorted(f"{text!r:.30}" for text in said))[:80]
+        problem = f"recording {source.name!r:.60} has {len(said)} values: {shown}; wanted one"
+        raise RecordingFileError(source.path, problem, column=table.columns[meaning])
+    return said.pop()

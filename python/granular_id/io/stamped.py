@@ -22,8 +22,6 @@ from granular_id.recording import (
     uniform_rate,
 )
 
-__all__ = ["NOT_SECONDS", "RATE_TOLERANCE", "SINCE_1970", "Locate", "stamped_recording", "unlikely_step"]
-
 Locate = Callable[[int | None], dict[str, Any]]
 """From a sample (None: the file as a whole) to the place that an error names: ``line=``, ``column=``, ``place=``."""
 
@@ -50,10 +48,13 @@ def stamped_recording(
     source: FileSource,
     options: LoadOptions,
     *,
+    scales: tuple[float, ...] | None = None,
     stamps: NDArray[np.float64] | None = None,
     start_time: float | None = None,
     flags: NDArray[np.uint8] | None = None,
     trigger: int | None = None,
+    label: str | None = None,
+    session: str | None = None,
     axes: tuple[str, ...] = (),
     meta: Mapping[str, Any] | None = None,
     locate: Locate | None = None,
@@ -61,15 +62,17 @@ def stamped_recording(
     time_unit: str | None = None,
     file_rate_hz: float | None = None,
 ) -> tuple[Recording, dict[str, Any]]:
-    """Make a recording, without label and session, of samples (T, C) and, where there are any, their stamps (T,).
+    """Make a recording of samples (T, C) and, where there are any, their stamps (T,).
 
-    A start time, trigger or rate of the source comes first. `stamps` are in `time_unit`, where the file or its format
+    `scales` make N and N m of each axis. A start time, trigger or rate of the source comes first. `stamps` are in `time_unit`, where the file or its format
     states it, else in that of the options, or in seconds if that is likely; `start_time` is that of the first sample,
     seconds since 1970, where they do not carry it. `file_rate_hz` is what the file states beside the stamps, or instead
     of them; `clock` is how errors call them. The remarks say what was repaired, and where the clock begins if not at 0.
     """
     if source.trigger_index is not None:
         trigger = source.trigger_index
+    if scales is not None:
+        wrench = wrench * scales
     found = _Stamped(
         wrench, stamps, flags, trigger, source, options, locate or (lambda _: {}), clock, file_rate_hz
     )
@@ -83,6 +86,8 @@ def stamped_recording(
         recording = Recording(
             found.wrench,
             rate_hz=rate_hz,
+            label=label,
+            session=session,
             start_time=next((time for time in known if time is not None), None),
             trigger_index=found.trigger,
             time_s=time_s,

@@ -1,5 +1,6 @@
 """Archives that are cut off, damaged, or whose index lies: refused by name."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -95,15 +96,19 @@ def test_an_archive_without_a_column_rows_or_a_part(archive):
 @pytest.mark.parametrize(
     ("mark", "message"),
     [
-        (None, "no entry 'granular_id'"),
-        ("{", "is not JSON"),
-        ('{"format": "samples"}', "does not say that these are recordings"),
-        ('{"format": "recordings", "version": 2}', "is of version 2; this granular_id reads version 1"),
-        ('{"format": "recordings", "version": 1, "axes": ["fx"], "columns": []}', "wanted two lists"),
-        ('{"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"]}', "holds other axes"),
+        (None, "no entry 'granular_id' that names axes"),
+        ("{", "no entry 'granular_id' that names axes"),
+        ({"axes": ["fx"], "columns": []}, "no entry 'granular_id' that names axes"),
+        ({"axes": ["a", "a"], "columns": ["a", "b"]}, "no entry 'granular_id' that names axes"),
+        ({"format": "samples"}, "the format is 'samples'; wanted 'recordings'"),
+        ({"version": 2}, "the version is 2; wanted 1"),
+        ({"units": ["lbf"]}, r"the units is \['lbf'\]; wanted \['N'\]"),
+        ({}, "holds other axes"),
     ],
 )
 def test_marks_in_the_footer(archive, mark, message):
+    if isinstance(mark, dict):
+        mark = json.dumps({"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"]} | mark)
     rewrite(archive / INDEX, labels={} if mark is None else {"granular_id": mark})
     refused(archive, message)
 

@@ -292,6 +292,12 @@ class Mark:
     axes: tuple[str, ...]
     columns: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        for names in (self.axes, self.columns):
+            texts = all(isinstance(name, str) and name for name in names)
+            if not texts or not 0 < len(set(names)) == len(self.axes) == len(names):
+                raise ValueError("names occur twice, or are none")
+
     @classmethod
     def of_axes(cls, axes: Sequence[str]) -> Mark:
         """Name the columns as the axes, unless one would be taken for the stamps or the flags."""
@@ -300,46 +306,25 @@ class Mark:
 
     def to_json(self, what: str) -> str:
         """Return the text that goes into a footer; `what` is "recordings" or "samples"."""
-        units = [unit_of(axis) for axis in self.axes]
-        text: dict[str, Any] = {
-            "format": what,
-            "version": VERSION,
-            "axes": self.axes,
-            "columns": self.columns,
-        }
-        return json.dumps({**text, "units": units}, ensure_ascii=False)
+        about = {"format": what, "version": VERSION, "axes": self.axes, "columns": self.columns}
+        return json.dumps({**about, "units": [unit_of(axis) for axis in self.axes]}, ensure_ascii=False)
 
 
 def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
     """Return what a footer says of an archive; `what` is "recordings" or "samples"."""
-
-    def refusal(problem: str) -> RecordingFileError:
-        return RecordingFileError(path, problem, place="footer")
-
-    if MARK not in labels:
-        raise refusal(f"is not part of an archive: its footer has no entry {MARK!r}")
     try:
-        said = json.loads(labels[MARK])
-    except (ValueError, RecursionError) as error:
-        raise refusal(f"the entry {MARK!r} is not JSON: {error}") from error
-    if not isinstance(said, dict) or said.get("format") != what:
-        raise refusal(f"the entry {MARK!r} does not say that these are {what}")
-    if said.get("version") != VERSION:
-        raise refusal(f"is of version {said.get('version')!r}; this granular_id reads version {VERSION}")
-    lists: list[Any] = [said.get(name) for name in ("axes", "columns")]
-    if not all(_different_texts(one) for one in lists) or len(lists[0]) != len(lists[1]):
-        names = f"the axes {lists[0]!r:.80} and columns {lists[1]!r:.80}"
-        raise refusal(f"the entry {MARK!r} names {names}; wanted two lists of different names")
-    units = [unit_of(axis) for axis in lists[0]]
-    if said.get("units") not in (None, units):
-        raise refusal(f"the entry {MARK!r} names the units {said['units']!r:.80}; wanted {units}")
-    return Mark(tuple(lists[0]), tuple(lists[1]))
-
-
-def _different_texts(value: Any) -> bool:
-    if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-        return False
-    return 0 < len(set(value)) == len(value)
+        said = json.loads(labels.get(MARK, "null"))
+        mark = Mark(tuple(said["axes"]), tuple(said["columns"]))
+        wanted = json.loads(mark.to_json(what))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        problem = f"has no entry {MARK!r} that names axes and as many columns, each once"
+        raise RecordingFileError(path, problem, place="footer") from error
+    said = {"units": wanted["units"], **said}
+    other = next((key for key in wanted if said.get(key) != wanted[key]), None)
+    if other is not None:
+        problem = f"the entry {MARK!r} says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"
+        raise RecordingFileError(path, problem, place="footer")
+    return mark
 
 
 def part_name(number: int) -> str:

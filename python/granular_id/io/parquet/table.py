@@ -24,14 +24,11 @@ from granular_id.io.columns import (
     split_unit,
 )
 from granular_id.io.errors import RecordingFileError, need
-from granular_id.io.files import refuse_outside
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.archive import ParquetArchive, coded_texts, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, KNOWN_FLAGS
-
-__all__ = ["read_parquet"]
+from granular_id.recording import AXES
 
 _PANDAS_INDEX = "__index_level_0__"
 """As pandas calls an index without a name."""
@@ -47,7 +44,6 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     columns hold lists, each row is a recording. Columns that mean nothing here are not read, and a note says so.
     """
     path, most = source.path, options.max_binary_bytes
-    refuse_outside(path, source.root)
     if path.is_dir():
         return ParquetArchive(path, max_file_bytes=most).content(source)
     with open_parquet(path, source.root, most) as opened:
@@ -147,7 +143,7 @@ class _Columns:
             place,
             stamps=self._numbers(TIME) if TIME in names and nanoseconds is None else None,
             nanoseconds=nanoseconds,
-            flags=self._flags() if FLAGS in names else None,
+            flags=self._numbers(FLAGS) if FLAGS in names else None,
             rates=self._numbers(RATE) if RATE in names else None,
             keys=keys,
             names=values,
@@ -199,14 +195,6 @@ class _Columns:
             problem = f"is {values[bad[0]]}; wanted a finite number"
             raise RecordingFileError(self._path, problem, place=f"row {bad[0]}", column=self._names[meaning])
         return np.asarray(values, np.float64)
-
-    def _flags(self) -> NDArray[np.uint8]:
-        values = self._numbers(FLAGS)
-        wrong = np.flatnonzero((values != np.floor(values)) | (values < 0) | (values > KNOWN_FLAGS))
-        if len(wrong):
-            said = f"row {wrong[0]} holds {values[wrong[0]]:g}"
-            self._refuse(FLAGS, f"{said}; wanted a sum of SampleFlag bits (0 to {KNOWN_FLAGS})")
-        return values.astype(np.uint8)
 
     def _nanoseconds(self) -> NDArray[np.int64] | None:
         """Return dates and times as nanoseconds since 1970; None where the clock is one of numbers."""

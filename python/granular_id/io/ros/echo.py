@@ -24,8 +24,6 @@ from granular_id.io.ros.read import recording_of
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 
-__all__ = ["is_echo", "read_echo"]
-
 _LOGGED, _SEQ, _STAMP, _FRAME = "%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"
 _SEC, _NANOSEC = "header.stamp.sec", "header.stamp.nanosec"
 _ROS2 = (_SEC, _NANOSEC, _FRAME, *AXES)
