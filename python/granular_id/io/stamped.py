@@ -64,10 +64,11 @@ def stamped_recording(
 ) -> tuple[Recording, dict[str, Any]]:
     """Make a recording of samples (T, C) and, where there are any, their stamps (T,).
 
-    `scales` make N and N m of each axis. A start time, trigger or rate of the source comes first. `stamps` are in `time_unit`, where the file or its format
-    states it, else in that of the options, or in seconds if that is likely; `start_time` is that of the first sample,
-    seconds since 1970, where they do not carry it. `file_rate_hz` is what the file states beside the stamps, or instead
-    of them; `clock` is how errors call them. The remarks say what was repaired, and where the clock begins if not at 0.
+    `scales` make N and N m of each axis. A start time, trigger or rate of the source comes first. `stamps` are in
+    `time_unit`, where the file or its format states it, else in that of the options, or in seconds if that is likely;
+    `start_time` is that of the first sample, seconds since 1970, where they do not carry it. `file_rate_hz` is what the
+    file states beside the stamps, or instead of them; `clock` is how errors call them. The remarks say what was
+    repaired, and where the clock begins if not at 0.
     """
     if source.trigger_index is not None:
         trigger = source.trigger_index
