@@ -15,6 +15,8 @@ csv_of_arrow = pytest.importorskip("pyarrow.csv")
 
 TURNED = [5, 2, 0, 4, 1, 3]
 NAMES = ["Mz", "Fz", "Fx", "My", "Fy", "Mx"]
+BYTES = np.bytes_(NAMES)
+IN_MILLI = ["mN"] * 3 + ["mN m"] * 3
 LENGTHS = [50, 40, 30, 50]
 PADDED = np.where(np.arange(50)[:, None] < np.array(LENGTHS)[:, None, None], X, 0)
 CUT = [x[:n] for x, n in zip(X, LENGTHS, strict=True)]
@@ -102,10 +104,6 @@ def fields(names, stamps, values):
     return "push.npy", lambda path: np.save(path, np.rec.fromarrays([stamps, *values.T], names=names))
 
 
-def npy(array):
-    return "push.npy", lambda path: np.save(path, array)
-
-
 def csv(stamps, name="time", axes=AXES, values=W):
     rows = "\n".join(
         ",".join(map(repr, [float(t), *w.tolist()])) for t, w in zip(stamps, values, strict=True)
@@ -113,39 +111,17 @@ def csv(stamps, name="time", axes=AXES, values=W):
     return "push.csv", lambda path: path.write_text(f"{name},{','.join(axes)}\n{rows}\n")
 
 
-def own(units, name="wrench", values=W):
-    """The package's own layout, with other units than it writes."""
-
-    def write(path):
-        from granular_id.io import save
-        from granular_id.recording import Dataset, Recording
-
-        save(Dataset([Recording(values, rate_hz=500)]), path)
-        with h5py.File(path, "a") as file:
-            file[name].attrs["units"] = np.bytes_(units)
-
-    return "own.h5", write
-
-
 READ = {
     # names of axes beside the array
     **{
-        f"{name}=": (turned(**{name: names}), X)
-        for name, names in {
-            **dict.fromkeys(
-                ("columns", "feature_names", "channel_names", "axes", "X_columns", "header"), NAMES
-            ),
-            "axis_order": "mz fz fx my fy mx",
-        }.items()
+        f"{name}=": (turned(**{name: NAMES}), X)
+        for name in ("columns", "feature_names", "channel_names", "axes", "X_columns", "header")
     },
+    "axis_order=": (turned(axis_order="mz fz fx my fy mx"), X),
     "h5 attribute axis_order": (h5({"X": (X[..., TURNED], {"axis_order": " ".join(NAMES)}), "fs": 500}), X),
     "columns and header": (turned(columns=NAMES, header=",".join(NAMES)), X),
     "columns with units": (
-        tree(
-            X=X[..., TURNED] * 1e3,
-            fs=500,
-            columns=[f"{n} [{'mN m' if n[0] == 'M' else 'mN'}]" for n in NAMES],
-        ),
+        at_500(X[..., TURNED] * 1e3, columns=[f"{n} [mN m]" if n[0] == "M" else f"{n} [mN]" for n in NAMES]),
         X,
     ),
     "columns in one text": (turned(columns=", ".join(NAMES)), X),
@@ -156,19 +132,11 @@ READ = {
     "other features": (at_500(X, hfmh=np.zeros((4, 600)), feature_names=[f"f{i}" for i in range(600)]), X),
     "h5 attribute columns": (h5({"X": (X[..., TURNED], {"columns": NAMES}), "fs": 500}), X),
     "h5 pandas fixed": (
-        h5(
-            {
-                "df/block0_values": W[:, TURNED],
-                "df/block0_items": np.bytes_(NAMES),
-                "df/axis0": np.bytes_(NAMES),
-                "df/axis1": np.arange(50),
-                "fs": 500,
-            }
-        ),
+        h5({"df/block0_values": W[:, TURNED], "df/block0_items": BYTES, "df/axis0": BYTES, "fs": 500}),
         [W],
     ),
     # units
-    "units of each": (at_500(MILLI, units=["mN"] * 3 + ["mN m"] * 3), X),
+    "units of each": (at_500(MILLI, units=IN_MILLI), X),
     "units of two": (at_500(MILLI, units=["mN", "N mm"]), X),
     "units N": (at_500(X, units="N"), X),
     "force_units": (at_500(MILLI, force_unit="mN", torque_unit="N·mm"), X),
@@ -191,25 +159,19 @@ READ = {
     ),
     "h5 unit of halves": (h5({"force": (FORCES * 1e3, {"unit": "mN"}), "torque": TORQUES, "fs": 500}), X),
     "h5 units of parts": (h5({"X": (MILLI, {"force_units": "mN", "torque_units": "mN m"}), "fs": 500}), X),
-    **{
-        f"h5 {key} beside units": (h5({"X": (X * scale, {key: unit, "units": "N"}), "fs": 500}), X)
-        for key, unit, scale in (
-            ("force_units", "mN", HALF),
-            ("moment_units", "N mm", [1, 1, 1, 1e3, 1e3, 1e3]),
-        )
-    },
+    "h5 units of parts beside units": (
+        h5({"X": (X * HALF, {"force_units": "mN", "units": "N"}), "fs": 500}),
+        X,
+    ),
     "h5 units of vectors": (
         h5(
-            {
-                **{a: (W[:, i] * 1e3, {"units": "mN" if i < 3 else "mN m"}) for i, a in enumerate(AXES)},
-                "fs": 500,
-            }
+            {a: (w * 1e3, {"units": unit}) for a, w, unit in zip(AXES, W.T, IN_MILLI, strict=True)}
+            | {"fs": 500}
         ),
         [W],
     ),
-    "h5 own units mN": (own(["mN"] * 3 + ["mN m"] * 3, values=W * 1e3), [W]),
     "parquet units": (
-        parquet({a: "mN" if a[0] == "f" else "mN m" for a in AXES}, values=W * 1e3, time=T),
+        parquet(dict(zip(AXES, IN_MILLI, strict=True)), values=W * 1e3, time=T),
         [W],
     ),
     "parquet units of the table": (
@@ -271,16 +233,7 @@ READ = {
         f"wrench and {name}": (demos(wrench=W, **{name: JOINTS}), [W, W])
         for name in ("robot0_joint_vel", "actions", "ee_pose", "qpos", "imu", "strain_gauges", "TCP speed")
     },
-    "obs and actions": (
-        tree(
-            data={
-                "demo_0": {"obs": {"ee_wrench": W}, "actions": JOINTS},
-                "demo_1": {"obs": {"ee_wrench": W}},
-            },
-            fs=500,
-        ),
-        [W, W],
-    ),
+    "obs and actions": (demos(obs={"ee_wrench": W}, actions=JOINTS), [W, W]),
     "groups of a speed": (
         tree(**{m: {f"speed_{v}": {"ft": W} for v in (30, 60)} for m in "ab"}, fs=500),
         [W] * 4,
@@ -309,7 +262,6 @@ REFUSED = {
     "units counts": (at_500(X, units=["counts"] * 6), "units"),
     "wrench_mN": (tree(wrench_mN=X, fs=500), "mN"),
     "scale_factor": (at_500(X, scale_factor=0.01), "scale_factor"),
-    "h5 own units lb": (own(["lb"] * 6), "units"),
     "parquet rate of the table": (parquet(about={"fs": "100"}, time=T), "100"),
     "h5 fill values": (
         h5({"X": (np.where(PADDED == 0, -9999, PADDED), {"_FillValue": -9999.0}), "fs": 500}),
