@@ -33,16 +33,6 @@ def test_it_notices_what_is_odd_about_them(sliding):
     assert sliding.chronological_order()[1] == "start_time"
 
 
-def test_resampled_and_aligned_for_an_evaluation(sliding):
-    with pytest.raises(ValueError, match=r"mat04_04.csv' has a gap of 0.683 s"):
-        sliding.resample(100)
-    resampled = sliding.resample(100, on_gap="skip")
-    assert resampled.history[-1].totals["recordings_skipped"] == 31
-    aligned = resampled.align(duration_s=5.9)
-    assert aligned.X.shape == (969, 590, 6)
-    assert aligned.labels == tuple(f"mat{i:02d}" for i in range(1, 21))
-
-
 def test_round_trip(sliding, tmp_path):
     part = sliding.select(indices=range(0, 1000, 50))
     assert load(save_csv(part, tmp_path / "part")) == part
