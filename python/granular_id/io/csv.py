@@ -34,7 +34,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
 from granular_id.io.folder_save import checked_dataset, indexed_folder, refuse_other_axes
 from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
-from granular_id.io.numbers import PANDAS, Header, parse_numbers, split_header, split_rows
+from granular_id.io.numbers import Header, parse_numbers, picked_columns, split_header
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES, Dataset, Recording
@@ -48,7 +48,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     data = read_text_bounded(path, source.root, options.max_text_bytes)
     header = split_header(data, path)
     names = header.names
-    columns = _columns(names, options.label, path)
+    columns = csv_columns(names, path, label=options.label)
     called = {meaning: names[i] for meaning, i in columns.items()}
     stated = Stated.of(called, path, options)
     notes = list(stated.notes)
@@ -90,14 +90,15 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(recordings, remarked, notes + _renamed(called, stated))
 
 
-def _columns(header: Sequence[str], label: str | None, path: Path) -> dict[str, int]:
+def csv_columns(
+    names: Sequence[str], path: Path, *, label: str | None = None, known: Mapping[str, str] | None = None
+) -> dict[str, int]:
+    """Find what is read among the names in line 1, as `columns_of` does."""
     try:
-        return columns_of(header, label=label)
+        return columns_of(names, label=label, known=known)
     except ColumnError as error:
         column = None if error.index is None else str(error.index + 1)
-        no_names = (
-            "" if set(AXES) & {split_unit(name)[0] for name in header} else "; line 1 names the columns"
-        )
+        no_names = "" if set(AXES) & {split_unit(name)[0] for name in names} else "; line 1 names the columns"
         raise RecordingFileError(path, error.problem + no_names, line=1, column=column) from error
 
 
@@ -107,33 +108,15 @@ def _picked(
     """Return the numbers of the columns that are read, where each is among them, and texts."""
     numbers = {meaning: i for meaning, i in columns.items() if meaning not in _TEXTS}
     unnamed = [i for i, name in enumerate(header.names) if not name or name.lower().startswith("unnamed:")]
-    where = [header.names[i] for i in numbers.values()]
-    kept: list[str] = []
-    others: dict[int, list[str]] = {i: [] for i in (*columns.values(), *unnamed) if i not in numbers.values()}
-    for line, cells in split_rows(data, header, path):
-        if len(cells) != len(header.names):
-            problem = f"{len(cells)} cells; wanted {len(header.names)}, as in the header"
-            raise RecordingFileError(path, problem, line=line)
-        if line != len(kept) + 2:
-            problem = "the line is empty, or a quoted cell goes on in it"
-            raise RecordingFileError(path, problem, line=len(kept) + 2)
-        row = [cells[i] for i in numbers.values()]
-        kept.append(",".join(row))
-        if kept[-1].count(",") != len(row) - 1:
-            wrong, cell = next((i, cell) for i, cell in enumerate(row) if "," in cell)
-            way_out = PANDAS.format(f"sep={header.separator!r}, decimal=','")
-            problem = f"{cell[:40]!r} is no number with a decimal point; {way_out}"
-            raise RecordingFileError(path, problem, line=line, column=where[wrong])
-        for i, values in others.items():
-            values.append(cells[i].strip())
-    table = parse_numbers("\n".join(kept).encode(), 0, where, path)
+    others = [i for i in (*columns.values(), *unnamed) if i not in numbers.values()]
+    table, cells = picked_columns(data, header, list(numbers.values()), others, path)
     for i in unnamed:
-        if i == len(header.names) - 1 and not header.names[i] and not any(others[i]):
+        if i == len(header.names) - 1 and not header.names[i] and not any(cells[i]):
             continue  # a separator at the end of every line
-        _check_index(others[i], i, path)
-    texts = {meaning: _coded(others[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
+        _check_index(cells[i], i, path)
+    texts = {meaning: _coded(cells[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
     if RECORDING in texts and None in texts[RECORDING][1]:
-        row_of_none = others[columns[RECORDING]].index("")
+        row_of_none = cells[columns[RECORDING]].index("")
         raise RecordingFileError(
             path, "the cell is empty", line=row_of_none + 2, column=header.names[columns[RECORDING]]
         )

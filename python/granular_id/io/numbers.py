@@ -69,28 +69,33 @@ def split_header(data: bytes, path: str | PathLike[str]) -> Header:
     return Header([_plain(cell) for cell in text.split(",")], end + 1, ",")
 
 
-def split_rows(data: bytes, header: Header, path: str | PathLike[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number and the cells of each line from 2 on that is not empty; quoted cells may hold separators."""
+def split_rows(
+    data: bytes, header: Header, path: str | PathLike[str], *, first_line: int = 2
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the cells of each line that is not empty; quoted cells may hold separators."""
     start = header.end
     try:
         text = data[start:].decode("utf-8")
     except UnicodeDecodeError as error:
-        line = 2 + data.count(b"\n", start, start + error.start)
+        line = first_line + data.count(b"\n", start, start + error.start)
         problem = f"byte 0x{data[start + error.start]:02x} is not UTF-8 text"
         raise RecordingFileError(path, problem, line=line) from error
     if "\0" in text:
         problem = "is binary (holds NUL bytes); wanted text"
-        raise RecordingFileError(path, problem, line=2 + text.count("\n", 0, text.index("\0")))
+        line = first_line + text.count("\n", 0, text.index("\0"))
+        raise RecordingFileError(path, problem, line=line)
     if header.separator is None:
-        yield from ((line, row.split()) for line, row in enumerate(text.split("\n"), 2) if row.strip())
+        yield from (
+            (line, row.split()) for line, row in enumerate(text.split("\n"), first_line) if row.strip()
+        )
         return
     reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=header.separator)
-    line = 2
+    line = first_line
     try:
         for cells in reader:
             if cells:
                 yield line, cells
-            line = reader.line_num + 2
+            line = reader.line_num + first_line
     except csv.Error as error:
         raise RecordingFileError(path, f"is not valid CSV: {error}", line=line) from error
 
@@ -109,6 +114,38 @@ def parse_numbers(
         row, column, problem = error.args
         name = None if column is None else columns[column]
         raise RecordingFileError(path, problem, line=row + first_line, column=name) from error
+
+
+def picked_columns(
+    data: bytes,
+    header: Header,
+    numeric: Sequence[int],
+    texts: Sequence[int],
+    path: str | PathLike[str],
+    *,
+    first_line: int = 2,
+) -> tuple[NDArray[np.float64], dict[int, list[str]]]:
+    """Return some columns of a table that has others too: numbers, shape (T, len(numeric)), and the cells of texts."""
+    where = [header.names[i] for i in numeric]
+    kept: list[str] = []
+    others: dict[int, list[str]] = {i: [] for i in texts}
+    for line, cells in split_rows(data, header, path, first_line=first_line):
+        if len(cells) != len(header.names):
+            problem = f"{len(cells)} cells; wanted {len(header.names)}, as in the header"
+            raise RecordingFileError(path, problem, line=line)
+        if line != len(kept) + first_line:
+            problem = "the line is empty, or a quoted cell goes on in it"
+            raise RecordingFileError(path, problem, line=len(kept) + first_line)
+        row = [cells[i] for i in numeric]
+        kept.append(",".join(row))
+        if kept[-1].count(",") != len(row) - 1:
+            wrong, cell = next((i, cell) for i, cell in enumerate(row) if "," in cell)
+            way_out = PANDAS.format(f"sep={header.separator!r}, decimal=','")
+            problem = f"{cell[:40]!r} is no number with a decimal point; {way_out}"
+            raise RecordingFileError(path, problem, line=line, column=where[wrong])
+        for i, values in others.items():
+            values.append(cells[i].strip())
+    return parse_numbers("\n".join(kept).encode(), 0, where, path, first_line=first_line), others
 
 
 def plain_number(text: str) -> float | None:
