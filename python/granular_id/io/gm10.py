@@ -9,7 +9,6 @@ assumed here.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from granular_id._checks import FloatArray, checked_text
 from granular_id._core import NumberTableError, parse_number_table
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import open_bounded, read_bounded
-from granular_id.io.numbers import plain_number
+from granular_id.io.numbers import first_line, plain_number
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.io.stamped import stamped_recording
@@ -47,11 +46,7 @@ def is_gm10(path: Path) -> bool:
     No header, more than 20 cells, all plain numbers; a whole number first; then stamps that increase and as many
     values.
     """
-    try:
-        with open_bounded(path, path.parent, sys.maxsize) as (file, _):
-            line = file.readline(_MAX_ROW_BYTES)  # one line, however long the file
-    except RecordingFileError:
-        return False
+    line = first_line(path, _MAX_ROW_BYTES)
     cells = line.decode("ascii", "replace").rstrip("\r\n").split(",")
     numbers = [plain_number(cell) for cell in cells] if len(cells) >= _LEAST_CELLS else [None]
     if None in numbers:

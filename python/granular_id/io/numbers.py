@@ -6,8 +6,10 @@ import csv
 import io
 import math
 import re
+import sys
 from collections.abc import Iterator, Sequence
 from os import PathLike
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from granular_id._core import MAX_LINE_BYTES, NumberTableError, parse_number_table
 from granular_id.io.columns import split_unit
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.files import open_bounded
 from granular_id.recording import AXES
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t]*")
@@ -30,6 +33,15 @@ class Header(NamedTuple):
     names: list[str]
     end: int
     separator: str | None
+
+
+def first_line(path: Path, max_bytes: int) -> bytes:
+    """Return the beginning of a file, by which some tables are known; empty where it cannot be read."""
+    try:
+        with open_bounded(path, path.parent, sys.maxsize) as (file, _):
+            return file.readline(max_bytes)
+    except RecordingFileError:
+        return b""
 
 
 def split_header(data: bytes, path: str | PathLike[str]) -> Header:

@@ -7,7 +7,6 @@ numbers, a frame and six more cells is one of ``geometry_msgs/msg/WrenchStamped`
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from granular_id.io.columns import axis_of
 from granular_id.io.csv import csv_columns
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import open_bounded, read_text_bounded
-from granular_id.io.numbers import Header, picked_columns, split_header
+from granular_id.io.files import read_text_bounded
+from granular_id.io.numbers import Header, first_line, picked_columns, split_header
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.messages import WRENCH_TYPES, Wrenches
 from granular_id.io.ros.read import recording_of
@@ -36,11 +35,7 @@ _LONGEST_LINE = 64 * 1024
 
 def is_echo(path: Path) -> bool:
     """Tell from the first line of a CSV file whether ROS has printed it."""
-    try:
-        with open_bounded(path, path.parent, sys.maxsize) as (file, _):
-            line = file.readline(_LONGEST_LINE)
-    except RecordingFileError:
-        return False
+    line = first_line(path, _LONGEST_LINE)
     return line.startswith(_LOGGED.encode() + b",") or _ROS2_LINE.fullmatch(line) is not None
 
 
@@ -50,7 +45,7 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
     data = read_text_bounded(path, source.root, options.max_text_bytes)
     named = data.startswith(_LOGGED.encode())
     header = split_header(data, path) if named else Header([*_ROS2], 0, ",")
-    first_line = 2 if named else 1
+    begin = 2 if named else 1
     columns = csv_columns(header.names, path, known=_FIELDS)
     other = next(
         (i for i, name in enumerate(header.names) if name not in _FIELDS and axis_of(name) not in AXES), None
@@ -60,10 +55,10 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
         raise RecordingFileError(path, problem, line=1, column=str(other + 1))
     axes = [columns[axis] for axis in AXES]
     others = [i for what, i in columns.items() if what not in AXES]
-    wrench, cells = picked_columns(data, header, axes, others, path, first_line=first_line)
+    wrench, cells = picked_columns(data, header, axes, others, path, first_line=begin)
 
     def place_of(index: int) -> dict[str, Any]:
-        return {"line": index + first_line}
+        return {"line": index + begin}
 
     def refuse(index: int, problem: str) -> NoReturn:
         raise RecordingFileError(path, problem, **place_of(index))

@@ -243,13 +243,6 @@ class Topic:
         """The type of the messages, by its definition; ValueError where that is no proper one."""
         return message_type(self.type_name, self.definition, self.encoding)
 
-    def field_asked(self, asked: str | None) -> str | None:
-        """Return the field of its messages that was asked for ("": any); None where another topic was."""
-        name, asked = self.name.strip("/"), None if asked is None else asked.strip("/")
-        if asked in (None, name):
-            return ""
-        return asked[len(name) + 1 :] or None if asked.startswith(f"{name}.") else None
-
     def __str__(self) -> str:
         rate = f", {(self.count - 1) * 1e9 / self.span_ns:.4g} Hz" if self.span_ns > 0 else ""
         encoding = "" if self.encoding in _ENCODINGS else f" in {self.encoding[:80]}"
@@ -259,31 +252,20 @@ class Topic:
 def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tuple[Topic, str, list[str]]:
     """Return the one topic to read, which field of its messages is the wrench ("" the whole), and notes."""
     every = [topic for topic in topics if topic.count]
-    # the name itself first: MCAP may have dots in names of topics
-    named = [topic for topic in every if topic.field_asked(asked) == ""]
-    named = named or [topic for topic in every if topic.field_asked(asked) and not topic.is_wrench]
-    holding = [topic for topic in named if topic.may_hold_wrench]
-    if asked is not None and (len(named) != 1 or not holding):
+    named, field_asked = (every, "") if asked is None else _named(every, asked.strip("/"))
+    plain = [topic for topic in named if topic.is_wrench]
+    others = [topic for topic in named if topic.may_hold_wrench and not topic.is_wrench]
+    if asked is not None and (len(named) != 1 or not plain + others):
         what = "messages of two types" if len(named) > 1 else "no wrenches" if named else "no messages"
         raise RecordingFileError(path, f"has {what} on topic {asked!r}; it has {_listed(every)}")
-    plain = [topic for topic in holding if topic.is_wrench]
-    others = [topic for topic in holding if not topic.is_wrench]
     if len(plain) > 1:
         problem = f"has {len(plain)} topics with wrenches: {_listed(plain)}; choose by topic="
         raise RecordingFileError(path, problem)
-    if not plain:
-        return _chosen_inside(others, every, path, asked)
-    beside = [f"wrenches in {_listed(others)} are not read; topic= chooses them"] if others else []
-    return plain[0], "", beside
-
-
-def _chosen_inside(
-    topics: Sequence[Topic], every: Sequence[Topic], path: Path, asked: str | None
-) -> tuple[Topic, str, list[str]]:
-    """Choose among the wrenches inside messages of other types."""
-    inside = [(topic, field) for topic in topics for field in _fields_of(topic, path)]
-    field_asked = topics[0].field_asked(asked) if topics else ""
-    found = [pair for pair in inside if not field_asked or pair[1] == field_asked]
+    if plain:
+        beside = [f"wrenches in {_listed(others)} are not read; topic= chooses them"] if others else []
+        return plain[0], "", beside
+    inside = [(topic, field) for topic in others for field in _fields_of(topic, path)]
+    found = [pair for pair in inside if field_asked in ("", pair[1])]
     if len(found) == 1:
         topic, field = found[0]
         return topic, field, [f"the wrench is the field {field} of {topic.type_name}"]
@@ -298,6 +280,18 @@ def _chosen_inside(
     more = f" and {len(inside) - _LISTED} more" if len(inside) > _LISTED else ""
     some = f"no wrench {asked!r}" if field_asked else f"{len(inside)} wrenches"
     raise RecordingFileError(path, f"has {some} inside its messages: {listed}{more}; choose by topic=")
+
+
+def _named(topics: Sequence[Topic], asked: str) -> tuple[list[Topic], str]:
+    """Return the topics that are called so, else those of which it is ``topic.field``, and the field."""
+    whole = [topic for topic in topics if topic.name.strip("/") == asked]  # there may be dots in it
+    if whole:
+        return whole, ""
+    starts = [(topic, f"{topic.name.strip('/')}.") for topic in topics if not topic.is_wrench]
+    inner = [
+        (topic, asked[len(start) :]) for topic, start in starts if asked.startswith(start) and asked != start
+    ]
+    return [topic for topic, _ in inner], inner[0][1] if inner else ""
 
 
 def _fields_of(topic: Topic, path: Path) -> list[str]:
