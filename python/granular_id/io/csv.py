@@ -117,9 +117,8 @@ def _picked(
     texts = {meaning: _coded(cells[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
     if RECORDING in texts and None in texts[RECORDING][1]:
         row_of_none = cells[columns[RECORDING]].index("")
-        raise RecordingFileError(
-            path, "the cell is empty", line=row_of_none + 2, column=header.names[columns[RECORDING]]
-        )
+        name = header.names[columns[RECORDING]]
+        raise RecordingFileError(path, "the cell is empty", line=row_of_none + 2, column=name)
     return table, {meaning: i for i, meaning in enumerate(numbers)}, texts
 
 

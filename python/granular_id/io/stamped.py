@@ -140,11 +140,7 @@ class _Stamped:
         if asked == "sample":
             rate_hz = self.file_rate_hz if self.stated_hz is None else self.stated_hz
             if stated is not None or rate_hz is None:
-                came = (
-                    "no rate is stated"
-                    if rate_hz is None
-                    else f"the file says that its stamps are in {stated}"
-                )
+                came = f"the file says that its stamps are in {stated}" if rate_hz else "no rate is stated"
                 raise self.fault(f"time_unit='sample', but {came}")
             self.stamps = self.stamps / rate_hz
             return
@@ -169,11 +165,9 @@ class _Stamped:
         first = int(wrong[0])
         if self.options.on_time_error == "raise":
             before, after = float(stamps[first]), float(stamps[first + 1])
-            what = (
-                f"the stamp {after!r} is repeated"
-                if after == before
-                else f"time runs back from {before!r} to {after!r}"
-            )
+            what = f"time runs back from {before!r} to {after!r}"
+            if after == before:
+                what = f"the stamp {after!r} is repeated"
             repair = "on_time_error='repair' sorts samples and averages those that share a stamp"
             if first and after <= stamps[0]:
                 what += (
@@ -203,10 +197,9 @@ class _Stamped:
             float(np.median(steps)),
             float(steps.mean()),
         )  # neither pauses nor bursts of messages count
-        for step in (slow if slow >= _LONGEST_STEP_S else None, fast if fast <= _SHORTEST_STEP_S else None):
-            problem = None if step is None else unlikely_step(step)
-            if problem is not None:
-                raise self.fault(f"stamps lie {step:g} apart: {problem}")
+        step = slow if slow >= _LONGEST_STEP_S else fast if fast <= _SHORTEST_STEP_S else None
+        if step is not None:
+            raise self.fault(f"stamps lie {step:g} apart: {unlikely_step(step)}")
 
     def clock_of(self) -> tuple[float | None, NDArray[np.float64] | None, float | None]:
         """Return rate_hz, time_s (one of the two is None) and the time of the first sample since 1970."""

@@ -272,8 +272,8 @@ def test_links_inside_the_folder_are_followed(tmp_path):
 
 def test_start_times_of_the_index_may_be_dates(tmp_path):
     (tmp_path / "a.csv").write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n")
-    dates = "2020-02-07T10:50:54.25+00:00 2020-02-07T10:50:54.25Z 2020-02-07T11:50:54.250+01:00 1581072654.25"
-    for text in dates.split():
+    dates = "2020-02-07T10:50:54.25+00:00|2020-02-07T10:50:54.25Z|2020-02-07 11:50:54.250+01:00|1581072654.25"
+    for text in dates.split("|"):
         (tmp_path / "index.csv").write_text(f"file,start_time,rate_hz\na.csv,{text},500\n")
         assert load(tmp_path)[0].start_time == 1581072654.25
 

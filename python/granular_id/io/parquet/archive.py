@@ -187,9 +187,7 @@ class _Block:
         try:
             table = opened.read_row_group(part.row_group, [*self._columns, TIME, FLAGS])
             columns = [np.asarray(table[name].to_numpy(), np.float64) for name in self._columns]
-        except (
-            Exception
-        ) as error:  # of many kinds: checksums, columns that are missing or hold something else
+        except Exception as error:  # checksums, columns that are missing or hold something else
             raise RecordingFileError(path, f"cannot be decoded: {error}"[:300], place=place) from error
         rows = slice(self._filled, self._filled + n_samples)
         self._filled = rows.stop
@@ -231,11 +229,8 @@ def coded_texts(column: Any) -> tuple[NDArray[np.int64], list[str | None]]:
 
 def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:
     """Return the row groups that the index names: every one in order, of files that are the archive's."""
-    lengths, groups, files = (
-        _integers(index, "n_samples"),
-        _integers(index, "row_group"),
-        _texts(index, "file"),
-    )
+    lengths, groups = _integers(index, "n_samples"), _integers(index, "row_group")
+    files = _texts(index, "file")
     if not index.num_rows:
         raise RecordingFileError(path, "lists no recordings")
     for column, wrong, wanted in (

@@ -59,9 +59,8 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)
         found = list(topic.messages)
     if not found:
-        raise RecordingFileError(
-            source.path, f"has no messages on topic {topic.name!r:.80}, though it lists some"
-        )
+        problem = f"has no messages on topic {topic.name!r:.80}, though it lists some"
+        raise RecordingFileError(source.path, problem)
     log_ns, messages = zip(*found, strict=True)
 
     def place_of(index: int) -> dict[str, Any]:
@@ -157,16 +156,12 @@ def _topics_of(reader: Any) -> list[Topic]:
             encoding,
             same[0].msgdef.data if same[0].msgdef.format.name == "MSG" else "",
             getattr(same[0].ext, "callerid", None),
-            _messages_of(reader, same),
+            ((log_ns, message) for _, log_ns, message in reader.messages(same)),
             sum(connection.msgcount for connection in same),
             reader.duration,
         )
         for (name, type_name, encoding), same in groups.items()
     ]
-
-
-def _messages_of(reader: Any, connections: list[Any]) -> Iterable[tuple[int, bytes]]:
-    yield from ((log_ns, message) for _, log_ns, message in reader.messages(connections))
 
 
 def _mcap(file: BinaryIO, path: Path) -> _Bag:
@@ -270,9 +265,8 @@ def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tupl
         topic, field = found[0]
         return topic, field, [f"the wrench is the field {field} of {topic.type_name}"]
     if not inside:
-        problem = (
-            f"has no messages of type {STAMPED} or Wrench, nor with one as a field; it has {_listed(every)}"
-        )
+        wanted = f"messages of type {STAMPED} or Wrench, nor with one as a field"
+        problem = f"has no {wanted}; it has {_listed(every)}"
         if any(not topic.definition for topic in every):
             problem += "; `ros2 bag convert` to mcap, where the types are installed, adds definitions that are missing"
         raise RecordingFileError(path, problem)
