@@ -198,20 +198,6 @@ def test_progress_is_told_of_every_file(tmp_path):
     assert calls == [(1, 3), (2, 3), (3, 3)]
 
 
-def test_long_files_are_read_in_pieces(tmp_path):
-    n = 12_000  # 1.5 MB: two pieces
-    wrench = write(tmp_path / "a_1.csv", times=np.arange(n) / 500)
-    recording = load(tmp_path)[0]
-    np.testing.assert_array_equal(recording.wrench, wrench)
-    assert recording.rate_hz == 500
-    text = (tmp_path / "a_1.csv").read_text().splitlines()
-    text[11_500] = text[11_500].replace(",", ",x", 1)
-    (tmp_path / "a_1.csv").write_text("\n".join(text) + "\n")
-    with pytest.raises(RecordingFileError) as caught:
-        load(tmp_path)
-    assert (caught.value.line, caught.value.column) == (11_501, "fx")
-
-
 def test_what_is_no_recording_is_said_to_be_none(tmp_path):
     with pytest.raises(FileNotFoundError, match="nowhere: no such file or folder"):
         load(tmp_path / "nowhere")
