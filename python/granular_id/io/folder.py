@@ -74,9 +74,8 @@ def find_files(root: Path, options: LoadOptions) -> FoundFiles:
         return _find_indexed(root, entries, options)
     nested = _find_nested(root, folders)
     if entries and (nested.sources or nested.problems):
-        problem = (
-            f"recordings both here ({entries[0].name!r}) and in sub-folders; wanted one layout: {LAYOUTS}"
-        )
+        both = f"recordings both here ({entries[0].name!r}) and in sub-folders"
+        problem = f"{both}; wanted one layout: {LAYOUTS}"
         raise RecordingFileError(root, problem)
     if entries:
         return _find_flat(root, entries)
@@ -215,11 +214,8 @@ def _read_index(root: Path, found: FoundFiles, max_bytes: int) -> list[str]:
     columns = [column.lower() for column in header.names]
     for i, column in enumerate(columns):
         if not column or not column.isprintable() or column in columns[:i]:
-            problem = (
-                f"column {column!r} occurs twice"
-                if column in columns[:i]
-                else "the column has no proper name"
-            )
+            twice = column in columns[:i]
+            problem = f"column {column!r} occurs twice" if twice else "the column has no proper name"
             raise RecordingFileError(path, problem, line=1, column=str(i + 1))
     if "file" not in columns:
         wanted = ", ".join(map(repr, INDEX_COLUMNS))
@@ -247,9 +243,8 @@ def _read_index(root: Path, found: FoundFiles, max_bytes: int) -> list[str]:
 def _indexed(root: Path, columns: list[str], cells: list[str], line: int) -> FileSource:
     path = root / INDEX_NAME
     if len(cells) != len(columns):
-        raise RecordingFileError(
-            path, f"{len(cells)} cells; wanted {len(columns)}, as in the header", line=line
-        )
+        problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
+        raise RecordingFileError(path, problem, line=line)
     texts = dict(zip(columns, cells, strict=True))
     known: dict[str, Any] = {}
     for column, value_of in _VALUES.items():

@@ -118,14 +118,13 @@ def _numbers(line: bytes, path: Path, number: int) -> FloatArray:
     cells = line.split(b",")
     empty = next((i for i, cell in enumerate(cells) if not cell.strip()), None)
     if empty is not None or b"\r" in line:
-        problem = (
-            "the cell is empty; wanted a number" if empty is not None else "holds a bare carriage return"
-        )
+        problem = "the cell is empty; wanted a number"
+        if empty is None:
+            problem = "holds a bare carriage return"
         raise RecordingFileError(path, problem, line=number, column=str(1 + (empty or 0)))
     if len(cells) < _LEAST_CELLS:
-        problem = (
-            f"{len(cells)} cells; wanted id, [a, v, d,] times and forces, at least {_LEAST_CELLS} in all"
-        )
+        wanted = f"id, [a, v, d,] times and forces, at least {_LEAST_CELLS} in all"
+        problem = f"{len(cells)} cells; wanted {wanted}"
         raise RecordingFileError(path, problem, line=number)
     try:
         return parse_number_table(b"\n".join(cells), 0, 1)[:, 0]

@@ -93,9 +93,8 @@ class MessageType:
     def _value(self, message: bytes, index: int, refuse: Refuse) -> Any:
         read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
         if not self._ros1 and message[:2] not in _PLAIN_CDR:  # older rosbags would take it for plain
-            refuse(
-                index, f"begins with {message[:4].hex(' ') or 'nothing'}; wanted plain CDR (00 00 or 00 01)"
-            )
+            begins = message[:4].hex(" ") or "nothing"
+            refuse(index, f"begins with {begins}; wanted plain CDR (00 00 or 00 01)")
         try:
             return read(message, self._name)
         except Exception as error:  # of many kinds: the code is made of the definition
