@@ -12,31 +12,18 @@ from granular_id.io import load, save, save_csv
 from granular_id.recording import Dataset, Recording
 
 
+LABELS = (
+    "../../up|/etc/passwd|a/b|a\\b|CON|com1.txt|com\u00b9|.hidden|...|\u00e4|rice|Gru\u0308tze & \u9162|"
+    "\u0915\u094d\u0937\u0947\u0924\u094d\u0930|\u0301rice|\u0645\u06cc\u200c\u0634\u0648\u062f"
+)
+
+
 def sample(**fields):
     return Recording(np.random.default_rng(1).normal(size=(3, 6)), **{"rate_hz": 500, **fields})
 
 
 def test_labels_never_become_paths(tmp_path):
-    labels = [
-        "../../up",
-        "/etc/passwd",
-        "a/b",
-        "a\\b",
-        "CON",
-        "com1.txt",
-        "com\u00b9",
-        ".hidden",
-        "...",
-        "ä",
-        "rice",
-    ]
-    labels += ["Gru\u0308tze & \u9162", "\u0915\u094d\u0937\u0947\u0924\u094d\u0930", "\u0301rice"]
-    labels += [
-        "\u0645\u06cc\u200c\u0634\u0648\u062f",
-        "x" * 300,
-        "\u9162" * 300,
-        "\U0001f35a" * 3 + "\U00020000" * 300,
-    ]
+    labels = [*LABELS.split("|"), "x" * 300, "\u9162" * 300, "\U0001f35a" * 3 + "\U00020000" * 300]
     data = Dataset([sample(label=label) for label in labels])
     folder = save_csv(data, tmp_path / "set")
     assert load(folder).y.tolist() == labels
