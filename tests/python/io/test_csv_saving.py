@@ -11,7 +11,6 @@ import pytest
 from granular_id.io import load, save, save_csv
 from granular_id.recording import Dataset, Recording
 
-
 LABELS = (
     "../../up|/etc/passwd|a/b|a\\b|CON|com1.txt|com\u00b9|.hidden|...|\u00e4|rice|Gru\u0308tze & \u9162|"
     "\u0915\u094d\u0937\u0947\u0924\u094d\u0930|\u0301rice|\u0645\u06cc\u200c\u0634\u0648\u062f"
