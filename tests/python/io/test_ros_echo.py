@@ -89,6 +89,10 @@ def changed(lines, line, old, new):
     [
         (ros1()[:1], "line 2: has a header but no samples"),
         (changed(ros1(), 1, "header.seq", "header.temperature"), r"line 1, column 2.*no field of a wrench"),
+        (
+            changed(ros1(), 1, "field.header.seq", "header.stamp.sec"),
+            r"line 1, column 2.*no field of a wrench",
+        ),
         (changed(ros1(), 1, ",field.wrench.torque.z", ""), "line 1: column 'tz' is missing"),
         (ros1(frames="tool\xff"), "line 2: byte 0xff is not UTF-8 text"),
         (changed(ros1(), 9, "tool0", "tool1"), "line 9: frame_id changes from 'tool0' to 'tool1'"),

@@ -26,8 +26,7 @@ from granular_id.recording import AXES
 
 _LOGGED, _SEQ, _STAMP, _FRAME = "%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"
 _SEC, _NANOSEC = "header.stamp.sec", "header.stamp.nanosec"
-_FIELDS = {name: name for name in (_LOGGED, _SEQ, _STAMP, _FRAME, _SEC, _NANOSEC)}
-_ROS2 = (_SEC, _NANOSEC, _FRAME, *AXES)
+_ROS1, _ROS2 = (_LOGGED, _SEQ, _STAMP, _FRAME), (_SEC, _NANOSEC, _FRAME)
 _ROS2_LINE = re.compile(rb"[0-9]{1,10},[0-9]{1,9},(?![-+.0-9eE]+,)[^,]*(?:,[^,]*){6}")
 _WHOLE_NUMBER = re.compile(r"[0-9]{1,24}")
 _LONGEST_LINE = 64 * 1024
@@ -44,12 +43,11 @@ def read_echo(source: FileSource, options: LoadOptions) -> FileContent:
     path = source.path
     data = read_text_bounded(path, source.root, options.max_text_bytes)
     named = data.startswith(_LOGGED.encode())
-    header = split_header(data, path) if named else Header([*_ROS2], 0, ",")
-    begin = 2 if named else 1
-    columns = csv_columns(header.names, path, known=_FIELDS)
-    other = next(
-        (i for i, name in enumerate(header.names) if name not in _FIELDS and axis_of(name) not in AXES), None
-    )
+    header = split_header(data, path) if named else Header([*_ROS2, *AXES], 0, ",")
+    begin, fields = (2, _ROS1) if named else (1, _ROS2)
+    columns = csv_columns(header.names, path, known={name: name for name in fields})
+    known = [name in fields or axis_of(name) in AXES for name in header.names]
+    other = known.index(False) if False in known else None
     if other is not None:
         problem = f"{header.names[other][:80]!r} is no field of a wrench; wanted geometry_msgs/WrenchStamped or Wrench"
         raise RecordingFileError(path, problem, line=1, column=str(other + 1))
