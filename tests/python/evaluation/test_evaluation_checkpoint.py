@@ -10,12 +10,10 @@ from pathlib import Path
 
 import pytest
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
 
 import checkpoint_work
 from checkpoint_work import run
-from evaluation_cases import SMALL, changed, flat, make_data
-from granular_id._estimators import describe_estimator
+from evaluation_cases import SMALL, changed, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
 from granular_id.evaluation.checkpoint import RUN
@@ -36,12 +34,6 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checkpoint") / "whole"
     run(folder)
     return folder
-
-
-@pytest.fixture
-def kept(whole, tmp_path):
-    """Return a copy of it, to be spoiled."""
-    return Path(shutil.copytree(whole, tmp_path / "kept"))
 
 
 def same(one, other):
@@ -75,9 +67,8 @@ def test_killed_and_resumed_equals_uninterrupted(tmp_path, uninterrupted):
             assert end_of_run(stop) == -signal.SIGKILL
             for path in finished(folder):
                 json.loads(path.read_text())
-        assert len(finished(folder)) == (9 - 2) + (
-            6 - 1
-        )  # the first write of the first run is that of run.json
+        # the first write of the first run is that of run.json
+        assert len(finished(folder)) == (9 - 2) + (6 - 1)
         assert not result.exists()
         assert end_of_run(0) == 0
     resumed = EvaluationResult.from_json(result)
@@ -97,60 +88,65 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path, uninterrupted):
     same(run(tmp_path / "kept"), uninterrupted)
 
 
-def test_a_finished_one_is_only_read(tmp_path, uninterrupted, monkeypatch):
-    same(run(tmp_path), uninterrupted)
+def test_a_finished_one_is_only_read(whole, uninterrupted, monkeypatch):
     monkeypatch.setattr(ECOCClassifier, "fit_gram", None)
     monkeypatch.setattr("granular_id.evaluation.runner.portrait_of_result", lambda *_: uninterrupted.portrait)
-    again = run(tmp_path, n_jobs=2)
+    again = run(whole, n_jobs=2)
     same(again, uninterrupted)
     assert again.spaces[0].seconds["training"] > 0
     assert f"resumed: {N_FILES} partitions were finished by an earlier run" in again.notes
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        lambda text: text[: len(text) // 2],
-        lambda text: "",
-        lambda text: "[]",
-        lambda text: text.replace('"predicted": [', '"predicted": [99, '),
-        lambda text: text.replace('"predicted": [', '"predicted": [0, '),
-        lambda text: text.replace('"predicted": [', '"predicted": [0.5, '),
-        lambda text: text.replace('"n_features"', '"n"'),
-        lambda text: text.replace('"fingerprint": "', '"fingerprint": "x'),
-        lambda text: text.replace('"protocol": "paper"', '"protocol": "kfold"'),
-        lambda text: json.dumps(
-            {**json.loads(text), "predicted": [True] * len(json.loads(text)["predicted"])}
-        ),
-        lambda text: json.dumps({**json.loads(text), "seconds": {}}),
-        lambda text: json.dumps({**json.loads(text), "shared_seconds": {}}),
-    ],
-)
-def test_a_damaged_file_is_computed_anew_and_said(kept, uninterrupted, damage):
-    victim = next(path for path in finished(kept) if "paper-0001" in path.name)
-    text = victim.read_text()
-    victim.write_text(damage(text))
+def with_parts(text, **parts):
+    return json.dumps({**json.loads(text), **parts})
+
+
+DAMAGES = {
+    "cut": lambda text: text[: len(text) // 2],
+    "empty": lambda text: "",
+    "a list": lambda text: "[]",
+    "no text": lambda text: "\udcff\udcfe",
+    "another class": lambda text: text.replace('"predicted": [', '"predicted": [99, '),
+    "one more row": lambda text: text.replace('"predicted": [', '"predicted": [0, '),
+    "no whole number": lambda text: text.replace('"predicted": [', '"predicted": [0.5, '),
+    "true for one": lambda text: with_parts(text, predicted=[True] * len(json.loads(text)["predicted"])),
+    "a missing entry": lambda text: text.replace('"n_features"', '"n"'),
+    "another evaluation": lambda text: text.replace('"fingerprint": "', '"fingerprint": "x'),
+    "another protocol": lambda text: text.replace('"protocol": "paper"', '"protocol": "kfold"'),
+    "no seconds": lambda text: with_parts(text, seconds={}),
+    "no shared seconds": lambda text: with_parts(text, shared_seconds={}),
+}
+
+
+def test_damaged_files_are_computed_anew_and_said(whole, tmp_path, uninterrupted):
+    kept = Path(shutil.copytree(whole, tmp_path / "kept"))
+    victims = [path for path in finished(kept) if "paper-" in path.name][: len(DAMAGES)]
+    before = [path.read_text() for path in victims]
+    for path, text, damage in zip(victims, before, DAMAGES.values(), strict=True):
+        assert damage(text) != text
+        path.write_text(damage(text), errors="surrogateescape")
     resumed = run(kept)
     same(resumed, uninterrupted)
-    assert f"1 damaged checkpoint files were computed anew, the first is {victim.name!r}" in resumed.notes
-    assert json.loads(victim.read_text())["predicted"] == json.loads(text)["predicted"]
+    said = next(note for note in resumed.notes if "damaged checkpoint files" in note)
+    assert said.startswith(f"{len(DAMAGES)} damaged checkpoint files were computed anew, the first is ")
+    assert any(repr(path.name) in said for path in victims)
+    for path, text, damage in zip(victims, before, DAMAGES, strict=True):
+        assert json.loads(path.read_text())["predicted"] == json.loads(text)["predicted"], damage
 
 
-def test_a_file_that_is_no_text_is_computed_anew(kept, uninterrupted):
-    finished(kept)[0].write_bytes(b"\xff\xfe\x00")
-    same(run(kept), uninterrupted)
+FORMAT = '{"format": "granular_id.checkpoint/9", "fingerprint": ""}'
 
 
-@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "\xff"])
-def test_a_damaged_owner_is_an_error(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        *[(text, "run.json is damaged.*give a new folder") for text in ("", "{", "[]", "{}", "\xff")],
+        (FORMAT, "has format 'granular_id.checkpoint/9', wanted"),
+    ],
+)
+def test_a_folder_whose_owner_cannot_be_read_is_refused(tmp_path, content, message):
     (tmp_path / RUN).write_text(content, encoding="latin-1")
-    with pytest.raises(ValueError, match=r"checkpoint='.*': run.json is damaged.*give a new folder"):
-        run(tmp_path)
-
-
-def test_another_format_is_refused(tmp_path):
-    (tmp_path / RUN).write_text('{"format": "granular_id.checkpoint/9", "fingerprint": ""}')
-    with pytest.raises(ValueError, match=r"has format 'granular_id.checkpoint/9', wanted"):
+    with pytest.raises(ValueError, match=f"checkpoint='.*{message}"):
         run(tmp_path)
 
 
@@ -163,12 +159,10 @@ def test_a_folder_of_something_else_is_left_alone(tmp_path):
         run(tmp_path / "thesis.tex")
 
 
+SWAPPED = {"oat": "peas", "peas": "oat"}
 OTHERS = {
     "samples": (make_data(seed=1), {}),
-    "labels": (
-        changed(make_data(), label=lambda r: {"oat": "peas", "peas": "oat"}.get(r.label, r.label)),
-        {},
-    ),
+    "labels": (changed(make_data(), label=lambda r: SWAPPED.get(r.label, r.label)), {}),
     "times": (changed(make_data(), start_time=lambda r: r.start_time + 1), {}),
     "seed": (make_data(), {"random_state": 1}),
     "counts": (make_data(), {"n_partitions": 4}),
@@ -177,35 +171,32 @@ OTHERS = {
     "controls": (make_data(), {"controls": True}),
     "protocol": (make_data(), {"protocol": "session"}),
 }
-PLAIN = {**SMALL, "spaces": {"raw": RawSignal()}, "protocol": "paper"}
+PLAIN = {**SMALL, "spaces": {"raw": make_pipeline(Tare(0.02), RawSignal())}, "protocol": "paper"}
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    """Return the folder of the evaluation `PLAIN`, which nothing may touch again."""
+    """Return the folder of the evaluation `PLAIN`, which nothing may touch again, and its result."""
     folder = tmp_path_factory.mktemp("checkpoint") / "plain"
-    evaluate(make_data(), checkpoint=folder, **PLAIN)
-    return folder
+    return folder, evaluate(make_data(), checkpoint=folder, **PLAIN)
 
 
 @pytest.mark.parametrize("change", OTHERS)
 def test_another_evaluation_is_refused(plain, change):
-    before = {path.name: path.read_bytes() for path in plain.iterdir()}
+    folder, _ = plain
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
     data, arguments = OTHERS[change]
     with pytest.raises(ValueError, match="belongs to another evaluation"):
-        evaluate(data, checkpoint=plain, **{**PLAIN, **arguments})
-    assert {path.name: path.read_bytes() for path in plain.iterdir()} == before
+        evaluate(data, checkpoint=folder, **{**PLAIN, **arguments})
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_threads_and_progress_make_no_other_evaluation(tmp_path):
-    def spaces(threads):
-        return make_pipeline(Tare(0.02), RawSignal(threads=threads))
-
-    first = evaluate(make_data(), checkpoint=tmp_path, **{**PLAIN, "spaces": {"raw": spaces(None)}})
-    threads = {**PLAIN, "spaces": {"raw": spaces(1)}, "n_jobs": 2, "progress": True}
-    assert list(evaluate(make_data(), checkpoint=tmp_path, **threads).predictions()) == list(
-        first.predictions()
-    )
+def test_threads_and_progress_make_no_other_evaluation(plain):
+    folder, first = plain
+    spaces = {"raw": make_pipeline(Tare(0.02), RawSignal(threads=1))}
+    threads = {**PLAIN, "spaces": spaces, "n_jobs": 2, "progress": True}
+    again = evaluate(make_data(), checkpoint=folder, **threads)
+    assert list(again.predictions()) == list(first.predictions())
 
 
 def test_a_control_and_a_space_of_one_name_do_not_meet(tmp_path):
@@ -215,7 +206,3 @@ def test_a_control_and_a_space_of_one_name_do_not_meet(tmp_path):
     without = evaluate(make_data(), **arguments)
     same(first, without)
     same(again, without)
-
-
-def test_where_a_function_lies_in_memory_is_no_setting():
-    assert describe_estimator(FunctionTransformer(flat))["func"] == "evaluation_cases.flat"

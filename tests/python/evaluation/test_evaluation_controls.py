@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 
-from evaluation_cases import SMALL, changed, make_data
+from evaluation_cases import SMALL, THREE, changed, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
-from granular_id.evaluation.controls import Control, PlannedControl, judge
+from granular_id.evaluation.arguments import plan_spaces
+from granular_id.evaluation.controls import Control, PlannedControl, judge, plan_controls
+from granular_id.evaluation.features import GramBank
 from granular_id.partitions import kfold_partitions, paper_partitions
 from granular_id.recording import Dataset, Recording
 
 ON = {**SMALL, "controls": True}
 
 
-def controls_of(data, protocol="paper", **arguments):
-    result = evaluate(data, "raw", protocol, **{**ON, **arguments})
-    return {control.name: control for control in result.controls}
+CONTROLS = ["rest", "means", "clock", "shuffled", "permuted"]
 
 
 def noise(n=16, samples=400, *, rest=0.0, level=0.0, wave=0.0, minutes_apart=60.0, trigger=100, seed=0):
@@ -42,48 +42,83 @@ def noise(n=16, samples=400, *, rest=0.0, level=0.0, wave=0.0, minutes_apart=60.
     return Dataset(recordings)
 
 
-def test_order_and_names():
-    assert list(controls_of(make_data())) == ["rest", "means", "clock", "shuffled", "permuted"]
-    assert evaluate(make_data(), "raw", "paper", **SMALL).controls == ()
+@pytest.fixture(scope="module")
+def level():
+    """Materials that differ in the level of their pushes: nothing before the motion, and no wave."""
+    return evaluate(noise(level=3.0), ["raw", "raw+hfmh"], "paper", **ON)
 
 
-def test_rest_alone_is_found_where_the_rest_tells():
-    told = controls_of(noise(rest=1.0))["rest"]
+@pytest.fixture(scope="module")
+def waves():
+    """Materials that differ in the frequency of a wave of whole periods."""
+    return evaluate(noise(wave=3.0), "raw", "paper", **ON)
+
+
+def named(result):
+    return {control.name: control for control in result.controls}
+
+
+def test_controls_come_in_order_and_change_nothing_that_is_measured(data, evaluated):
+    assert [control.name for control in evaluated.controls] == CONTROLS
+    without = evaluate(data, THREE, ["paper", "chronological"], **SMALL)
+    assert without.controls == ()
+    assert list(evaluated.predictions()) == list(without.predictions())
+    other = evaluate(data, "raw", "paper", **{**ON, "random_state": 5})
+    assert named(other)["shuffled"].accuracies != named(evaluated)["shuffled"].accuracies
+    for control in evaluated.controls:
+        assert Control.from_dict(control.to_dict()) == control
+
+
+def test_rest_alone_is_found_where_the_rest_tells(level):
+    told = named(evaluate(noise(rest=1.0), "raw", "paper", **ON))["rest"]
     assert told.accuracies["paper"] > 0.9
     assert told.what == "the 0.20 s before the motion only"
     assert told.verdict == "random partitions can be answered above chance before anything moves"
-    untold = controls_of(noise(level=1.0))["rest"]
+    untold = named(level)["rest"]
     assert untold.accuracies["paper"] < 0.6
     assert untold.verdict == "not above chance"
 
 
-def test_rest_is_the_shortest_before_any_motion_and_the_first_samples_where_unknown():
-    data = noise()
-    early = changed(data, trigger_index=lambda r: 25 if r.name == "rice_3" else 100)
-    assert controls_of(early)["rest"].what == "the 0.05 s before the motion only"
-    at_once = changed(data, trigger_index=lambda r: 0 if r.name == "rice_3" else 100)
-    assert controls_of(at_once)["rest"].verdict == "left out: a motion begins at the first sample"
-    some = changed(data, trigger_index=lambda r: None if r.name == "rice_3" else 100)
-    assert controls_of(some)["rest"].what == "the first 0.3 s only, as the start of the motion is not known"
-    short = controls_of(make_data(samples=200))["rest"]
-    assert short.verdict == "left out: 0.3 s are 150 of 200 samples"
-    assert short.accuracies == {}
+def planned(data):
+    """Return the controls as they are planned, of which nothing is trained."""
+    model, spaces = ECOCClassifier(), plan_spaces("raw", data.rate_hz)
+    return {control.name: control for control in plan_controls(data, spaces, model, GramBank(data.X))}
 
 
-def test_means_alone_are_found_where_they_tell():
-    assert controls_of(noise(level=1.0))["means"].accuracies["paper"] > 0.95
-    waves = controls_of(noise(wave=3.0))
-    assert waves["means"].accuracies["paper"] < 0.7
-    assert waves["means"].what == "6 per-axis means, standardised"
+def one_starts_at(sample):
+    return changed(noise(n=4), trigger_index=lambda r: sample if r.name == "rice_3" else 100)
 
 
-def test_the_clock_alone_answers_random_partitions_of_classes_recorded_one_after_the_other():
-    apart = controls_of(noise(), ["paper", "chronological"])["clock"]
+@pytest.mark.parametrize(
+    ("data", "what", "left_out"),
+    [
+        (one_starts_at(25), "the 0.05 s before the motion only", ""),
+        (one_starts_at(0), "", "a motion begins at the first sample"),
+        (one_starts_at(None), "the first 0.3 s only, as the start of the motion is not known", ""),
+        (make_data(samples=200), "", "0.3 s are 150 of 200 samples"),
+    ],
+)
+def test_rest_is_the_shortest_before_any_motion_and_the_first_samples_where_unknown(data, what, left_out):
+    rest = planned(data)["rest"]
+    assert (rest.task is None) == bool(left_out)
+    assert left_out in rest.why_not
+    if what:
+        assert rest.what == what
+
+
+def test_means_alone_are_found_where_they_tell(level, waves):
+    assert named(level)["means"].accuracies["paper"] > 0.95
+    assert named(waves)["means"].accuracies["paper"] < 0.7
+    assert named(waves)["means"].what == "6 per-axis means, standardised"
+
+
+def test_the_clock_alone_answers_classes_recorded_one_after_the_other(evaluated):
+    apart = named(evaluate(noise(), "raw", ["paper", "chronological"], **ON))["clock"]
     assert apart.accuracies == {"paper": 1.0, "chronological": 1.0}
     assert apart.verdict == (
         "random partitions and halves in time order can be answered above chance without touching the material"
     )
-    mixed = controls_of(make_data())["clock"]  # one recording of each class a minute
+    mixed = named(evaluated)["clock"]  # one recording of each class a minute
     assert mixed.accuracies["paper"] < 0.4
     assert mixed.verdict == "not above chance"
 
@@ -96,83 +131,60 @@ def test_the_clock_alone_answers_random_partitions_of_classes_recorded_one_after
         (lambda r: 7.0, "all recordings start at the same time"),
     ],
 )
-def test_the_clock_is_left_out_where_it_says_nothing(start_time, why):
-    control = controls_of(changed(make_data(), start_time=start_time))["clock"]
-    assert control.accuracies == {}
-    assert control.verdict == f"left out: {why}"
+def test_the_clock_is_left_out_where_it_says_nothing(data, start_time, why):
+    clock = planned(changed(data, start_time=start_time))["clock"]
+    assert (clock.task, clock.why_not) == (None, why)
 
 
-def test_shuffled_labels_sit_at_chance_however_easy_the_data():
-    result = evaluate(noise(level=3.0), ["raw", "raw+hfmh"], **ON)
-    shuffled = next(control for control in result.controls if control.name == "shuffled")
+def test_shuffled_labels_sit_at_chance_however_easy_the_data(level):
+    shuffled = named(level)["shuffled"]
     assert shuffled.what == "raw+hfmh, trained on shuffled labels"
-    assert result.mean_accuracy("raw+hfmh") > 0.8
-    for protocol in result.protocols:
-        # 48 recordings, p = 1/3: three SD are 0.2
-        assert abs(shuffled.accuracies[protocol] - 1 / 3) < 0.2
+    assert level.mean_accuracy("raw+hfmh") > 0.8
+    assert abs(shuffled.accuracies["paper"] - 1 / 3) < 0.2  # 48 recordings, p = 1/3: three SD are 0.2
     assert shuffled.verdict == "not above chance, as it must be"
 
 
-def test_permuted_samples_keep_the_level_and_lose_the_wave():
-    assert controls_of(noise(level=1.0))["permuted"].accuracies["paper"] > 0.95
-    waves = noise(wave=3.0)
-    assert evaluate(waves, "raw", "paper", **SMALL).mean_accuracy("raw") > 0.95
-    assert controls_of(waves)["permuted"].accuracies["paper"] < 0.7
+def test_permuted_samples_keep_the_level_and_lose_the_wave(level, waves):
+    assert named(level)["permuted"].accuracies["paper"] > 0.95
+    assert waves.mean_accuracy("raw") > 0.95
+    assert named(waves)["permuted"].accuracies["paper"] < 0.7
 
 
-def test_controls_do_not_change_what_is_measured_and_are_the_same_for_any_number_of_threads():
-    data = make_data()
-    one, two = (evaluate(data, "raw", n_jobs=n_jobs, **ON) for n_jobs in (1, 2))
-    without = evaluate(data, "raw", **SMALL)
-    assert one.controls == two.controls
-    assert list(one.predictions()) == list(without.predictions())
-    other = evaluate(data, "raw", **{**ON, "random_state": 5})
-    assert other.controls != one.controls
-
-
-def judged(partitions, truth, said):
-    planned = PlannedControl("clock", "w", task=object(), above="can be answered")
-    return judge(planned, {"kfold": said}, {"kfold": partitions}, truth)
+def judged(name, partitions, truth, said, above=""):
+    plan = PlannedControl(name, "w", task=object(), above=above)
+    protocol = partitions[0].protocol
+    return judge(plan, {protocol: said}, {protocol: partitions}, truth)
 
 
 def test_chance_is_that_of_naming_the_most_frequent_class():
     truth = np.repeat([0, 1], [30, 10])
     partitions = kfold_partitions(truth, n_folds=5)
-    always = judged(partitions, truth, [np.zeros(p.test.size, dtype=int) for p in partitions])
-    assert always.chance == pytest.approx(0.75)
-    assert always.accuracies["kfold"] == pytest.approx(0.75)
+    always = judged("clock", partitions, truth, [np.zeros(p.test.size, dtype=int) for p in partitions])
+    assert always.chance == always.accuracies["kfold"] == pytest.approx(0.75)
     assert always.verdict == "not above chance"
-    right = judged(partitions, truth, [truth[p.test] for p in partitions])
-    assert right.verdict == "random folds can be answered"
-
-
-def test_above_chance_takes_three_standard_errors_of_the_recordings_tested():
-    truth = np.repeat(np.arange(4), 25)
-    partitions = paper_partitions(truth, n_partitions=20, train_per_class=20, test_per_class=5)
-    rng = np.random.default_rng(0)
-    # 100 recordings at 1/4: three SE are 13 points, whatever the number of partitions
-    for share, above in ((0.10, False), (0.30, True)):
-        said = []
-        for p in partitions:
-            lucky = rng.random(p.test.size) < share
-            said.append(np.where(lucky, truth[p.test], (truth[p.test] + rng.integers(0, 4, p.test.size)) % 4))
-        control = judge(
-            PlannedControl("clock", "w", task=object(), above="yes"),
-            {"paper": said},
-            {"paper": partitions},
-            truth,
-        )
-        assert (control.verdict == "random partitions yes") == above
+    right = [truth[p.test] for p in partitions]
+    assert judged("clock", partitions, truth, right, "can be").verdict == "random folds can be"
 
 
 def test_a_leak_is_called_one():
     truth = np.repeat([0, 1], 20)
     partitions = kfold_partitions(truth)
-    planned = PlannedControl("shuffled", "w", task=object())
-    control = judge(planned, {"kfold": [truth[p.test] for p in partitions]}, {"kfold": partitions}, truth)
-    assert control.verdict == (
+    assert judged("shuffled", partitions, truth, [truth[p.test] for p in partitions]).verdict == (
         "above chance on random folds with labels that mean nothing, so the accuracies there cannot be trusted"
     )
+
+
+@pytest.mark.parametrize(("share", "above"), [(0.10, False), (0.30, True)])
+def test_above_chance_takes_three_standard_errors_of_the_recordings_tested(share, above):
+    """100 recordings at 1/4: three SE are 13 points, whatever the number of partitions."""
+    truth = np.repeat(np.arange(4), 25)
+    partitions = paper_partitions(truth, n_partitions=20, train_per_class=20, test_per_class=5)
+    rng = np.random.default_rng(0)
+    said = []
+    for p in partitions:
+        lucky = rng.random(p.test.size) < share
+        said.append(np.where(lucky, truth[p.test], (truth[p.test] + rng.integers(0, 4, p.test.size)) % 4))
+    assert (judged("clock", partitions, truth, said, "yes").verdict == "random partitions yes") == above
 
 
 def test_recordings_of_a_class_that_are_answered_alike_are_lucky_together():
@@ -180,33 +192,26 @@ def test_recordings_of_a_class_that_are_answered_alike_are_lucky_together():
     truth = np.repeat(np.arange(20), 20)
     partitions = paper_partitions(truth, n_partitions=2, train_per_class=10, test_per_class=10)
     rng = np.random.default_rng(0)
-    for n_lucky, clumps, leaks in ((2, True, False), (2, False, True), (8, True, True)):
+    for n_lucky, alike, leaks in ((2, True, False), (2, False, True), (8, True, True)):
         said = []
         for p in partitions:
-            answer = np.where(np.arange(20) < n_lucky, np.arange(20), (np.arange(20) + 1) % 20)
-            alike = answer[truth[p.test]]
-            alone = np.where(
-                rng.random(p.test.size) < n_lucky / 20,
-                truth[p.test],
-                (truth[p.test] + 1 + rng.integers(0, 19, p.test.size)) % 20,
-            )
-            said.append(alike if clumps else alone)
-        planned = PlannedControl("shuffled", "w", task=object())
-        control = judge(planned, {"paper": said}, {"paper": partitions}, truth)
-        assert ("cannot be trusted" in control.verdict) == leaks, (n_lucky, clumps, control)
+            own = truth[p.test]
+            by_itself, other = rng.random(own.size) < n_lucky / 20, 1 + rng.integers(0, 19, own.size)
+            lucky = own < n_lucky if alike else by_itself
+            said.append(np.where(lucky, own, (own + (1 if alike else other)) % 20))
+        control = judged("shuffled", partitions, truth, said)
+        assert ("cannot be trusted" in control.verdict) == leaks, (n_lucky, alike, control)
 
 
-def test_what_few_classes_cannot_tell_is_said():
+@pytest.mark.parametrize(
+    ("n_partitions", "verdict"),
+    [(2, "too few partitions of random partitions to tell"), (20, "cannot be trusted")],
+)
+def test_what_few_classes_cannot_tell_is_said(n_partitions, verdict):
     """Two classes, each answered alike: both are right by luck once in four times."""
     truth = np.repeat([0, 1], 20)
-    planned = PlannedControl("shuffled", "w", task=object())
-    for n_partitions, verdict in (
-        (2, "too few partitions of random partitions to tell"),
-        (20, "cannot be trusted"),
-    ):
-        partitions = paper_partitions(truth, n_partitions=n_partitions, train_per_class=10, test_per_class=10)
-        right = [truth[p.test] for p in partitions]
-        assert verdict in judge(planned, {"paper": right}, {"paper": partitions}, truth).verdict
+    partitions = paper_partitions(truth, n_partitions=n_partitions, train_per_class=10, test_per_class=10)
+    assert verdict in judged("shuffled", partitions, truth, [truth[p.test] for p in partitions]).verdict
 
 
 class Picky(ECOCClassifier):
@@ -226,8 +231,3 @@ def test_a_control_that_the_classifier_cannot_do_is_left_out_and_says_why():
     assert rest.verdict == "left out: control 'rest': too little to see"
     assert clock.accuracies["paper"] == 1.0
     assert "classifier=Picky()" in result.command
-
-
-def test_round_trip():
-    for control in controls_of(make_data()).values():
-        assert Control.from_dict(control.to_dict()) == control

@@ -1,4 +1,4 @@
-"""Folds by session, by block in time and at random: what must hold whatever the data, and clear errors."""
+"""Partitions and folds: disjoint, stratified, seeded, whole sessions held out whatever the data; and clear errors."""
 
 import re
 
@@ -8,9 +8,22 @@ from hypothesis import given, strategies as st
 
 from evaluation_cases import SMALL, changed, make_data
 from granular_id.evaluation import evaluate
-from granular_id.partitions import block_partitions, kfold_partitions, protocol_name, session_partitions
+from granular_id.partitions import (
+    block_partitions,
+    chronological_partitions,
+    kfold_partitions,
+    paper_partitions,
+    protocol_name,
+    session_partitions,
+)
 from granular_id.recording import Dataset, Recording
-from granular_id.splits import checked_groups, plan_partitions, strict_partitions, strictest
+from granular_id.splits import (
+    checked_groups,
+    describe_order,
+    plan_partitions,
+    strict_partitions,
+    strictest,
+)
 
 
 @st.composite
@@ -61,6 +74,70 @@ def test_whole_sessions_are_held_out_and_every_class_keeps_training_rows(case, m
         assert not set(sessions[fold.train]) & set(sessions[fold.test])
     again = session_partitions(y, sessions, max_folds=max_folds)
     assert [f.test.tolist() for f in again] == [f.test.tolist() for f in folds]
+
+
+@given(unbalanced(), st.data())
+def test_paper_partitions_are_disjoint_stratified_and_exact(y, data):
+    fewest = int(np.unique(y, return_counts=True)[1].min())
+    train = data.draw(st.integers(1, fewest - 1))
+    test = data.draw(st.integers(1, fewest - train))
+    partitions = paper_partitions(y, n_partitions=3, train_per_class=train, test_per_class=test, seed=7)
+    assert [p.index for p in partitions] == [0, 1, 2]
+    for partition in partitions:
+        assert not set(partition.train) & set(partition.test)
+        assert (np.diff(partition.train) > 0).all()
+        assert (np.diff(partition.test) > 0).all()
+        for label in np.unique(y):
+            assert (y[partition.train] == label).sum() == train
+            assert (y[partition.test] == label).sum() == test
+
+
+def test_same_seed_same_partitions_and_more_keep_the_earlier_ones():
+    y = np.repeat(["a", "b", "c"], 20)
+    few = paper_partitions(y, n_partitions=3, train_per_class=10, test_per_class=5, seed=4)
+    many = paper_partitions(y, n_partitions=6, train_per_class=10, test_per_class=5, seed=4)
+    other = paper_partitions(y, n_partitions=3, train_per_class=10, test_per_class=5, seed=5)
+    for one, same, else_ in zip(few, many, other, strict=False):
+        np.testing.assert_array_equal(one.train, same.train)
+        np.testing.assert_array_equal(one.test, same.test)
+        assert (one.train != else_.train).any()
+    assert len({tuple(p.train) for p in many}) == 6
+
+
+def test_every_recording_is_drawn_equally_often():
+    y = np.repeat(["a", "b"], 10)
+    partitions = paper_partitions(y, n_partitions=2000, train_per_class=5, test_per_class=2, seed=0)
+    tested = np.bincount(np.concatenate([p.test for p in partitions]), minlength=20)
+    # 2000 draws of 2 in 10: mean 400, SD 17.9; five SD either way.
+    assert (abs(tested - 400) < 90).all()
+
+
+@given(unbalanced(), st.integers(0, 99))
+def test_chronological_halves_each_class_in_order(y, seed):
+    order = np.random.default_rng(seed).permutation(y.size)
+    when = np.argsort(order)
+    forward, backward = chronological_partitions(y, order)
+    assert sorted([*forward.train, *forward.test]) == list(range(y.size))
+    np.testing.assert_array_equal(forward.train, backward.test)
+    np.testing.assert_array_equal(forward.test, backward.train)
+    for label in np.unique(y):
+        early = when[forward.train[y[forward.train] == label]]
+        late = when[forward.test[y[forward.test] == label]]
+        assert early.max() < late.min()
+        assert late.size - early.size in (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("times", "note"),
+    [
+        ([3.0, 1.0, 2.0], "by start time"),
+        ([5.0, 1.0, 1.0], "by start time"),  # the equal times are in different classes
+        ([np.nan] * 3, "by file order: the recordings carry no start time"),
+        ([0.0] * 3, "by file order: all recordings start at the same time, so their clocks say nothing"),
+    ],
+)
+def test_where_the_order_comes_from(times, note):
+    assert describe_order(times, ["a", "a", "b"], ["x", "y", "z"]) == note
 
 
 def test_sessions_that_span_all_classes_are_left_out_one_at_a_time():
@@ -141,39 +218,62 @@ def test_kfold_depends_on_the_seed_and_mixes_rows_within_classes():
     assert (kfold_partitions(y)[0].test < 20).any()
 
 
+AAB = ["a", "a", "b"]
+AABB = ["a", "a", "b", "b"]
+PLENTY = ["a"] * 99 + ["b"] * 99
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda y: kfold_partitions(y, n_folds=2), "class 'b' has 1 recording; the kfold protocol"),
+        (lambda: kfold_partitions(AAB, n_folds=2), "class 'b' has 1 recording; the kfold protocol"),
+        (lambda: block_partitions(AAB, range(3), n_folds=2), "class 'b' has 1 recording; the session"),
+        (lambda: session_partitions(AAB, list("stu")), "class 'b' has 1 recording; the session protocol"),
+        (lambda: chronological_partitions(AAB, [0, 1, 2]), "class 'b' has 1 recording; "),
+        (lambda: kfold_partitions(["a", "a"]), "at least 2 classes, got only 'a'"),
+        (lambda: paper_partitions(["a"] * 80), "at least 2 classes, got only 'a'"),
+        (lambda: chronological_partitions([], []), "at least 2 classes, got none"),
+        (lambda: kfold_partitions(AABB, n_folds=1), "n_folds must be at least 2, got 1"),
         (
-            lambda y: block_partitions(y, range(3), n_folds=2),
-            "class 'b' has 1 recording; the session protocol",
+            lambda: kfold_partitions(AABB, n_folds=3),
+            "n_folds must not exceed the 2 recordings of the largest",
         ),
-        (lambda y: session_partitions(y, list("stu")), "class 'b' has 1 recording; the session protocol"),
-        (lambda y: kfold_partitions(y[:2]), "at least 2 classes, got only 'a'"),
-        (lambda y: kfold_partitions([*y, "b"], n_folds=1), "n_folds must be at least 2, got 1"),
         (
-            lambda y: kfold_partitions([*y, "b"], n_folds=3),
-            "n_folds must not exceed the 2 recordings of the largest class, 'a', got 3",
-        ),
-        (
-            lambda y: strict_partitions([*y, "b"], checked_groups(4, list("stst"), None), max_folds=1),
+            lambda: strict_partitions(AABB, checked_groups(4, list("stst"), None), max_folds=1),
             "max_folds must be at least 2, got 1",
         ),
-        (lambda y: session_partitions([*y, "b"], [None] * 4), "no recording says which session it is from"),
+        (lambda: session_partitions(AABB, [None] * 4), "no recording says which session it is from"),
         (
-            lambda y: session_partitions([*y, "b"], ["s", None, "s", "t"], names=list("wxyz")),
+            lambda: session_partitions(AABB, ["s", None, "s", "t"], names=list("wxyz")),
             "recording 'x' has no session but 3 of 4 recordings have one",
         ),
+        (lambda: session_partitions(AABB, list("stuu")), "class 'b' has recordings of one session only"),
+        (lambda: paper_partitions(PLENTY, n_partitions=0), "n_partitions must be at least 1, got 0"),
+        (lambda: paper_partitions(PLENTY, test_per_class=0), "test_per_class must be at least 1, got 0"),
         (
-            lambda y: session_partitions([*y, "b"], ["s", "t", "u", "u"]),
-            "class 'b' has recordings of one session only",
+            lambda: paper_partitions(np.repeat(["oat", "rice", "peas"], [80, 50, 61])),
+            "class 'rice' has 50 recordings, wanted 62 (50 to train, 12 to test), and 1 more class has too few: "
+            "pass train_per_class=40, test_per_class=10",
+        ),
+        (
+            lambda: describe_order([1.0, np.nan, 2.0], AAB, list("xyz")),
+            "recording 'y' has no start time but 2 of 3 recordings have one: no order in time",
+        ),
+        (
+            lambda: describe_order([1.0, 1.0, 2.0], AAB, list("xyz")),
+            "recordings 'x' and 'y' of class 'a' start at the same time: no order in time",
         ),
     ],
 )
 def test_what_cannot_be_split_is_refused(make, message):
     with pytest.raises(ValueError, match=re.escape(message)):
-        make(["a", "a", "b"])
+        make()
+
+
+@pytest.mark.parametrize("value", [2.0, True, "3"])
+def test_counts_are_whole(value):
+    with pytest.raises(TypeError, match=f"train_per_class must be a whole number, got {value!r}"):
+        paper_partitions(PLENTY, train_per_class=value)
 
 
 def data_with(**fields):
@@ -202,10 +302,10 @@ def test_the_strictest_protocol_and_why_no_stricter_one():
         strictest(Dataset([*make_data(n=4), Recording(np.zeros((80, 6)), rate_hz=500.0, name="lost")]))
 
 
-def test_the_strictest_that_ran_is_whole_sessions_then_halves_then_blocks():
+def test_the_strictest_that_ran_is_whole_sessions_then_halves_then_blocks(data):
     both = {**SMALL, "protocol": ["paper", "session", "chronological"]}
-    assert evaluate(make_data(), "raw", **both).strictest == "session"
-    alone = changed(make_data(), session=lambda r: r.label)
+    assert evaluate(data, "raw", **both).strictest == "session"
+    alone = changed(data, session=lambda r: r.label)
     assert evaluate(alone, "raw", **both).strictest == "chronological"
     result = evaluate(alone, "raw", ["kfold", "session"], **SMALL)
     assert result.strictest == "session"
@@ -213,17 +313,11 @@ def test_the_strictest_that_ran_is_whole_sessions_then_halves_then_blocks():
     assert evaluate(alone, "raw", "kfold", **SMALL).strictest is None
 
 
-def test_auto_says_what_it_left_out():
-    result = evaluate(changed(make_data(), session=lambda r: None), "raw", **SMALL)
+def test_auto_says_what_it_left_out(data):
+    result = evaluate(changed(data, session=lambda r: None), "raw", **SMALL)
     assert result.protocols == ("paper", "chronological")
     assert "session protocol left out: no recording says which session it is from" in result.notes
-    assert evaluate(make_data(), "raw", **SMALL).protocols == ("paper", "session")
-    half_timed = changed(
-        make_data(), session=lambda r: None, start_time=lambda r: None if r.name == "rice_1" else r.start_time
-    )
-    alone = evaluate(half_timed, "raw", **SMALL)
-    assert alone.protocols == ("paper",)
-    assert any("chronological protocol left out: recording 'rice_1'" in note for note in alone.notes)
+    assert evaluate(data, "raw", **SMALL).protocols == ("paper", "session")
 
 
 def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():

@@ -1,0 +1,16 @@
+"""Recordings and an evaluation of them that many tests read and none changes."""
+
+import pytest
+
+from evaluation_cases import SMALL, THREE, make_data
+from granular_id.evaluation import evaluate
+
+
+@pytest.fixture(scope="session")
+def data():
+    return make_data()
+
+
+@pytest.fixture(scope="session")
+def evaluated(data):
+    return evaluate(data, THREE, ["paper", "chronological"], **{**SMALL, "controls": True})
