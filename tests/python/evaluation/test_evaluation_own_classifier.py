@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import json
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from cli_cases import ended_well, refused, saved
+from cli_cases import ended_well, saved
 from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
@@ -24,15 +23,14 @@ from granular_id.evaluation.controls import plan_controls
 from granular_id.evaluation.features import GramBank
 from granular_id.evaluation.selection import select
 from granular_id.evaluation.tables import choice_tables
-from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import HFMH, FeatureSpace
 from granular_id.spaces.best import BestClassifier, Chosen
 from granular_id.splits import groups_of
 from multiband_cases import louder
 
-OURS = ["multiband", "best"]
-COUNTS = {"n_partitions": 2, "train_per_class": 6, "test_per_class": 3}
+OURS = ["best", "multiband"]
+ASKED = {"protocol": ["paper", "session"], "n_partitions": 2, "train_per_class": 6, "test_per_class": 3}
 
 
 @pytest.fixture(scope="module")
@@ -45,37 +43,53 @@ def data():
     )
 
 
-def counted_fits(monkeypatch):
-    fitted = []
-    fit = BestClassifier.fit
+def evaluated_counting_fits(data, folder):
+    """Return an evaluation with a checkpoint, and what each training of a model was told."""
+    fitted, fit = [], BestClassifier.fit
 
     @functools.wraps(fit)  # who asks for its parameters finds them
     def counted(self, X, y, **known):
         fitted.append(known)
         return fit(self, X, y, **known)
 
-    monkeypatch.setattr(BestClassifier, "fit", counted)
-    return fitted
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(BestClassifier, "fit", counted)
+        return evaluate(data, OURS, controls=False, checkpoint=folder, **ASKED), fitted
 
 
-def test_kept_resumed_stored_and_reported(data, tmp_path, monkeypatch):
-    fitted = counted_fits(monkeypatch)
-    result = evaluate(
-        data, OURS, ["paper", "session"], controls=False, checkpoint=tmp_path / "kept", **COUNTS
-    )
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory):
+    return tmp_path_factory.mktemp("kept")
+
+
+@pytest.fixture(scope="module")
+def first(data, checkpoint):
+    return evaluated_counting_fits(data, checkpoint)
+
+
+@pytest.fixture(scope="module")
+def result(first):
+    return first[0]
+
+
+def test_a_session_that_is_tested_is_not_told_and_nothing_is_trained_again(data, first, checkpoint):
+    result, fitted = first
     n_partitions = sum(len(each) for each in result.partitions.values())
     assert (
         len(fitted) == len(OURS) * n_partitions + 1
     )  # one of all recordings, for the picture of its weights
-    assert set(fitted.pop()["sessions"]) == {"day 0", "day 1", "day 2"}
-    assert all(set(known["sessions"]) <= {"day 0", "day 1", "day 2"} for known in fitted)
-    held = [len(set(known["sessions"])) for known in fitted]
-    assert min(held) == 2  # a session that is tested is not told
-    again = evaluate(data, OURS, ["paper", "session"], controls=False, checkpoint=tmp_path / "kept", **COUNTS)
-    assert len(fitted) == len(OURS) * n_partitions + 1  # no partition was trained again
+    days = [set(known["sessions"]) for known in fitted]
+    assert days[-1] == {"day 0", "day 1", "day 2"}
+    assert all(told <= days[-1] for told in days)
+    assert min(map(len, days)) == 2
+    again, fitted_again = evaluated_counting_fits(data, checkpoint)
+    assert len(fitted_again) == 1
     assert again.chosen == result.chosen
     for key, said in result.predicted.items():
         assert [one.tolist() for one in again.predicted[key]] == [one.tolist() for one in said]
+
+
+def test_choices_are_stored(result, tmp_path):
     result.to_json(tmp_path / "result.json")
     read = EvaluationResult.from_json(tmp_path / "result.json")
     assert read.table() == result.table()
@@ -84,9 +98,8 @@ def test_kept_resumed_stored_and_reported(data, tmp_path, monkeypatch):
     assert "BestClassifier" in json.dumps(settings["best"]["own_classifier"])
 
 
-def test_what_was_chosen_is_shown_for_each_partition_and_over_all(data):
-    result = evaluate(data, ["raw", *OURS], ["paper", "session"], controls=False, **COUNTS)
-    assert {space for _, space in result.chosen} == {"best"}  # multiband has one machine, and no choice
+def test_what_was_chosen_is_shown_for_each_partition_and_over_all(result):
+    assert {space for _, space in result.chosen} == {"best"}  # multiband has one model, and no choice
     of_each = result.chosen["session", "best"]
     assert len(of_each) == len(result.partitions["session"])
     assert all(one.note == "2 folds of whole sessions" for one in of_each)
@@ -96,12 +109,11 @@ def test_what_was_chosen_is_shown_for_each_partition_and_over_all(data):
         assert row[0] == f"{k + 1} {of_each[0].machines[k]}"
         assert row[2] == f"{sum(k in one.chosen for one in of_each)} of 3"
     assert over_all.title in result.table()
-    assert (result.portrait.looked_with != "") == (result.portrait.looked_at == "best")
 
 
-def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_path):
-    result = evaluate(data, "best", "session", controls=False)
+def test_the_picture_of_weights_is_of_the_models_that_were_chosen(data, result, tmp_path):
     seen = result.portrait
+    assert seen.looked_at == "best"
     model = BestClassifier(optional_blocks=["level"])
     space = clone(plan_spaces("best", data.rate_hz)[0].transformer).fit(data.X)
     model.set_params(blocks=space.block_sizes_)
@@ -110,9 +122,8 @@ def test_the_picture_of_weights_is_of_the_machines_that_were_chosen(data, tmp_pa
     model.fit(features, data.y, **known)
     assert all(model.choice_.machines[k].name in seen.looked_with for k in model.choice_.chosen)
     sizes = np.abs(model.coef_[0]) * features.std(axis=0)
-    shares = dict(
-        zip(space.block_sizes_, np.split(sizes, np.cumsum([*space.block_sizes_.values()])[:-1]), strict=True)
-    )
+    parts = np.split(sizes, np.cumsum([*space.block_sizes_.values()])[:-1])
+    shares = dict(zip(space.block_sizes_, parts, strict=True))
     for block in seen.weights:
         assert block.shares.sum() == pytest.approx(shares[block.name].sum() / sizes.sum(), rel=1e-3)
     result.report(tmp_path / "report.html")
@@ -151,26 +162,30 @@ def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path, monkey
     assert looked(line).weights[0].shares.tolist() == both.weights[0].shares.tolist()
 
 
-def test_a_choice_that_does_not_fit_its_machines_is_refused(data, tmp_path):
-    result = evaluate(data, "best", "session", controls=False)
-    saved = result.to_dict()
-    for change, message in (
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"chosen": [8]}, "chosen must be among the 8 candidate models"),
         ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 candidate models, got 1"),
         ({"chosen": [1.0, True]}, r"chosen\[0\] must be a whole number, got 1.0"),
         ({"machines": "ab"}, "machines must be a list, got 'ab'"),
         ({"together": "0.5"}, "together must be a finite number, got '0.5'"),
-    ):
-        wrong = copy.deepcopy(saved)
-        wrong["spaces"][0]["protocols"]["session"]["chosen"][0].update(change)
-        (tmp_path / "wrong.json").write_text(json.dumps(wrong), encoding="utf-8")
-        with pytest.raises(ValueError, match=message):
-            EvaluationResult.from_json(tmp_path / "wrong.json")
-    choice = json.loads(json.dumps(saved["spaces"][0]["protocols"]["session"]["chosen"][0]))
-    assert Chosen.from_dict(choice).to_dict() == saved["spaces"][0]["protocols"]["session"]["chosen"][0]
-    del choice["note"]
+    ],
+)
+def test_a_choice_that_does_not_fit_its_models_is_refused(result, tmp_path, change, message):
+    wrong = json.loads(json.dumps(result.to_dict()))
+    wrong["spaces"][0]["protocols"]["session"]["chosen"][0].update(change)
+    (tmp_path / "wrong.json").write_text(json.dumps(wrong), encoding="utf-8")
+    with pytest.raises(ValueError, match=message):
+        EvaluationResult.from_json(tmp_path / "wrong.json")
+
+
+def test_a_choice_without_a_part_is_refused(result):
+    choice = result.chosen["session", "best"][0]
+    stored = json.loads(json.dumps(choice.to_dict()))
+    assert Chosen.from_dict(stored) == choice
     with pytest.raises(ValueError, match="a choice must hold 'note'"):
-        Chosen.from_dict(choice)
+        Chosen.from_dict({name: value for name, value in stored.items() if name != "note"})
 
 
 def test_only_a_choice_of_ours_is_one(data):
@@ -189,22 +204,20 @@ def test_only_a_choice_of_ours_is_one(data):
     assert len(Chosen.of(fitted).machines) == 2
 
 
-@pytest.mark.parametrize("axes", [("fz",), ("x", "y", "z"), tuple(f"s{k}" for k in range(13))])
-def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes):
-    pytest.importorskip("matplotlib")
+@pytest.mark.parametrize(
+    ("axes", "space"),
+    [(("fz",), "best"), (("x", "y", "z"), "hfmh"), (tuple(f"s{k}" for k in range(13)), "hfmh")],
+)
+def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes, space):
     random = np.random.default_rng(0)
-    data = Dataset(
-        [
-            Recording((1 + k % 2) * random.normal(size=(60, len(axes))), 100.0, label="ab"[k % 2], axes=axes)
-            for k in range(12)
-        ]
-    )
-    save(data, tmp_path / "set.npz")
-    words = ("--spaces", "best,hfmh", "--protocol", "kfold", "--folds", "3")
-    output = ended_well("evaluate", tmp_path / "set.npz", *words, "--report", tmp_path / "r.html")
-    assert f"these have {' '.join(axes)}" in " ".join(output.split())
+    noise = [(1 + k % 2) * random.normal(size=(60, len(axes))) for k in range(12)]
+    data = Dataset([Recording(x, 100.0, label="ab"[k % 2], axes=axes) for k, x in enumerate(noise)])
+    spaces = {"best": plan_spaces("best", 100.0)[0], "hfmh": HFMH(rate_hz=100.0)}
+    result = evaluate(data, {space: spaces[space]}, "kfold", n_folds=3, progress=False)
+    assert any(f"these have {' '.join(axes)}" in note for note in result.notes)
+    result.report(tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "What best chose:" in page
+    assert ("What best chose:" in page) == (space == "best")
     assert "Feature importance" not in page
 
 
@@ -216,14 +229,11 @@ def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):
 
 
 def test_a_choice_of_costs_refuses_them(data):
-    with pytest.raises(
-        ValueError, match=r"spaces must leave out 'best', .*: granular-id evaluate --spaces raw,best"
-    ):
+    with pytest.raises(ValueError, match="spaces must leave out 'best'"):
         select(data, spaces=["raw", "best"], n_outer=2, n_inner=2)
 
 
 def test_confidence_is_that_of_the_classifier_of_the_space(data, tmp_path, monkeypatch):
-    saved(data, tmp_path / "recordings")
     models = []
 
     def seen(data, model, **options):
@@ -231,8 +241,7 @@ def test_confidence_is_that_of_the_classifier_of_the_space(data, tmp_path, monke
         return assess(data, model, **options)
 
     monkeypatch.setattr("granular_id.confidence.assess", seen)
-    ended_well("confidence", tmp_path / "recordings", "--space", "multiband", "--seeds", 1, "--levels", "0.5")
+    folder = saved(data[:12], tmp_path / "recordings")
+    ended_well("confidence", folder, "--space", "multiband", "--seeds", 1, "--levels", "0.5")
     assert isinstance(models[0][-1], BestClassifier)
     assert list(models[0][-1].blocks) == ["coupling", "quantiles", "envelope", "spectrum"]
-    said = refused("confidence", tmp_path / "recordings", "--space", "multi-band")
-    assert "there is no feature space 'multi-band'" in said

@@ -9,7 +9,7 @@ from evaluation_cases import changed, make_data
 from granular_id.evaluation.candidates import Candidate, plan_candidates
 from granular_id.evaluation.selection import best_cost, choose, select
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import HFMH, RawSignal
+from granular_id.spaces import HFMH, RawHFMH
 from granular_id.splits import nested_folds, plan_partitions, strictest
 
 SMALL = {"relative_costs": (1.0,), "n_outer": 2, "n_inner": 2, "progress": False}
@@ -30,35 +30,31 @@ def pick(shares, parts=None, n_features=None):
 # -- the rule
 
 
-def test_the_best_wins_where_the_simpler_is_clearly_worse():
-    assert pick([[0.90, 0.95], [0.91, 0.96], [0.92, 0.98]], parts=[1, 2]) == (1, 0)
+EQUAL = np.full((3, 3), 0.9)
 
 
-def test_the_simpler_wins_within_a_standard_error_and_a_point():
-    shares = [[0.94, 0.95], [0.96, 0.95], [0.95, 0.96]]  # 1/300 lost, standard error 0.0088
-    assert pick(shares, parts=[1, 2]) == (0, 0)
-    assert pick(shares, parts=[2, 1]) == (1, 0)
-
-
-def test_more_than_a_point_is_too_much_however_large_the_error():
-    shares = [[0.80, 0.95], [0.99, 0.85], [0.90, 0.95]]  # 2 points lost, standard error 13 points
-    assert pick(shares, parts=[1, 2]) == (1, 0)
-
-
-def test_a_constant_loss_is_a_loss():
-    assert pick([[0.895, 0.9], [0.795, 0.8], [0.945, 0.95]], parts=[1, 2]) == (1, 0)
-
-
-def test_of_equals_fewer_parts_then_fewer_features_then_the_first():
-    equal = np.full((3, 3), 0.9)
-    assert pick(equal) == (0, 0)
-    assert pick(equal, n_features=[10, 9, 9]) == (1, 0)
-    assert pick(equal, parts=[2, 3, 1], n_features=[1, 1, 99]) == (2, 0)
-
-
-def test_each_candidate_keeps_its_own_best_cost():
-    shares = np.array([[[0.7, 0.8, 0.6], [0.5, 0.6, 0.9]]] * 2)
-    assert pick(shares) == (1, 2)
+@pytest.mark.parametrize(
+    ("shares", "parts", "n_features", "choice"),
+    [
+        # the best wins where the simpler is clearly worse
+        ([[0.90, 0.95], [0.91, 0.96], [0.92, 0.98]], [1, 2], None, (1, 0)),
+        # the simpler within a standard error and a point: 1/300 lost, standard error 0.0088
+        ([[0.94, 0.95], [0.96, 0.95], [0.95, 0.96]], [1, 2], None, (0, 0)),
+        ([[0.94, 0.95], [0.96, 0.95], [0.95, 0.96]], [2, 1], None, (1, 0)),
+        # more than a point is too much however large the error: 2 points lost, standard error 13 points
+        ([[0.80, 0.95], [0.99, 0.85], [0.90, 0.95]], [1, 2], None, (1, 0)),
+        # a constant loss is a loss
+        ([[0.895, 0.9], [0.795, 0.8], [0.945, 0.95]], [1, 2], None, (1, 0)),
+        # of equals fewer parts, then fewer features, then the first
+        (EQUAL, None, None, (0, 0)),
+        (EQUAL, None, [10, 9, 9], (1, 0)),
+        (EQUAL, [2, 3, 1], [1, 1, 99], (2, 0)),
+        # each candidate keeps its own best cost
+        ([[[0.7, 0.8, 0.6], [0.5, 0.6, 0.9]]] * 2, None, None, (1, 2)),
+    ],
+)
+def test_the_simplest_that_is_not_clearly_worse_wins(shares, parts, n_features, choice):
+    assert pick(shares, parts, n_features) == choice
 
 
 @pytest.mark.parametrize(
@@ -103,9 +99,6 @@ def test_whole_sessions_are_held_out_at_both_levels():
         for inner in fold.inner:
             assert not set(data.sessions[inner.train]) & set(data.sessions[inner.test])
             assert not set(inner.train.tolist() + inner.test.tolist()) & set(fold.outer.test.tolist())
-    selection = select(data, spaces="raw", **SMALL)
-    assert "% in a session that did not train" not in str(selection)  # two folds: see the next line
-    assert "(no interval: too few folds) in a session that did not train" in str(selection)
 
 
 def test_two_sessions_leave_one_inside_and_halves_in_time_stand_in():
@@ -169,9 +162,8 @@ def test_some_unknown_sessions_are_no_sessions():
 
 
 def flat_recordings():
-    return Dataset(
-        [Recording(np.ones((40, 6)), rate_hz=500, label=label) for label in ("oat", "rice") for _ in range(6)]
-    )
+    labels = ("oat", "rice") * 6
+    return Dataset([Recording(np.ones((40, 6)), rate_hz=500, label=label) for label in labels])
 
 
 @pytest.mark.parametrize(
@@ -179,16 +171,8 @@ def flat_recordings():
     [
         ({"n_outer": 1}, ValueError, "n_outer must be at least 2, got 1"),
         ({"n_inner": 2.0}, TypeError, "n_inner must be a whole number, got 2.0"),
-        (
-            {"n_outer": 7},
-            ValueError,
-            "n_outer must not exceed the 6 recordings of the largest class, 'oat', got",
-        ),
-        (
-            {"n_inner": 4},
-            ValueError,
-            "n_inner must not exceed the 3 .* 'oat', that an outer fold leaves, got 4",
-        ),
+        ({"n_outer": 7}, ValueError, "n_outer must not exceed the 6 recordings of the largest class, 'oat'"),
+        ({"n_inner": 4}, ValueError, "n_inner must not exceed the 3 .* 'oat', that an outer fold leaves"),
         ({"relative_costs": []}, ValueError, "relative_costs must be a sequence of numbers, got none"),
         ({"relative_costs": [0.0]}, ValueError, "relative_costs must be positive and finite"),
         ({"relative_costs": [1, math.nan]}, ValueError, "relative_costs must be positive and finite"),
@@ -196,7 +180,6 @@ def flat_recordings():
         ({"relative_costs": "soft"}, TypeError, "relative_costs must be a sequence of numbers, got 'soft'"),
         ({"relative_costs": 1.0}, TypeError, "relative_costs must be a sequence of numbers, got 1.0"),
         ({"block_weights": "unit"}, TypeError, "block_weights must be a sequence of choices.*into a list"),
-        ({"block_weights": None}, TypeError, "block_weights must be a sequence of choices.*into a list"),
         ({"block_weights": (1.0, 2.0)}, TypeError, "block_weights .* got 1.0 among them"),
         ({"block_weights": []}, ValueError, "block_weights .* got none"),
         ({"block_weights": [None, None]}, ValueError, "block_weights must hold each once"),
@@ -204,15 +187,12 @@ def flat_recordings():
         ({"block_weights": [(1, 2, 3)]}, ValueError, "block_weights must be None, 'unit' or 2 numbers"),
         ({"spaces": []}, ValueError, "spaces must name at least one feature space"),
         ({"spaces": "rraw"}, ValueError, "spaces must be among .*, got 'rraw'"),
+        ({"spaces": {"h": HFMH(rate_hz=100)}}, ValueError, "HFMH has rate_hz=100, the recordings have 500"),
+        ({"spaces": {"raw+hfmh": "raw"}}, TypeError, "must have fit and transform"),
         (
-            {"spaces": {"h": HFMH(rate_hz=100)}},
+            {"spaces": {"a": RawHFMH(), "a (unit)": HFMH()}, "block_weights": [None, "unit"]},
             ValueError,
-            "HFMH has rate_hz=100, the recordings have 500 Hz",
-        ),
-        (
-            {"spaces": {"raw+hfmh (unit)": RawSignal(), "raw+hfmh": "raw"}},
-            TypeError,
-            "must have fit and transform",
+            "must give each candidate a name of its own",
         ),
         ({"random_state": -1}, ValueError, "random_state must be at least 0"),
         ({"progress": 1}, TypeError, "progress must be a bool or callable, got int"),
@@ -224,33 +204,17 @@ def test_bad_arguments_are_one_clear_error(change, error, message):
         select(data, **{"spaces": "raw+hfmh", **SMALL, **change})
 
 
-def test_names_of_candidates_must_differ():
-    data = make_data(6)
-    spaces = {"a": HFMH(), "a (unit)": HFMH()}
-    assert [c.name for c in plan_candidates(spaces, [None], data.rate_hz, 0)] == ["a", "a (unit)"]
-    from granular_id.spaces import RawHFMH
-
-    spaces["a"] = RawHFMH()
-    with pytest.raises(ValueError, match="must give each candidate a name of its own"):
-        select(data, spaces=spaces, **SMALL)
-
-
 @pytest.mark.parametrize(
     ("data", "error", "message"),
     [
         (np.zeros((4, 10, 6)), TypeError, "data must be a granular_id.Dataset, got ndarray"),
         (make_data(6, label=None), ValueError, "recordings have no label, the first is 'oat_0'"),
         (make_data(6, label="oat"), ValueError, "needs recordings of at least 2 classes, got only 'oat'"),
-        (make_data(1), ValueError, "class 'oat' has 1 recording; choosing holds out twice"),
         (make_data(2), ValueError, "class 'oat' has 2 recordings; choosing holds out twice"),
-        (
-            make_data(3),
-            ValueError,
-            "class 'oat' keeps 1 recording to train on in the outer fold '4 sessions: oat day 0, ...'",
-        ),
+        (make_data(3), ValueError, "class 'oat' keeps 1 recording to train on in the outer fold '4 sessions"),
         (flat_recordings(), ValueError, "feature space 'raw': all recordings have the same features"),
     ],
-    ids=["array", "no label", "one class", "one recording", "two", "one beside a session", "all equal"],
+    ids=["array", "no label", "one class", "two", "one beside a session", "all equal"],
 )
 def test_bad_data_are_one_clear_error(data, error, message):
     with pytest.raises(error, match=message):
