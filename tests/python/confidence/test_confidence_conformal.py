@@ -112,13 +112,10 @@ def test_one_row_alone_gets_the_set_of_the_batch(kind, per_class):
             assert (rule.sets(row, level) == inside).all()
 
 
-def test_an_empty_set_is_told_from_the_best_guess():
+def test_empty_sets_are_told_from_the_best_guess_and_ties_share_a_set():
     rule = ConformalRule(("oat", "rice"), "margin", (0.8,), ((-1.0,),), (60,))
     assert rule.names([0.0, 0.5]) == ()
     assert rule.names([0.0, 0.5], at_least_one=True) == ("rice",)
-
-
-def test_ties_share_a_set():
     rule = ConformalRule(("oat", "rice", "salt"), "margin", (0.8,), ((0.0,),), (60,))
     assert rule.names([1.0, 1.0, 0.0]) == ("oat", "rice")
 
@@ -182,77 +179,60 @@ def test_temperature_of_rows_that_are_all_right_or_all_the_same_is_a_number():
 GOOD = ConformalRule(("a", "b", "c"), "margin", (0.8, 0.9), ((0.1,), (0.2,)), (50,))
 
 
+FIELDS = {name: getattr(GOOD, name) for name in GOOD.__dataclass_fields__ if name != "_limits"}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"classes": ("a",)}, "at least 2 different names"),
         ({"classes": ("a", "a", "b")}, "at least 2 different names"),
         ({"kind": "votes"}, "kind must be one of 'margin'"),
         ({"levels": (0.9, 0.8)}, "levels must ascend"),
-        ({"levels": (0.8, 1.0)}, "between 0 and 1"),
         ({"levels": (0.8, math.nan)}, "between 0 and 1"),
-        ({"thresholds": ((0.1,),)}, "thresholds must hold 1 or 3"),
         ({"thresholds": ((0.1, 0.2), (0.1, 0.2))}, "thresholds must hold 1 or 3"),
         ({"thresholds": ((math.nan,), (0.2,))}, "NaN"),
         ({"n_calibration": (5, 5, 5)}, "n_calibration must hold 1"),
         ({"n_calibration": (-5,)}, "n_calibration"),
-        ({"temperature": 0.0}, "temperature must be positive"),
         ({"temperature": math.inf}, "temperature must be positive"),
     ],
 )
-def test_a_rule_that_cannot_be(change, message):
-    fields = {name: getattr(GOOD, name) for name in GOOD.__dataclass_fields__ if name != "_limits"}
+def test_a_rule_that_cannot_be_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
-        ConformalRule(**{**fields, **change})
+        ConformalRule(**{**FIELDS, **change})
 
 
 @pytest.mark.parametrize(
-    ("change", "error"),
+    "change",
     [
-        ({"format": "granular-id conformal rule 2"}, ValueError),
-        ({"kind": 3}, TypeError),
-        ({"levels": [0.8, "0.9"]}, TypeError),
-        ({"levels": [0.8, True]}, TypeError),
-        ({"thresholds": [0.1, 0.2]}, TypeError),
-        ({"thresholds": [[1e400], [0.2]]}, TypeError),
-        ({"temperature": None}, TypeError),
-        ({"n_calibration": [1.5]}, TypeError),
-        ({"classes": [1, 2, 3]}, TypeError),
-        ({"more": 1}, ValueError),
+        {"format": "granular-id conformal rule 2"},
+        {"kind": 3},
+        {"levels": [0.8, True]},
+        {"thresholds": [0.1, 0.2]},
+        {"thresholds": [[1e400], [0.2]]},
+        {"temperature": None},
+        {"n_calibration": [1.5]},
+        {"classes": [1, 2, 3]},
+        {"more": 1},
     ],
 )
-def test_a_damaged_rule_is_refused(change, error):
-    with pytest.raises(error):
+def test_a_damaged_rule_is_refused(change):
+    (name,) = change
+    with pytest.raises((ValueError, TypeError), match=name):
         ConformalRule.from_dict({**GOOD.to_dict(), **change})
-
-
-@pytest.mark.parametrize("name", sorted(GOOD.to_dict()))
-def test_a_missing_part_is_named(name):
-    stored = GOOD.to_dict()
-    del stored[name]
-    with pytest.raises(ValueError, match=name):
-        ConformalRule.from_dict(stored)
-    with pytest.raises(TypeError, match="must be an object"):
-        ConformalRule.from_dict([name])
+    if name != "more":
+        with pytest.raises(ValueError, match=name):
+            ConformalRule.from_dict({k: v for k, v in GOOD.to_dict().items() if k != name})
 
 
 def test_bad_questions():
-    with pytest.raises(ValueError, match=r"level must be one of 0\.8, 0\.9, got 0\.7"):
-        GOOD.sets([0, 0, 0], 0.7)
-    with pytest.raises(ValueError, match=r"level must be one of"):
-        GOOD.names([0, 0, 0], 0.7)
-    with pytest.raises(ValueError, match=r"shape \(3,\)"):
-        GOOD.sets([0, 0])
-    with pytest.raises(ValueError, match=r"shape \(3,\)"):
-        GOOD.names([0, 0])
-    with pytest.raises(ValueError, match=r"shape \(K,\)"):
-        GOOD.names([[0, 0, 0]])
-    for bad in (math.nan, math.inf):
-        with pytest.raises(ValueError, match="finite"):
-            GOOD.names([0, 0, bad])
-        with pytest.raises(ValueError, match="finite"):
-            GOOD.sets([0, 0, bad])
-    with pytest.raises(ValueError, match="kind must be one of"):
-        conformal_rule(scored(*drawn(10, 3, 0)), kind="votes")
-    with pytest.raises(ValueError, match="levels must be different"):
-        conformal_rule(scored(*drawn(10, 3, 0)), [])
+    drawn_rows = scored(*drawn(10, 3, 0))
+    for ask, message in (
+        (lambda: GOOD.sets([0, 0, 0], 0.7), r"level must be one of 0\.8, 0\.9, got 0\.7"),
+        (lambda: GOOD.sets([0, 0]), r"shape \(3,\)"),
+        (lambda: GOOD.names([[0, 0, 0]]), r"shape \(K,\)"),
+        (lambda: GOOD.names([0, 0, math.nan]), "finite"),
+        (lambda: conformal_rule(drawn_rows, kind="votes"), "kind must be one of"),
+        (lambda: conformal_rule(drawn_rows, []), "levels must be different"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ask()

@@ -13,7 +13,6 @@ from sklearn.pipeline import make_pipeline
 from cli_cases import ended_well, make, refused, saved
 from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study, leave_one_material_out
 from granular_id.confidence.assessment import count_trainings
-from granular_id.confidence.calibration import reliability
 from granular_id.confidence.coverage import CoverageResult, Covered
 from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
@@ -82,7 +81,7 @@ def test_everything_in_one_call(found, tmp_path):
     text = str(found)
     for part in (
         "Probabilities of 150 rows",
-        "Coverage of prediction sets",
+        "Coverage of prediction",
         "Each material left out",
         "Ways to see",
     ):
@@ -97,24 +96,17 @@ def test_everything_in_one_call(found, tmp_path):
     assert not found.notes
 
 
-def test_two_classes_only():
-    seen = assess(X[:100], ECOCClassifier(), Y[:100], n_seeds=2)
-    assert seen.open_set is None
-    assert "none can be left out" in seen.notes[-1]
-    assert seen.to_dict()["open_set"] is None
+def test_two_classes_only_and_synthetic_recordings_are_marked():
     pytest.importorskip("matplotlib")
-    assert len(plot_confidence(seen).axes) == 2
-
-
-def test_synthetic_recordings_are_marked():
     data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.3)
-    seen = assess(data, ECOCClassifier().set_params(), n_seeds=2) if data.X.ndim == 2 else None
-    assert seen is None
     seen = assess(data, make_pipeline(RawHFMH(), ECOCClassifier()), n_seeds=2)
+    assert (seen.open_set, seen.to_dict()["open_set"]) == (None, None)
+    assert "none can be left out" in seen.notes[-1]
     assert seen.synthetic
     assert all("SYNTHETIC" in table.title for table in seen.tables())
-    pytest.importorskip("matplotlib")
-    assert plot_confidence(seen).get_suptitle() == "RawHFMH, ECOCClassifier, SYNTHETIC recordings"
+    figure = plot_confidence(seen)
+    assert len(figure.axes) == 2
+    assert figure.get_suptitle() == "RawHFMH, ECOCClassifier, SYNTHETIC recordings"
 
 
 def test_figure_shows_the_figures(found, tmp_path):
@@ -235,10 +227,11 @@ class Told(ECOCClassifier):
         return super().fit(X, y)
 
 
-def test_one_fold_is_refused_by_its_name():
-    for known in ({}, {"sessions": list("xxyyzz") * 5}, {"in_time_order": True}):
-        with pytest.raises(ValueError, match="n_folds must be at least 2, got 1"):
-            assess(*few(15, 15)[:1], Untrained(), few(15, 15)[1], n_folds=1, **known)
+@pytest.mark.parametrize("known", [{}, {"sessions": list("xxyyzz") * 5}, {"in_time_order": True}])
+def test_one_fold_is_refused_by_its_name(known):
+    X, y = few(15, 15)
+    with pytest.raises(ValueError, match="n_folds must be at least 2, got 1"):
+        assess(X, Untrained(), y, n_folds=1, **known)
 
 
 @pytest.mark.parametrize("n_folds", [2, 7])
@@ -267,13 +260,8 @@ def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows(
 def test_the_command_takes_what_train_takes(tmp_path):
     folder = saved(make(6), tmp_path / "set")
     output = ended_well("confidence", folder, "--seeds", "1", "--levels", "0.5")
-    assert "best: " in output
     assert "models are trained, each of which chooses among several: --space multiband" in output
     assert "best: Coverage of prediction sets" in output
-
-
-def test_the_log_loss_of_sure_and_right_answers_is_no_minus_zero():
-    assert "-0.000" not in str(reliability(np.eye(2)[[0, 1] * 10], np.array([0, 1] * 10)))
 
 
 def test_command(tmp_path):
@@ -287,8 +275,7 @@ def test_command(tmp_path):
     assert output.count("hfmh: ") == 3
     stored = json.loads(json_file.read_text())
     assert stored["conformal"]["levels"] == [0.6, 0.8]
-    assert stored["data"]["n_recordings"] == 18
-    assert stored["name"] == "hfmh"
+    assert (stored["data"]["n_recordings"], stored["name"]) == (18, "hfmh")
     assert figure.read_text().startswith("<?xml")
 
 
@@ -297,9 +284,8 @@ def test_command(tmp_path):
     [
         (
             ["--levels", "0.9,1.5"],
-            "--levels must be numbers between 0 and 1, separated by commas, each once, got '0.9,1.5'",
+            "--levels must be numbers between 0 and 1, separated by commas, each once, got",
         ),
-        (["--levels", "high"], "--levels must be numbers between 0 and 1"),
         (["--levels", "0.9,0.9"], "each once, got '0.9,0.9'"),
         (["--space", "paper"], "there is no feature space 'paper'"),
         (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),
