@@ -13,15 +13,19 @@ def held_of(truth, winners, margins, folds):
     return HeldOut(moments, rows, folds, truth, winners, margins, "folds", "", (), none, none, ())
 
 
+def answers(rng, n, m, start, wrong_margins):
+    """Answers that are right more often the later, from a share of `start` on; margins of wrong ones are smaller."""
+    truth = rng.integers(0, 3, n)
+    right = rng.random((n, m)) < np.linspace(start, 1.0, m)
+    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
+    return truth, winners, np.where(right, 1.0, wrong_margins) * rng.random((n, m))
+
+
 @st.composite
 def held_outs(draw):
     n, m = draw(st.integers(2, 60)), draw(st.integers(1, 8))
-    seed = draw(st.integers(0, 2**32 - 1))
-    rng = np.random.default_rng(seed)
-    truth = rng.integers(0, 3, n)
-    right = rng.random((n, m)) < np.linspace(draw(st.floats(0.2, 1.0)), 1.0, m)
-    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
-    margins = np.where(right, 1.0, draw(st.floats(0.1, 1.5))) * rng.random((n, m))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    truth, winners, margins = answers(rng, n, m, draw(st.floats(0.2, 1.0)), draw(st.floats(0.1, 1.5)))
     if draw(st.booleans()):
         margins = margins.round(1)  # with many equal ones
     return held_of(truth, winners, margins, rng.integers(0, draw(st.integers(1, 4)), n))
@@ -56,13 +60,10 @@ def test_a_fold_is_answered_by_what_the_others_choose():
 
 def test_the_pair_that_answers_soonest_is_found_among_all():
     """Written anew, slowly: all pairs of a moment and a margin, on a set small enough to try each."""
-    rng = np.random.default_rng(4)
     n, m = 60, 8
-    truth = rng.integers(0, 3, n)
-    right = rng.random((n, m)) < np.linspace(0.4, 1.0, m)
-    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
-    margins = (rng.random((n, m)) * np.where(right, 1.0, 0.5)).round(1)
-    held = held_of(truth, winners, margins, np.zeros(n, int))
+    truth, winners, margins = answers(np.random.default_rng(4), n, m, 0.4, 0.5)
+    held = held_of(truth, winners, margins.round(1), np.zeros(n, int))
+    margins, right = held.margins, held.right
     target = 0.1
     options = []
     for first in range(m - 1):
@@ -83,36 +84,34 @@ def test_the_pair_that_answers_soonest_is_found_among_all():
 
 
 def test_a_larger_target_answers_no_later():
-    rng = np.random.default_rng(0)
-    n, m = 300, 20
-    truth = rng.integers(0, 3, n)
-    right = rng.random((n, m)) < np.linspace(0.5, 1.0, m)
-    winners = np.where(right, truth[:, None], (truth[:, None] + 1) % 3)
-    margins = rng.random((n, m)) * np.where(right, 1.0, 0.6)
-    held = held_of(truth, winners, margins, np.arange(n) % 4)
+    held = held_of(*answers(np.random.default_rng(0), 300, 20, 0.5, 0.6), np.arange(300) % 4)
     shares = [calibrate(held, target).to_dict(held, 1.0) for target in (0.02, 0.05, 0.2)]
     assert [said["answered_early"] for said in shares] == sorted(said["answered_early"] for said in shares)
     seconds = [said["mean_seconds"] for said in shares]
     assert seconds == sorted(seconds, reverse=True)
 
 
-def test_a_small_set_says_what_it_can_show():
-    certain = held_of(np.zeros(32, int), np.zeros((32, 3), int), np.ones((32, 3)), np.arange(32) % 2)
-    assert calibrate(certain, 0.01).why_not == (
-        "an error of 1 % can be shown by 99 held-out recordings or more, there are 32: 3.03 % is the least"
-    )
-    hopeless = held_of(np.zeros(40, int), np.ones((40, 3), int), np.ones((40, 3)), np.arange(40) % 2)
-    assert calibrate(hopeless, 0.1).why_not == "no rule keeps the error of early answers within 10 %"
-    one = held_of(np.zeros(40, int), np.zeros((40, 1), int), np.ones((40, 1)), np.arange(40) % 2)
-    assert calibrate(one, 0.1).why_not == "recordings of one sample leave nothing to wait for"
+def constant(n, m, n_wrong=0):
+    """All answers with full margin, the first `n_wrong` recordings answered wrongly all the time."""
+    winners = np.repeat(np.arange(n) < n_wrong, m).reshape(n, m).astype(int)
+    return held_of(np.zeros(n, int), winners, np.ones((n, m)), np.arange(n) % 2)
 
 
-def test_a_target_out_of_reach_names_one_within():
-    truth = np.zeros(200, int)
-    winners = np.zeros((200, 3), int)
-    winners[:5] = 1
-    held = held_of(truth, winners, np.ones((200, 3)), np.arange(200) % 2)
-    assert calibrate(held, 0.01).why_not.endswith("within 1 %; one of 3 % could be kept")
+@pytest.mark.parametrize(
+    ("held", "target", "why"),
+    [
+        (
+            constant(32, 3),
+            0.01,
+            "an error of 1 % can be shown by 99 held-out recordings or more, there are 32: 3.03 % is the least",
+        ),
+        (constant(40, 3, n_wrong=40), 0.1, "no rule keeps the error of early answers within 10 %"),
+        (constant(40, 1), 0.1, "recordings of one sample leave nothing to wait for"),
+        (constant(200, 3, n_wrong=5), 0.01, "within 1 %; one of 3 % could be kept"),
+    ],
+)
+def test_where_there_is_no_rule_it_is_said_why_and_what_could_be_kept(held, target, why):
+    assert calibrate(held, target).why_not.endswith(why)
 
 
 def test_thresholds_are_reached_or_not():

@@ -1,7 +1,6 @@
 """Models of multi-band features: the labels of their pipelines, the same bits from streams, what was chosen."""
 
 import json
-import pickle
 import re
 
 import numpy as np
@@ -11,7 +10,7 @@ from sklearn.preprocessing import StandardScaler
 
 import multiband_twin as twin
 from cli_cases import ended_well, refused, saved
-from evaluation_cases import LABELS, make_data
+from evaluation_cases import LABELS
 from granular_id import ECOCClassifier, FeatureSpec
 from granular_id._core import MAX_MULTIBAND_VALUES
 from granular_id.identifier import (
@@ -27,21 +26,6 @@ from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import ALL_BLOCKS, USUAL_BLOCKS, MultiBand
 from granular_id.splits import groups_of
-
-
-@pytest.fixture(scope="module")
-def data():
-    return make_data(8)
-
-
-@pytest.fixture(scope="module")
-def new():
-    return make_data(5, seed=9)
-
-
-@pytest.fixture(scope="module")
-def best(data):
-    return Identifier.fit(data, "best", target_error=0.2, posterior="wu_lin_weng")
 
 
 def same_answers(identifier, pipeline, X):
@@ -156,22 +140,6 @@ def test_windows_of_a_stream_are_recordings(best, new):
     assert windows == (240 - 80) // 30 + 1
 
 
-def test_a_file_gives_back_the_same_model(best, new, tmp_path):
-    best.save(tmp_path / "m.safetensors")
-    same = Identifier.load(tmp_path / "m.safetensors")
-    assert same.core == best.core
-    assert same.spec == best.spec
-    assert (same.trained, same.space, same.rate_hz) == (best.trained, best.space, 500.0)
-    for other in (same, pickle.loads(pickle.dumps(best))):
-        assert np.array_equal(other.scores(new.X), best.scores(new.X))
-        assert np.array_equal(other.predict_proba(new.X), best.predict_proba(new.X))
-
-
-def test_the_same_training_gives_the_same_bytes(data):
-    one = Identifier.fit(data, "best", threads=1, target_error=0.2).core.to_bytes()
-    assert Identifier.fit(data, "best", threads=2, target_error=0.2).core.to_bytes() == one
-
-
 def test_what_was_chosen_is_known_and_said(best):
     choice = best.trained["choice"]
     assert choice["held_out"] == "sessions"
@@ -221,37 +189,9 @@ def test_blocks_that_no_learner_hears_are_not_computed(data):
     assert both.core.n_features == classifier.coef_.shape[1]
 
 
-def test_settings_of_other_spaces_are_refused(data):
-    for settings, message in (
-        ({"space": "best", "C": 2.0}, "C must be left out with space='best', which chooses it itself"),
-        (
-            {"space": "best", "coding": "onevsall"},
-            "coding must be left out with space='best', which always has",
-        ),
-        ({"space": "best", "shrinkage": 0.1}, "shrinkage must be left out with space='best'"),
-        (
-            {"space": "multiband", "n_bins": 7},
-            "n_bins must be left out with space='multiband', which has no use",
-        ),
-        ({"space": "multiband", "bin_range": "auto"}, "bin_range must be left out with"),
-        ({"space": "multiband", "block_weights": "unit"}, "'multiband' always weighs its blocks alike"),
-        ({"space": "hfmh", "shrinkage": 0.1}, "shrinkage must be left out with space='hfmh'"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            Identifier.fit(data, **settings)
-
-
-def test_a_model_too_large_for_its_file_names_ways_out(data):
-    with pytest.raises(
-        ValueError, match=r"ways out: the space 'hfmh' .* the space 'multiband' with the coding"
-    ):
-        Identifier.fit(data, "best", max_file_bytes=10_000)
-
-
 @pytest.mark.parametrize("space", ["best", "multiband"])
 def test_recordings_too_long_for_a_file_are_refused_before_anything_is_trained(monkeypatch, space):
-    fitted = []
-    monkeypatch.setattr("granular_id.identifier.training.fit_pipeline", lambda *given: fitted.append(given))
+    monkeypatch.setattr("granular_id.identifier.training.fit_pipeline", None)
     longest = MAX_MULTIBAND_VALUES // 6
     refuse_large(Recipe(space=space), 2, (longest, 6), MAX_FILE_BYTES)
     wrench = np.zeros((longest + 1, 6))
@@ -262,14 +202,6 @@ def test_recordings_too_long_for_a_file_are_refused_before_anything_is_trained(m
     )
     with pytest.raises(ValueError, match=f"^{re.escape(wanted)}$"):
         Identifier.fit(long, space)
-    assert fitted == []
-
-
-def test_too_loud_and_too_short_recordings_are_refused_by_name(best):
-    with pytest.raises(ValueError, match="recording 1"):
-        best.predict(np.stack([np.zeros((80, 6)), np.full((80, 6), 1e200)]))
-    with pytest.raises(ValueError, match=r"wrench must have shape \(80, 6\)"):
-        best.predict(np.zeros((79, 6)))
 
 
 def test_the_command_line_trains_chooses_and_tells(tmp_path, data):
