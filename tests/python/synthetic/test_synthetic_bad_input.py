@@ -18,26 +18,20 @@ LENTILS = Material("lentils", 0.0045, 1.8, bulk_density_kg_m3=800, friction_angl
         (
             {"materials": ["sand"]},
             ValueError,
-            r"materials has no material 'sand'; known: dry peas, rice, .*cat litter",
+            "materials has no material 'sand'; known: dry peas, .*cat litter",
         ),
-        ({"materials": "sand"}, ValueError, "known: dry peas"),
         ({"materials": []}, ValueError, "at least one material"),
         ({"materials": [3]}, TypeError, "names or Material objects, got 3"),
         ({"materials": ["rice", RICE]}, ValueError, "'rice' twice"),
         ({"n_per_class": 0}, ValueError, "n_per_class must be at least 1, got 0"),
         ({"n_per_class": 2.5}, TypeError, "n_per_class must be a whole number, got 2.5"),
-        ({"n_per_class": True}, TypeError, "n_per_class must be a whole number"),
         ({"n_per_class": 3, "sessions": 4}, ValueError, "sessions must not exceed n_per_class = 3, got 4"),
-        ({"sessions": 0}, ValueError, "sessions must be at least 1, got 0"),
-        ({"rate_hz": -500}, ValueError, "rate_hz must be positive, got -500"),
         ({"rate_hz": float("nan")}, ValueError, "rate_hz must be finite"),
         ({"rate_hz": 1e9}, ValueError, "rate_hz must be at most 50000"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
-        ({"duration_s": 0}, ValueError, "duration_s must be positive"),
         ({"duration_s": 0.2}, ValueError, r"duration_s must exceed the 0.25 s of rest .* got 0.2"),
         ({"duration_s": 10}, ValueError, r"duration_s = 10 moves the tool up to 0.29\d m, and the wall"),
         ({"seed": -1}, ValueError, "seed must be at least 0, got -1"),
-        ({"seed": 0.5}, TypeError, "seed must be a whole number"),
         ({"rig": Rig(depth_m=0.005)}, ValueError, "depth_m = 0.005 of rig"),
     ],
 )
@@ -47,32 +41,23 @@ def test_synthesize_refuses(arguments, error, message):
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "message"),
-    [
-        ("name", " ", "name must be a non-empty string"),
-        ("grain_diameter_m", 4.5, "grain_diameter_m of material 'lentils' must be at most 0.1, got 4.5"),
-        ("aspect_ratio", 0.5, "aspect_ratio of material 'lentils' must be at least 1"),
-        ("bulk_density_kg_m3", -1, "bulk_density_kg_m3 of material 'lentils' must not be negative"),
-        ("bulk_density_kg_m3", 0, "needs bulk_density_kg_m3 or cohesion_pa"),
-        ("friction_angle_deg", 75, "must be at most 60, got 75"),
-        ("cohesion_pa", float("inf"), "cohesion_pa of material 'lentils' must be finite"),
-        ("sharpness", 0, "sharpness of material 'lentils' must be positive"),
-        ("mobilisation_diameters", -0.1, "mobilisation_diameters of material 'lentils' must be positive"),
-    ],
-)
-def test_material_refuses(field, value, message):
-    with pytest.raises(ValueError, match=message):
-        replace(LENTILS, **{field: value})
-
-
-@pytest.mark.parametrize(
     ("call", "message"),
     [
+        (lambda: replace(LENTILS, name=" "), "name must be a non-empty string"),
+        (
+            lambda: replace(LENTILS, grain_diameter_m=4.5),
+            "of material 'lentils' must be at most 0.1, got 4.5",
+        ),
+        (lambda: replace(LENTILS, aspect_ratio=0.5), "aspect_ratio of material 'lentils' must be at least 1"),
+        (lambda: replace(LENTILS, bulk_density_kg_m3=-1), "bulk_density_kg_m3 of .* must not be negative"),
+        (lambda: replace(LENTILS, bulk_density_kg_m3=0), "needs bulk_density_kg_m3 or cohesion_pa"),
+        (lambda: replace(LENTILS, friction_angle_deg=75), "must be at most 60, got 75"),
+        (lambda: replace(LENTILS, cohesion_pa=float("inf")), "cohesion_pa of .* must be finite"),
+        (lambda: replace(LENTILS, sharpness=0), "sharpness of material 'lentils' must be positive"),
         (lambda: Rig(speed_m_s=0), "speed_m_s must be positive"),
         (lambda: Rig(depth_m=0.09), "depth_m must not exceed tool_length_m = 0.08"),
         (lambda: Rig(sensor_to_tool_m=-1), "sensor_to_tool_m must not be negative"),
         (lambda: Sensor(noise_rms=(0.1,) * 5), "noise_rms must hold 6 finite numbers"),
-        (lambda: Sensor(noise_rms=(-0.1,) * 6), "at least 0"),
         (lambda: Sensor(full_scale=(0.0,) * 6), "full_scale must hold 6 finite numbers, positive"),
         (lambda: Sensor(bits=0), "bits must be a whole number from 2 to 32"),
         (lambda: Nuisance(depth_m=(0.1, 0.1)), "depth_m must be .per recording, per fill, per session"),
@@ -82,7 +67,7 @@ def test_material_refuses(field, value, message):
         (lambda: simulate_push(LENTILS, duration_s=0.001), "holds 0 samples at rate_hz = 500"),
         (
             lambda: simulate_push(LENTILS, duration_s=5),
-            "a push of 5 s at .* into the wall at wall_distance_m = 0.100",
+            "a push of 5 s .* into the wall at wall_distance_m = 0.1",
         ),
         (lambda: simulate_push(LENTILS, lead_s=-1), "lead_s must not be negative"),
     ],

@@ -34,12 +34,9 @@ COHESIVE = Material("paste", 1e-4, 1.0, bulk_density_kg_m3=0, friction_angle_deg
 SHALLOW = Rig(depth_m=0.038)
 
 
-def test_mean_drag_of_rice_by_hand():
+def test_mean_drag_by_hand():
     # Kp = tan^2(61.5 deg) = 3.392; 1.5 * 3.392 * 820 * 9.81 * 0.0199 * 0.076^2
     assert mean_drag_n(BY_NAME["rice"]) == pytest.approx(4.705, abs=0.005)
-
-
-def test_cohesion_term_by_hand():
     # Kp = tan^2(55 deg) = 2.0396; 6 * 200 * 1.42815 * 0.0171 * 0.076
     assert mean_drag_n(COHESIVE) == pytest.approx(2.2272, abs=0.001)
 
@@ -64,27 +61,19 @@ def _past_the_start(wrench, rig, rate_hz, lead_s):
 
 
 def test_mean_is_independent_of_speed_and_slips_come_twice_as_often_at_twice_the_speed():
-    rate_hz, lead_s = 1000.0, 0.1
     means, per_second = [], []
-    # Slow enough that slips of different layers seldom overlap and can be counted in the sum.
+    # slow enough that slips of different layers seldom overlap and can be counted in the sum
     for speed in (0.006, 0.012):
         rig = Rig(speed_m_s=speed)
+        push = {"rig": rig, "rate_hz": 1000.0, "duration_s": 0.1 + 0.08 / speed, "lead_s": 0.1}
         mean, count, seconds = [], 0, 0.0
         for seed in range(8):
-            push = simulate_push(
-                PEAS,
-                rig=rig,
-                rate_hz=rate_hz,
-                duration_s=lead_s + 0.08 / speed,
-                lead_s=lead_s,
-                parts=("slip",),
-                seed=seed,
-            )
-            fx = _past_the_start(push, rig, rate_hz, lead_s)[:, 0]
+            slips = simulate_push(PEAS, parts=("slip",), seed=seed, **push)
+            fx = _past_the_start(slips, rig, 1000.0, 0.1)[:, 0]
             falling = np.diff(fx) < 0
             mean.append(fx.mean())
             count += np.count_nonzero(falling[1:] & ~falling[:-1])
-            seconds += fx.size / rate_hz
+            seconds += fx.size / 1000.0
         means.append(np.mean(mean))
         per_second.append(count / seconds)
     assert means[1] == pytest.approx(means[0], rel=0.02)
@@ -97,12 +86,8 @@ def test_whole_model_keeps_mean_and_spread_when_speed_doubles():
     spectra, spreads, means = [], [], []
     for speed in (0.015, 0.03):
         rig = Rig(speed_m_s=speed)
-        fx = [
-            _past_the_start(
-                simulate_push(PEAS, rig=rig, duration_s=0.15 + 0.08 / speed, seed=seed), rig, 500, 0.15
-            )[:, 0]
-            for seed in range(16)
-        ]
+        pushes = [simulate_push(PEAS, rig=rig, duration_s=0.15 + 0.08 / speed, seed=k) for k in range(16)]
+        fx = [_past_the_start(push, rig, 500, 0.15)[:, 0] for push in pushes]
         means.append(np.mean([f.mean() for f in fx]))
         spreads.append(np.mean([f.std() for f in fx]))
         power = [signal.periodogram(f - f.mean(), 500) for f in fx]
@@ -113,21 +98,15 @@ def test_whole_model_keeps_mean_and_spread_when_speed_doubles():
 
 
 def test_contacts_break_at_nc_v_over_d():
-    macaroni = BY_NAME["macaroni"]
-    counts = []
+    macaroni, step_s, counts = BY_NAME["macaroni"], 1 / 4000, []
     for speed in (0.015, 0.03):
         rig = Rig(speed_m_s=speed)
         seconds = 0.08 / speed
-        step_s = 1 / 4000
         travel = speed * np.arange(round(seconds / step_s)) * step_s
-        breaks = sum(
-            np.count_nonzero(
-                np.diff(contact_breaks(macaroni, rig, travel, step_s, np.random.default_rng(s))[0, layer])
-                < -1e-3
-            )
-            for s in range(10)
-            for layer in range(4)
-        )
+        drawn = [
+            contact_breaks(macaroni, rig, travel, step_s, np.random.default_rng(k))[0] for k in range(10)
+        ]
+        breaks = sum(np.count_nonzero(np.diff(layers) < -1e-3) for layers in drawn)
         counts.append(breaks / (10 * seconds))
         assert counts[-1] == pytest.approx(contact_break_rate_hz(macaroni, rig), rel=0.1)
     assert counts[1] / counts[0] == pytest.approx(2.0, rel=0.1)
