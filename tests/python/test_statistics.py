@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy import integrate, optimize, special, stats
+from scipy import optimize, special
 from sklearn.metrics import f1_score, recall_score
 
 from granular_id.statistics import (
@@ -27,17 +27,6 @@ some_differences = arrays(
 )
 
 
-def student_tail(t, df):
-    """P(T > |t|), from the incomplete beta function instead of scipy.stats."""
-    return 0.5 * special.betainc(df / 2, 0.5, df / (df + t * t))
-
-
-def student_density(x, df, loc, scale):
-    z = (x - loc) / scale
-    log = special.gammaln((df + 1) / 2) - special.gammaln(df / 2) - 0.5 * math.log(df * math.pi)
-    return math.exp(log - (df + 1) / 2 * math.log1p(z * z / df)) / scale
-
-
 def test_corrected_t_of_the_papers_design_by_hand():
     result = corrected_resampled_t(DIFFERENCES, n_train=550, n_test=132)
     mean = sum(DIFFERENCES) / 10
@@ -47,20 +36,9 @@ def test_corrected_t_of_the_papers_design_by_hand():
     assert result.standard_error == pytest.approx(error, rel=1e-14)
     assert result.statistic == pytest.approx(mean / error, rel=1e-14)
     assert result.df == 9
-    assert result.p_value == pytest.approx(2 * student_tail(mean / error, 9), rel=1e-12)
-
-
-def test_without_test_rows_to_share_the_corrected_t_is_the_paired_t():
-    vanishing = corrected_resampled_t(DIFFERENCES, n_train=1e12, n_test=1e-6)
-    assert vanishing.p_value == pytest.approx(stats.ttest_1samp(DIFFERENCES, 0.0).pvalue, rel=1e-9)
-    assert corrected_resampled_t(DIFFERENCES, 50, 12).p_value > vanishing.p_value
-
-
-def test_two_partitions_leave_one_degree_of_freedom():
-    result = corrected_resampled_t([0.1, 0.2], n_train=1, n_test=1)
-    # t = 0.15 / sqrt((1/2 + 1) * 0.005) = sqrt(3); Cauchy: p = 1 - 2 atan(sqrt 3) / pi = 1/3
-    assert result.statistic == pytest.approx(math.sqrt(3))
-    assert result.p_value == pytest.approx(1 / 3)
+    # P(T > |t|) from the incomplete beta function instead of scipy.stats
+    tail = 0.5 * special.betainc(4.5, 0.5, 9 / (9 + (mean / error) ** 2))
+    assert result.p_value == pytest.approx(2 * tail, rel=1e-12)
 
 
 @given(some_differences)
@@ -84,19 +62,6 @@ def test_posterior_adds_up_and_agrees_with_the_corrected_t(differences, rope, rh
     assert 2 * min(no_rope.worse, no_rope.better) == pytest.approx(p_value, rel=1e-9)
 
 
-def test_posterior_is_the_integral_of_the_student_density():
-    d = np.array(DIFFERENCES)
-    rho, rope = 0.1, 0.01
-    scale = math.sqrt((0.1 + rho / (1 - rho)) * d.var(ddof=1))
-
-    def mass(low, high):
-        return integrate.quad(student_density, low, high, args=(9, d.mean(), scale))[0]
-
-    got = bayesian_correlated_t(d, rho, rope)
-    want = (mass(-np.inf, -rope), mass(-rope, rope), mass(rope, np.inf))
-    assert got == pytest.approx(want, abs=1e-9)
-
-
 def test_interval_holds_the_means_that_the_test_does_not_reject():
     shares = np.array([0.90, 0.94, 0.92, 0.88, 0.96])
 
@@ -113,26 +78,20 @@ def test_interval_stays_among_the_possible_accuracies():
     assert corrected_interval([0.0, 0.0, 0.1], 8, 2)[0] == 0.0
 
 
-@pytest.mark.parametrize("n", [1, 2, 20])
-def test_no_difference_at_all_is_none(n):
-    result = corrected_resampled_t(np.zeros(n), 550, 132)
-    assert (result.mean, result.statistic, result.p_value) == (0.0, 0.0, 1.0)
-    assert bayesian_correlated_t(np.zeros(n), 0.2) == (0.0, 1.0, 0.0)
+@pytest.mark.parametrize("differences", [[0.0], [0.0] * 20, [1e-17, 0.0, -1e-17]])
+def test_no_difference_at_all_is_none(differences):
+    result = corrected_resampled_t(differences, 550, 132)
+    assert (result.statistic, result.p_value) == (0.0, 1.0)
+    assert bayesian_correlated_t(np.zeros(len(differences)), 0.2) == (0.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("differences", [[0.1], [0.1] * 20, [0.9 - 0.8, 0.7 - 0.6, 0.4 - 0.3]])
 def test_what_has_no_spread_tells_no_uncertainty(differences):
     result = corrected_resampled_t(differences, 550, 132)
     assert result.mean == pytest.approx(0.1)
-    assert math.isnan(result.p_value)
-    assert math.isnan(result.standard_error)
-    assert all(map(math.isnan, bayesian_correlated_t(differences, 0.2)))
-    assert all(map(math.isnan, corrected_interval(differences, 550, 132)))
-
-
-def test_rounding_of_equal_accuracies_is_no_difference():
-    result = corrected_resampled_t([1e-17, 0.0, -1e-17], 550, 132)
-    assert result.p_value == 1.0
+    unknown = (result.p_value, result.standard_error, sample_sd(np.array([0.9])))
+    unknown += (*bayesian_correlated_t(differences, 0.2), *corrected_interval(differences, 550, 132))
+    assert all(map(math.isnan, unknown))
 
 
 def test_holm_against_a_loop():
@@ -156,14 +115,13 @@ def test_holm_only_raises_and_keeps_the_order(p):
 
 
 def test_holm_leaves_out_what_was_not_tested():
-    adjusted = holm([0.01, math.nan, 0.04])
-    assert adjusted[[0, 2]].tolist() == [0.02, 0.04]
-    assert math.isnan(adjusted[1])
+    np.testing.assert_array_equal(holm([0.01, math.nan, 0.04]), [0.02, math.nan, 0.04])
 
 
 def test_mann_whitney_counts_the_ways_to_deal_the_ranks():
-    # No overlap of 4 and 4 values: 2 of the C(8, 4) = 70 ways are as extreme
+    # no overlap of 4 and 4 values: 2 of the C(8, 4) = 70 ways are as extreme
     assert mann_whitney([1, 2, 3, 4], [5, 6, 7, 8]) == pytest.approx(2 / 70)
+    assert mann_whitney([0.5] * 20, [0.5] * 20) == 1.0
 
 
 def test_mann_whitney_with_ties_is_the_normal_approximation():
@@ -177,10 +135,6 @@ def test_mann_whitney_with_ties_is_the_normal_approximation():
     assert mann_whitney(a, b) == pytest.approx(math.erfc(z / math.sqrt(2)))
 
 
-def test_mann_whitney_of_equal_values_is_one():
-    assert mann_whitney([0.5] * 20, [0.5] * 20) == 1.0
-
-
 def test_figures_of_a_confusion_are_scikit_learns_to_the_bit_where_classes_are_missing_too():
     rng = np.random.default_rng(4)
     for n_classes in (2, 5, 12):
@@ -192,8 +146,3 @@ def test_figures_of_a_confusion_are_scikit_learns_to_the_bit_where_classes_are_m
         np.testing.assert_array_equal(recall_per_class(confusion), recall)
         f1 = f1_score(truth, predicted, average="macro", zero_division=0, **classes)
         assert macro_f1(confusion) == f1
-
-
-def test_a_single_value_has_no_spread():
-    assert math.isnan(sample_sd(np.array([0.9])))
-    assert sample_sd(np.array([1.0, 3.0])) == math.sqrt(2)

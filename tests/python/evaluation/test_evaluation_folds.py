@@ -92,23 +92,27 @@ def test_paper_partitions_are_disjoint_stratified_and_exact(y, data):
             assert (y[partition.test] == label).sum() == test
 
 
-def test_same_seed_same_partitions_and_more_keep_the_earlier_ones():
+def test_seeds_of_random_draws():
     y = np.repeat(["a", "b", "c"], 20)
-    few = paper_partitions(y, n_partitions=3, train_per_class=10, test_per_class=5, seed=4)
-    many = paper_partitions(y, n_partitions=6, train_per_class=10, test_per_class=5, seed=4)
-    other = paper_partitions(y, n_partitions=3, train_per_class=10, test_per_class=5, seed=5)
-    for one, same, else_ in zip(few, many, other, strict=False):
+    few, many, other = (
+        paper_partitions(y, n_partitions=n, train_per_class=10, test_per_class=5, seed=seed)
+        for n, seed in ((3, 4), (6, 4), (3, 5))
+    )
+    for one, same, another in zip(few, many, other, strict=False):  # more partitions keep the earlier ones
         np.testing.assert_array_equal(one.train, same.train)
         np.testing.assert_array_equal(one.test, same.test)
-        assert (one.train != else_.train).any()
+        assert (one.train != another.train).any()
     assert len({tuple(p.train) for p in many}) == 6
+    folds, others = (kfold_partitions(y, seed=seed)[0].test.tolist() for seed in (0, 1))
+    assert folds != others
+    assert folds[-1] - folds[0] > len(folds)  # rows of a class are mixed
 
 
 def test_every_recording_is_drawn_equally_often():
     y = np.repeat(["a", "b"], 10)
     partitions = paper_partitions(y, n_partitions=2000, train_per_class=5, test_per_class=2, seed=0)
     tested = np.bincount(np.concatenate([p.test for p in partitions]), minlength=20)
-    # 2000 draws of 2 in 10: mean 400, SD 17.9; five SD either way.
+    # 2000 draws of 2 in 10: mean 400, SD 17.9; five SD either way
     assert (abs(tested - 400) < 90).all()
 
 
@@ -140,40 +144,27 @@ def test_where_the_order_comes_from(times, note):
     assert describe_order(times, ["a", "a", "b"], ["x", "y", "z"]) == note
 
 
-def test_sessions_that_span_all_classes_are_left_out_one_at_a_time():
-    y = np.tile(["oat", "rice"], 8)
-    sessions = np.repeat(["mon", "tue", "wed", "thu"], 4)
-    folds = session_partitions(y, sessions)
-    assert [fold.description for fold in folds] == ["mon", "tue", "wed", "thu"]
-    for fold, day in zip(folds, ("mon", "tue", "wed", "thu"), strict=True):
-        assert set(sessions[fold.test]) == {day}
-
-
-def test_sessions_nested_in_classes_are_left_out_one_of_each_class_at_a_time():
+def test_sessions_that_span_all_classes_are_left_out_one_at_a_time_and_nested_ones_together():
+    days = np.repeat(["mon", "tue", "wed", "thu"], 4)
+    spanning = session_partitions(np.tile(["oat", "rice"], 8), days)
+    assert [fold.description for fold in spanning] == ["mon", "tue", "wed", "thu"]
+    assert [set(days[fold.test]) for fold in spanning] == [{"mon"}, {"tue"}, {"wed"}, {"thu"}]
     y = np.repeat(["oat", "rice", "peas"], 6)
-    sessions = np.array([f"{label} day {k % 3}" for k, label in enumerate(y)])
-    folds = session_partitions(y, sessions)
+    nested = np.array([f"{label} day {k % 3}" for k, label in enumerate(y)])
+    folds = session_partitions(y, nested)
     assert len(folds) == 3
     for fold in folds:
-        held = sorted(set(sessions[fold.test]))
+        held = sorted(set(nested[fold.test]))
         assert [name.split()[0] for name in held] == ["oat", "peas", "rice"]
         assert fold.description == f"3 sessions: {held[0]}, ..."
 
 
 def test_many_sessions_are_grouped_into_ten_folds_of_like_size():
-    y = np.tile(["oat", "rice"], 50)
-    sessions = np.repeat([f"s{k}" for k in range(25)], 4)
+    y, sessions = np.tile(["oat", "rice"], 50), np.repeat([f"s{k}" for k in range(25)], 4)
     folds = session_partitions(y, sessions)
     assert len(folds) == 10
     assert {fold.test.size for fold in folds} == {8, 12}
     assert len(session_partitions(y, sessions, max_folds=25)) == 25
-
-
-def test_more_folds_are_made_where_fewer_would_leave_a_class_untrained():
-    y = np.array(["a"] * 20 + ["b"] * 20 + ["c", "c"])
-    sessions = np.array([f"s{k % 5}" for k in range(40)] + ["s0", "s1"])
-    for fold in session_partitions(y, sessions, max_folds=2):
-        assert "c" in y[fold.train]
 
 
 @given(unbalanced(), st.data())
@@ -211,16 +202,14 @@ def test_kfold_is_stratified_even_and_seeded(y, data):
     assert [f.test.tolist() for f in same] == [f.test.tolist() for f in folds]
 
 
-def test_kfold_depends_on_the_seed_and_mixes_rows_within_classes():
-    y = np.repeat(["a", "b"], 20)
-    one, other = (kfold_partitions(y, seed=seed)[0].test.tolist() for seed in (0, 1))
-    assert one != other
-    assert (kfold_partitions(y)[0].test < 20).any()
-
-
 AAB = ["a", "a", "b"]
 AABB = ["a", "a", "b", "b"]
 PLENTY = ["a"] * 99 + ["b"] * 99
+FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
+TOO_FEW = (
+    "class 'rice' has 50 recordings, wanted 62 (50 to train, 12 to test), and 1 more class has too few: "
+    "pass train_per_class=40, test_per_class=10"
+)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +219,6 @@ PLENTY = ["a"] * 99 + ["b"] * 99
         (lambda: block_partitions(AAB, range(3), n_folds=2), "class 'b' has 1 recording; the session"),
         (lambda: session_partitions(AAB, list("stu")), "class 'b' has 1 recording; the session protocol"),
         (lambda: chronological_partitions(AAB, [0, 1, 2]), "class 'b' has 1 recording; "),
-        (lambda: kfold_partitions(["a", "a"]), "at least 2 classes, got only 'a'"),
         (lambda: paper_partitions(["a"] * 80), "at least 2 classes, got only 'a'"),
         (lambda: chronological_partitions([], []), "at least 2 classes, got none"),
         (lambda: kfold_partitions(AABB, n_folds=1), "n_folds must be at least 2, got 1"),
@@ -238,42 +226,25 @@ PLENTY = ["a"] * 99 + ["b"] * 99
             lambda: kfold_partitions(AABB, n_folds=3),
             "n_folds must not exceed the 2 recordings of the largest",
         ),
-        (
-            lambda: strict_partitions(AABB, checked_groups(4, list("stst"), None), max_folds=1),
-            "max_folds must be at least 2, got 1",
-        ),
         (lambda: session_partitions(AABB, [None] * 4), "no recording says which session it is from"),
-        (
-            lambda: session_partitions(AABB, ["s", None, "s", "t"], names=list("wxyz")),
-            "recording 'x' has no session but 3 of 4 recordings have one",
-        ),
+        (lambda: session_partitions(AABB, ["s", None, "s", "t"]), " has no session but 3 of 4 recordings"),
         (lambda: session_partitions(AABB, list("stuu")), "class 'b' has recordings of one session only"),
         (lambda: paper_partitions(PLENTY, n_partitions=0), "n_partitions must be at least 1, got 0"),
-        (lambda: paper_partitions(PLENTY, test_per_class=0), "test_per_class must be at least 1, got 0"),
-        (
-            lambda: paper_partitions(np.repeat(["oat", "rice", "peas"], [80, 50, 61])),
-            "class 'rice' has 50 recordings, wanted 62 (50 to train, 12 to test), and 1 more class has too few: "
-            "pass train_per_class=40, test_per_class=10",
-        ),
+        (lambda: paper_partitions(PLENTY, train_per_class="3"), "must be a whole number, got '3'"),
+        (lambda: paper_partitions(FEW), TOO_FEW),
         (
             lambda: describe_order([1.0, np.nan, 2.0], AAB, list("xyz")),
-            "recording 'y' has no start time but 2 of 3 recordings have one: no order in time",
+            "recording 'y' has no start time but 2 of",
         ),
         (
             lambda: describe_order([1.0, 1.0, 2.0], AAB, list("xyz")),
-            "recordings 'x' and 'y' of class 'a' start at the same time: no order in time",
+            "'x' and 'y' of class 'a' start at the same",
         ),
     ],
 )
 def test_what_cannot_be_split_is_refused(make, message):
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
         make()
-
-
-@pytest.mark.parametrize("value", [2.0, True, "3"])
-def test_counts_are_whole(value):
-    with pytest.raises(TypeError, match=f"train_per_class must be a whole number, got {value!r}"):
-        paper_partitions(PLENTY, train_per_class=value)
 
 
 def data_with(**fields):

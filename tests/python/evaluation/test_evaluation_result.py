@@ -66,11 +66,11 @@ def read_csv(path):
 def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
     result.to_json(tmp_path / "r.json")
     result.to_csv(tmp_path / "r.csv")
-    rows = read_csv(tmp_path / "r.csv")
+    with (tmp_path / "r.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
     saved = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
     assert tuple(rows[0]) == CSV_COLUMNS
     assert saved["labels"] == list(LABELS)
-    checked = 0
     for space in saved["spaces"]:
         for protocol, figures in space["protocols"].items():
             mine = [r for r in rows if (r["space"], r["protocol"]) == (space["name"], protocol)]
@@ -79,25 +79,20 @@ def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
                 said = [r for r in mine if int(r["partition"]) == partition["index"]]
                 assert [int(r["row"]) for r in said] == partition["test"]
                 assert [r["recording"] for r in said] == [f"r{row}" for row in partition["test"]]
-                assert [r["label"] for r in said] == [
-                    saved["recordings"][i]["label"] for i in partition["test"]
-                ]
+                labels = [saved["recordings"][i]["label"] for i in partition["test"]]
+                assert [r["label"] for r in said] == labels
                 per_partition.append(np.mean([r["label"] == r["predicted"] for r in said]))
                 assert np.mean([int(r["correct"]) for r in said]) == per_partition[-1]
-            truth = [r["label"] for r in mine]
-            predicted = [r["predicted"] for r in mine]
+            truth, predicted = ([r[name] for r in mine] for name in ("label", "predicted"))
+            recall = recall_score(truth, predicted, average=None, labels=LABELS)
             assert figures["accuracies"] == pytest.approx(per_partition, abs=0)
             assert figures["accuracy_mean"] == pytest.approx(np.mean(per_partition))
             assert figures["accuracy_sd"] == pytest.approx(np.std(per_partition, ddof=1))
             assert figures["confusion"] == confusion_matrix(truth, predicted, labels=LABELS).tolist()
-            assert figures["recall"] == pytest.approx(
-                recall_score(truth, predicted, average=None, labels=LABELS)
-            )
+            assert figures["recall"] == pytest.approx(recall)
             assert figures["macro_f1"] == pytest.approx(f1_score(truth, predicted, average="macro"))
-            checked += 1
         means = {name: figures["accuracy_mean"] for name, figures in space["protocols"].items()}
         assert space["gap"] == pytest.approx(means["paper"] - means["chronological"])
-    assert checked == 4
     assert len(rows) == 2 * (4 * 9 + 36)
 
 
@@ -108,13 +103,8 @@ def test_json_in_a_folder_that_is_not_there_is_refused(result, tmp_path):
 
 def test_json_is_strict_and_marks_the_paper_and_synthetic_data(tmp_path):
     one = make_result(protocols=("paper",), synthetic=True)
-    one = EvaluationResult(
-        **{
-            **vars(one),
-            "partitions": {"paper": one.partitions["paper"][:1]},
-            "predicted": {key: value[:1] for key, value in one.predicted.items()},
-        }
-    )
+    partitions = {"paper": one.partitions["paper"][:1]}
+    one = replace(one, partitions=partitions, predicted={k: v[:1] for k, v in one.predicted.items()})
     one.to_json(tmp_path / "r.json")
     text = (tmp_path / "r.json").read_text(encoding="utf-8")
     assert "NaN" not in text
@@ -182,17 +172,14 @@ def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
 
 
 def test_gap_sentence_states_the_figures(result):
+    shares = {name: f"{100 * result.mean_accuracy('raw', name):.1f} %" for name in result.protocols}
     assert next(line for line in gap_lines(result) if line.startswith("raw ")) == (
-        f"raw names {100 * result.mean_accuracy('raw', 'paper'):.1f} % of recordings rightly when training and test "
-        f"are drawn at random, but only {100 * result.mean_accuracy('raw', 'chronological'):.1f} % when they come "
-        "from different halves in time"
+        f"raw names {shares['paper']} of recordings rightly when training and test are drawn at random, "
+        f"but only {shares['chronological']} when they come from different halves in time"
     )
     assert gap_lines(make_result(protocols=("paper",))) == ()
-    even = gap_lines(make_result(right=(1.0, 1.0)))
-    assert "and still 100.0 %" in even[0]
-
-
-def test_gap_says_when_training_sizes_differ():
+    assert "and still 100.0 %" in gap_lines(make_result(right=(1.0, 1.0)))[0]
+    # and says when training sizes differ
     assert "6 recordings of each class" not in " ".join(gap_lines(make_result(n=12)))
     assert (
         "train on 6 recordings of each class, halves in time order on 7" in gap_lines(make_result(n=14))[-1]
@@ -216,30 +203,18 @@ def test_confusion_table_rows_sum_to_hundred_percent(result):
         assert shares == pytest.approx(100 * counts / counts.sum(), abs=0.5)
 
 
-def test_rare_mistakes_are_not_rounded_away():
-    big = make_result(n=12)
-    partition = big.partitions["paper"][0]
+def test_rare_mistakes_are_not_rounded_away_and_none_are_said(result):
+    partition = result.partitions["paper"][0]
     rows = np.repeat(partition.test, 100)
-    said = big.truth[rows].copy()
+    said = result.truth[rows].copy()
     said[0] = (said[0] + 1) % 3
-    many = type(partition)("paper", 0, "partition 1", partition.train, rows)
-    rare = EvaluationResult(
-        **{
-            **vars(big),
-            "partitions": {"paper": (many,)},
-            "predicted": {("paper", "raw"): (said,), ("paper", "raw+hfmh"): (said,)},
-        }
-    )
+    predicted = {("paper", name): (said,) for name in ("raw", "raw+hfmh")}
+    rare = replace(result, partitions={"paper": (replace(partition, test=rows),)}, predicted=predicted)
     row = confusion_table(rare, "raw", "paper").rows[int(rare.truth[rows[0]])]
-    assert "<1" in row
-    assert ">99" in row
+    assert {"<1", ">99"} <= set(row)
     assert "100" not in row
-    mistakes = mistakes_table(rare, "raw", "paper")
-    assert len(mistakes.rows) == 1
-    assert mistakes.rows[0][2] == "1 of 300"
-
-
-def test_no_mistakes_is_said():
+    (mistake,) = mistakes_table(rare, "raw", "paper").rows
+    assert mistake[2] == "1 of 300"
     perfect = make_result(right=(1.0, 1.0))
     assert mistakes_table(perfect, "raw", "paper").notes == (
         "none: every tested recording was named rightly",
@@ -251,9 +226,7 @@ def test_seconds_add_up(result):
 
 
 def test_unknown_names_are_listed(result):
-    with pytest.raises(ValueError, match=re.escape("space must be one of 'raw+hfmh', 'raw', got 'dft'")):
+    with pytest.raises(ValueError, match=r"space must be one of 'raw\+hfmh', 'raw', got 'dft'"):
         result.accuracies("dft")
-    with pytest.raises(
-        ValueError, match=r"protocol must be one of those that ran \('paper'\), got 'session'"
-    ):
+    with pytest.raises(ValueError, match=r"one of those that ran \('paper'\), got 'session'"):
         make_result(protocols=("paper",)).confusion("raw", "session")
