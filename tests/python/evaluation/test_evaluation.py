@@ -19,7 +19,7 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.partitions import chronological_partitions, paper_partitions
 from granular_id.recording import SampleFlag
-from granular_id.spaces import HFMH, RawSignal, feature_spaces
+from granular_id.spaces import feature_spaces
 
 
 def naive_labels(train, y_train, test):
@@ -208,8 +208,3 @@ def test_settings_of_any_estimator_become_json():
     assert '"C": 0.5' in text
     # where the function lies in memory is no setting
     assert describe_estimator(function)["func"] == "evaluation_cases.flat"
-
-
-def test_transformers_of_the_right_rate_or_none_are_accepted(data):
-    spaces = {"piped": make_pipeline(HFMH(rate_hz=500), StandardScaler()), "raw": RawSignal()}
-    assert [space.name for space in evaluate(data, spaces, "paper", **SMALL).spaces] == ["piped", "raw"]

@@ -152,29 +152,3 @@ def test_what_learns_from_features_has_no_plan():
     assert plan_for(HFMH(bin_range="auto")) is None
     assert plan_for(make_pipeline(RawSignal(), StandardScaler())) is None
     assert plan_for(make_pipeline(RawSignal(), StandardScaler(), PrincipalComponents(3))) is None
-
-
-class Broken(Flat):
-    def __init__(self, value=np.nan):
-        self.value = value
-
-    def transform(self, X):
-        features = flat(X).copy()
-        features[2, 7] = self.value
-        return features
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_features_that_are_not_finite_name_space_column_and_recording(pushes, value):
-    wanted = f"feature space 'mine' must give finite features, got {value} in column 7 of recording 2"
-    with pytest.raises(ValueError, match=wanted):
-        GramBank(pushes).prepare(plan_for(Broken(value), "mine"))
-
-
-def test_shared_blocks_count_for_each_space(pushes):
-    bank = GramBank(pushes)
-    alone = bank.prepare(plan_for(RawSignal()))
-    both = bank.prepare(plan_for(RawHFMH()))
-    assert min(alone.values()) > 0
-    for stage, seconds in alone.items():
-        assert both[stage] > seconds

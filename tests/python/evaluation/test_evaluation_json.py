@@ -77,25 +77,17 @@ def predicted(*path, value=MISSING):
 NO_EVALUATION = "does not hold a whole evaluation"
 NO_FIT = "predictions of 'raw+hfmh', paper, do not fit the partitions"
 BAD = [
-    (put("format"), "has format None, wanted 'granular_id.evaluation/2'"),
     (put("format", value="granular_id.evaluation/1"), "has format 'granular_id.evaluation/1', wanted"),
-    (put("labels"), "must hold 'labels'"),
     (put("recordings", 0, "name"), "must hold 'name'"),
-    (put("spaces", 1, "protocols", "paper"), "must hold 'paper'"),
     (predicted(), "must hold 'predicted'"),
-    (put("spaces", 0, "seconds", "gram"), "must hold 'gram'"),
     (put("portrait", "mean"), "must hold 'mean'"),
     (put("settings", "seed"), "must hold 'seed'"),
-    (put("data", "summary"), "must hold 'summary'"),
     (put("recordings", 3, "label", value="salt"), NO_EVALUATION),
     (put("partitions", "paper", 1, "test", value=["x"]), NO_EVALUATION),
-    (put("spaces", 0, "seconds", value=None), NO_EVALUATION),
     (put("portrait", "weights", 0, "influence", value="much"), NO_EVALUATION),
     (put("controls", 0, "accuracies", value=None), NO_EVALUATION),
     (put("spaces", value=[]), "no space or no partition"),
-    (put("partitions", value={}), "no space or no partition"),
     (put("partitions", "paper", value=[]), "no space or no partition"),
-    (predicted(value=[]), NO_FIT),
     (predicted(1, value=[0, 1]), NO_FIT),
     *[
         (predicted(0, 0, value=code), "'raw+hfmh', paper: wanted whole numbers from 0 to")

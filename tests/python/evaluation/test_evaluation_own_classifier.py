@@ -168,8 +168,6 @@ def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path, monkey
         ({"chosen": [8]}, "chosen must be among the 8 candidate models"),
         ({"accuracies": [1.0]}, "wanted an accuracy of each of 8 candidate models, got 1"),
         ({"chosen": [1.0, True]}, r"chosen\[0\] must be a whole number, got 1.0"),
-        ({"machines": "ab"}, "machines must be a list, got 'ab'"),
-        ({"together": "0.5"}, "together must be a finite number, got '0.5'"),
     ],
 )
 def test_a_choice_that_does_not_fit_its_models_is_refused(result, tmp_path, change, message):

@@ -1,17 +1,13 @@
 """Every feature space through evaluate: the fast ways give the labels of the general way, odd data one clear answer."""
 
-import warnings
-
 import numpy as np
 import pytest
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from evaluation_cases import SMALL, changed, make_data
-from granular_id._estimators import convergence_warnings
+from evaluation_cases import SMALL
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate, features, in_paper_order
 from granular_id.rica import RICA
@@ -96,22 +92,6 @@ def test_solvers_that_stop_early_are_a_note(data):
     assert note.endswith("(3 times)")
 
 
-def test_convergence_warnings_are_counted_and_others_pass():
-    with warnings.catch_warnings(record=True) as passed:
-        warnings.simplefilter("always")
-        with convergence_warnings("raw") as lines:
-            for k in range(6):
-                warnings.warn(f"learner {k % 5}", ConvergenceWarning, stacklevel=1)
-            warnings.warn("other", UserWarning, stacklevel=1)
-    assert [str(one.message) for one in passed] == ["other"]
-    assert lines == [
-        "raw: learner 0 (2 times)",
-        "raw: learner 1",
-        "raw: learner 2",
-        "raw: 2 other warnings of this kind",
-    ]
-
-
 def test_a_constant_axis_changes_nothing_that_the_others_tell(data):
     silent = []
     for r in data:
@@ -123,12 +103,3 @@ def test_a_constant_axis_changes_nothing_that_the_others_tell(data):
     assert any("never changes (fz)" in note for note in result.notes)
     for name in spaces:
         assert result.mean_accuracy(name) > 0.3
-
-
-def test_two_hundred_classes():
-    count = iter(range(600))
-    many = changed(make_data(n=150, samples=4), label=lambda r: f"m{next(count) // 3:03d}")
-    components = {"pca": make_pipeline(RawSignal(), PrincipalComponents(5))}
-    result = evaluate(many, components, "kfold", classifier=KNeighborsClassifier(1), **SMALL)
-    assert len(result.labels) == 200
-    assert result.confusion().shape == (200, 200)

@@ -103,12 +103,11 @@ def test_whole_sessions_are_held_out_at_both_levels():
 
 def test_two_sessions_leave_one_inside_and_halves_in_time_stand_in():
     folds = nested_folds(make_data(8), 5, 2, 0)
-    assert folds.held_out == "sessions"
-    assert len(folds.nested) == 2
-    (note,) = folds.notes[1:]
-    assert note.startswith(
+    assert (folds.held_out, len(folds.nested)) == ("sessions", 2)
+    wanted = (
         "inner folds (make the choice): the earlier and the later half of each class in time, by start time "
     )
+    assert folds.notes[1].startswith(wanted)
 
 
 @pytest.mark.parametrize(
@@ -152,12 +151,6 @@ def test_without_an_order_folds_are_random_seeded_and_said_to_be():
     )
 
 
-def test_some_unknown_sessions_are_no_sessions():
-    data = changed(make_data(6), session=lambda r: None if r.name == "oat_3" else "day")
-    folds = nested_folds(data, 3, 2, 0)
-    assert "recording 'oat_3' has no session but 23 of 24 recordings have one" in folds.notes[0]
-
-
 # -- what is refused
 
 
@@ -170,31 +163,22 @@ def flat_recordings():
     ("change", "error", "message"),
     [
         ({"n_outer": 1}, ValueError, "n_outer must be at least 2, got 1"),
-        ({"n_inner": 2.0}, TypeError, "n_inner must be a whole number, got 2.0"),
         ({"n_outer": 7}, ValueError, "n_outer must not exceed the 6 recordings of the largest class, 'oat'"),
         ({"n_inner": 4}, ValueError, "n_inner must not exceed the 3 .* 'oat', that an outer fold leaves"),
-        ({"relative_costs": []}, ValueError, "relative_costs must be a sequence of numbers, got none"),
-        ({"relative_costs": [0.0]}, ValueError, "relative_costs must be positive and finite"),
         ({"relative_costs": [1, math.nan]}, ValueError, "relative_costs must be positive and finite"),
         ({"relative_costs": [1, 1.0]}, ValueError, "relative_costs must hold each once"),
         ({"relative_costs": "soft"}, TypeError, "relative_costs must be a sequence of numbers, got 'soft'"),
-        ({"relative_costs": 1.0}, TypeError, "relative_costs must be a sequence of numbers, got 1.0"),
         ({"block_weights": "unit"}, TypeError, "block_weights must be a sequence of choices.*into a list"),
         ({"block_weights": (1.0, 2.0)}, TypeError, "block_weights .* got 1.0 among them"),
-        ({"block_weights": []}, ValueError, "block_weights .* got none"),
         ({"block_weights": [None, None]}, ValueError, "block_weights must hold each once"),
-        ({"block_weights": ["half"]}, ValueError, "block_weights must be None, 'unit' or 2 numbers"),
         ({"block_weights": [(1, 2, 3)]}, ValueError, "block_weights must be None, 'unit' or 2 numbers"),
-        ({"spaces": []}, ValueError, "spaces must name at least one feature space"),
         ({"spaces": "rraw"}, ValueError, "spaces must be among .*, got 'rraw'"),
         ({"spaces": {"h": HFMH(rate_hz=100)}}, ValueError, "HFMH has rate_hz=100, the recordings have 500"),
-        ({"spaces": {"raw+hfmh": "raw"}}, TypeError, "must have fit and transform"),
         (
             {"spaces": {"a": RawHFMH(), "a (unit)": HFMH()}, "block_weights": [None, "unit"]},
             ValueError,
             "must give each candidate a name of its own",
         ),
-        ({"random_state": -1}, ValueError, "random_state must be at least 0"),
         ({"progress": 1}, TypeError, "progress must be a bool or callable, got int"),
     ],
 )
