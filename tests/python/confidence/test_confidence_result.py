@@ -177,16 +177,23 @@ class Untrained(ECOCClassifier):
 @pytest.mark.parametrize(
     ("counts", "known", "message"),
     [
-        ((8, 2, 8), {}, "of 'b' (2): at least 3 of each are needed, so that 2 train while others are held out"),
-        ((8, 3, 2), {"in_time_order": True}, "of 'b' (3), 'c' (2): at least 4 of each are needed, so that either"),
-        ((8, 1, 8), {"in_time_order": True}, "of 'b' (1): at least 4 of each are needed, so that either half in"),
+        (
+            (8, 2, 8),
+            {},
+            "of 'b' (2): at least 3 of each are needed, so that 2 train while others are held out",
+        ),
+        (
+            (8, 3, 2),
+            {"in_time_order": True},
+            "of 'b' (3), 'c' (2): at least 4 of each are needed, so that either",
+        ),
         (
             (4, 4, 3),
-            {"sessions": list("xxyy" "xxyy" "xxy")},
-            "of 'c' (3): at least 2 of each must train while whole sessions are held out",
+            {"sessions": list("xxyyxxyyxxy")},
+            "of 'c' (3): at least 2 of each must train while whole",
         ),
     ],
-)  # fmt: skip
+)
 def test_too_few_recordings_are_refused_before_anything_is_trained(ask, counts, known, message):
     X, y = few(*counts)
     with pytest.raises(ValueError, match=re.escape(f"too few recordings {message}")):
@@ -207,10 +214,9 @@ def test_as_few_as_are_asked_for_do(counts, known):
 
 
 def test_the_command_says_which_material_to_leave_out(tmp_path):
-    data = Dataset([r for r in make(8) if r.label != "rice" or int(r.name[-6:-4]) < 3])
+    data = Dataset([r for r in make(4) if r.name != "rice/rice_03.csv"])
     folder = saved(data, tmp_path / "set")
-    line = refused("confidence", folder, "--space", "hfmh", "--quiet")
-    assert line == (
+    assert refused("confidence", folder, "--space", "hfmh", "--quiet") == (
         "error: too few recordings of 'rice' (3): at least 4 of each are needed, so that either half in time order "
         "holds 2; leave out with --exclude rice, or record more"
     )
@@ -234,31 +240,31 @@ def test_one_fold_is_refused_by_its_name(known):
         assess(X, Untrained(), y, n_folds=1, **known)
 
 
-@pytest.mark.parametrize("n_folds", [2, 7])
-def test_no_more_models_are_trained_than_were_counted(n_folds):
-    Told.seen.clear()
-    rows = rows_of(np.arange(48.0)[:, np.newaxis] * [1.0, -1.0], list("abcabcabcabc") * 4)
-    assess(rows, Told(), n_seeds=1, n_folds=n_folds)
-    most = count_trainings(rows, n_seeds=1, n_folds=n_folds)
-    assert 0.8 * most < len(Told.seen) <= most
-
-
 def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows():
     Told.seen.clear()
-    days = np.repeat(["mon", "tue", "wed", "thu"], 12)
-    X, y = np.arange(48.0)[:, np.newaxis] * [1.0, -1.0], list("abcabcabcabc") * 4
+    days = np.repeat(["mon", "tue", "wed"], 9)
+    X, y = np.arange(27.0)[:, np.newaxis] * [1.0, -1.0], list("abc") * 9
     rows = rows_of(X, y, sessions=days, in_time_order=True)
-    assess(rows, make_pipeline("passthrough", Told()), n_seeds=2)
-    most = count_trainings(rows, n_seeds=2)  # without a session there is one less to hold out within
-    assert 0.8 * most < len(Told.seen) < most
+    assess(rows, make_pipeline("passthrough", Told()), n_seeds=1)
+    most = count_trainings(rows, n_seeds=1)  # without a session there is one less to hold out within
+    assert 0.7 * most < len(Told.seen) < most
     for seen, sessions, order in Told.seen:
         places = seen[:, 0].astype(int)  # the features are the places in time
         assert sessions.tolist() == days[places].tolist()
         assert places[order].tolist() == sorted(places)
 
 
+@pytest.mark.parametrize("n_folds", [2, 4])
+def test_no_more_models_are_trained_than_were_counted(n_folds):
+    Told.seen.clear()
+    rows = rows_of(np.arange(27.0)[:, np.newaxis] * [1.0, -1.0], list("abc") * 9)
+    assess(rows, Told(), n_seeds=1, n_folds=n_folds)
+    most = count_trainings(rows, n_seeds=1, n_folds=n_folds)
+    assert 0.8 * most < len(Told.seen) <= most
+
+
 def test_the_command_takes_what_train_takes(tmp_path):
-    folder = saved(make(6), tmp_path / "set")
+    folder = saved(make(4), tmp_path / "set")
     output = ended_well("confidence", folder, "--seeds", "1", "--levels", "0.5")
     assert "models are trained, each of which chooses among several: --space multiband" in output
     assert "best: Coverage of prediction sets" in output

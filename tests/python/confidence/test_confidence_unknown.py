@@ -174,17 +174,6 @@ def test_other_codings_have_no_pairs():
     assert set(result.kinds) == set(STRANGENESS) - {"hinge_distance"}
 
 
-def test_the_loss_that_decides_has_no_say_in_the_distance_under_the_hinge():
-    rows = rows_of(*clouds())
-    each = [held_out_scores(ECOCClassifier(loss=loss), rows) for loss in ("hinge", "root", "hamming")]
-    rules = [unknown_rule(crossed) for crossed in each]
-    assert rules[0] == rules[1] == rules[2]
-    own = [unknown_rule(crossed, kind="value_distance") for crossed in each]
-    assert np.array(own[0].means) == pytest.approx(np.array(rules[0].means), abs=1e-14)
-    assert own[0].threshold == pytest.approx(rules[0].threshold, rel=1e-9)
-    assert own[1].means != rules[1].means
-
-
 @pytest.mark.parametrize("n_classes", [2, 3, 11])
 def test_distances_of_pairs_are_those_of_what_the_hinge_decodes(n_classes):
     coding = onevsone(n_classes)
