@@ -1,6 +1,7 @@
 """evaluate: equal to a plain loop, seeded, what it records, how it ends."""
 
 import json
+import sys
 import threading
 from typing import ClassVar
 
@@ -167,15 +168,21 @@ def test_seed_none_draws_one_and_records_it(data):
     assert list(again.predictions()) != list(other.predictions())
 
 
-def test_progress_is_told_step_by_step(data, capfd):
+def test_progress_is_told_step_by_step(data):
     steps = []
     settings = {**SMALL, "progress": lambda *step: steps.append(step)}
     evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
     assert [done for done, _, _ in steps] == list(range(1, 9))
     assert {total for _, total, _ in steps} == {8}
     assert {what for _, _, what in steps} >= {"raw: ready", "hfmh: paper, partition 3"}
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_without_a_terminal_or_rich_short_work_is_silent(data, capfd, monkeypatch, terminal):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
+    monkeypatch.setitem(sys.modules, "rich.progress", None)
     evaluate(data, "raw", "paper", **{**SMALL, "progress": True})
-    assert capfd.readouterr() == ("", "")  # no terminal
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(("error", "n_jobs"), [(KeyboardInterrupt, 1), (RuntimeError, 2)])

@@ -147,12 +147,6 @@ def test_the_paper_stands_beside_its_own_materials_only(result):
     assert "paper*" not in replace(result, labels=(*materials, "salt")).table()
 
 
-def test_repr_is_short(result):
-    means = [f"{name} {100 * result.mean_accuracy(name):.1f} %" for name in ("raw+hfmh", "raw")]
-    assert repr(result) == f"EvaluationResult(36 recordings, 3 labels, {', '.join(means)})"
-    assert repr(make_result(synthetic=True)).startswith("EvaluationResult(SYNTHETIC, 36 recordings")
-
-
 def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
     result = replace(result, labels=tuple(material.name for material in PAPER_MATERIALS))
     text = result.table()

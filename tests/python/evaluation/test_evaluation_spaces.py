@@ -1,13 +1,17 @@
 """Every feature space through evaluate: the fast ways give the labels of the general way, odd data one clear answer."""
 
+import warnings
+
 import numpy as np
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.naive_bayes import GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from evaluation_cases import SMALL
+from granular_id._estimators import convergence_warnings
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate, features, in_paper_order
 from granular_id.rica import RICA
@@ -90,6 +94,16 @@ def test_solvers_that_stop_early_are_a_note(data):
     (note,) = [note for note in result.notes if note.startswith("few:")]
     assert "RICA" in note
     assert note.endswith("(3 times)")
+
+
+def test_convergence_warnings_are_counted_and_others_pass():
+    with pytest.warns(UserWarning, match="other") as passed, convergence_warnings("raw") as lines:
+        for k in range(6):
+            warnings.warn(f"learner {k % 5}", ConvergenceWarning, stacklevel=1)
+        warnings.warn("other", UserWarning, stacklevel=1)
+    assert len(passed) == 1
+    counted = ["raw: learner 0 (2 times)", "raw: learner 1", "raw: learner 2"]
+    assert lines == [*counted, "raw: 2 other warnings of this kind"]
 
 
 def test_a_constant_axis_changes_nothing_that_the_others_tell(data):

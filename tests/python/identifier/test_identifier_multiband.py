@@ -167,13 +167,6 @@ def test_what_was_chosen_is_known_and_said(best):
     assert "480 quantiles" in lines or "quantiles" in lines
 
 
-def test_probabilities_of_the_chosen_machines_come_from_recordings_held_out(best, new):
-    chances = best.predict_proba(new.X)
-    np.testing.assert_allclose(chances.sum(axis=1), 1)
-    assert (chances >= 0).all()
-    assert np.mean(np.array(best.classes)[chances.argmax(axis=1)] == best.predict(new.X)) > 0.8
-
-
 def test_blocks_that_no_learner_hears_are_not_computed(data):
     space = MultiBand(blocks=(*USUAL_BLOCKS, "level")).fit(data.X)
     classifier = ECOCClassifier().fit(space.transform(data.X), data.y)
