@@ -96,11 +96,6 @@ def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
     assert len(rows) == 2 * (4 * 9 + 36)
 
 
-def test_json_in_a_folder_that_is_not_there_is_refused(result, tmp_path):
-    with pytest.raises(FileNotFoundError, match="does not exist"):
-        result.to_json(tmp_path / "absent" / "r.json")
-
-
 def test_json_is_strict_and_marks_the_paper_and_synthetic_data(tmp_path):
     one = make_result(protocols=("paper",), synthetic=True)
     partitions = {"paper": one.partitions["paper"][:1]}

@@ -2,11 +2,8 @@
 
 import warnings
 
-import numpy as np
 import pytest
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.naive_bayes import GaussianNB
-from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
@@ -58,19 +55,6 @@ def test_every_space_and_control_is_the_same_for_any_number_of_threads(data, fas
     two = evaluate(data, SPACES, n_jobs=2, **{**FEW, "controls": True})
     assert labels(fast) == labels(two)
     assert fast.controls == two.controls
-
-
-@pytest.mark.parametrize(
-    "classifier", [KNeighborsClassifier(3), GaussianNB(), make_pipeline(StandardScaler(), ECOCClassifier())]
-)
-def test_any_classifier_follows_components(data, classifier):
-    chosen = {"pca": make_pipeline(RawSignal(), PrincipalComponents(5))}
-    result = evaluate(data, chosen, "paper", classifier=classifier, **SMALL)
-    for partition, said in zip(result.partitions["paper"], result.predicted["paper", "pca"], strict=True):
-        pipeline = chosen["pca"].fit(data.X[partition.train])
-        train, test = (pipeline.transform(data.X[rows]) for rows in (partition.train, partition.test))
-        expected = classifier.fit(train, data.y[partition.train]).predict(test)
-        np.testing.assert_array_equal(np.array(result.labels)[said], expected)
 
 
 def test_an_open_seed_of_a_step_after_components_is_set_by_partition(data, monkeypatch):

@@ -240,13 +240,6 @@ def test_high_pass_stays_within_the_histogram(paper_like):
 # -- own materials and odd settings -----------------------------------------------------------
 
 
-def test_own_material_rig_and_rate():
-    deep = Rig(tool_diameter_m=0.01, depth_m=0.05, speed_m_s=0.01, wall_distance_m=0.5)
-    data = synthesize(["rice", LENTILS], n_per_class=2, rate_hz=100, duration_s=2.5, rig=deep)
-    assert data.X.shape == (4, 250, 6)
-    assert data.labels == ("lentils", "rice")
-
-
 @settings(max_examples=60)
 @given(
     material=st.builds(
