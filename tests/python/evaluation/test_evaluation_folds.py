@@ -13,6 +13,7 @@ from granular_id.partitions import (
     chronological_partitions,
     kfold_partitions,
     paper_partitions,
+    protocol_name,
     session_partitions,
 )
 from granular_id.recording import Dataset, Recording
@@ -306,6 +307,15 @@ def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():
         ValueError, match="recording 'rice_1' has no session but 15 of 16 recordings have one"
     ):
         plan_partitions(some, "session")
+
+
+def test_blocks_that_stand_in_for_sessions_are_named_blocks_whatever_sessions_are_called():
+    y = ["oat", "rice", "oat", "rice"]
+    assert protocol_name("session", block_partitions(y, range(4), n_folds=2)) == "blocks in time order"
+    assert (
+        protocol_name("session", session_partitions(y, ["block 1"] * 2 + ["block 2"] * 2))
+        == "held-out sessions"
+    )
 
 
 def test_sessions_of_nan_are_not_known_and_numbers_are_names():

@@ -20,6 +20,7 @@ from granular_id.identifier.rules import checkpoints, provisional_answers
 from granular_id.identifier.time_course import over_time
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset
+from granular_id.splits import strictest_partitions
 from identifier_twin import hinge_losses, provisional_scores
 
 
@@ -49,6 +50,18 @@ def test_sessions_are_held_out_where_every_class_has_several(data, training):
     for partition in held.partitions:
         assert not {*data.sessions[partition.train]} & {*data.sessions[partition.test]}
     assert sorted(held.rows.tolist()) == list(range(32))
+
+
+def test_else_halves_in_time_order_else_random_folds_and_it_is_said(data):
+    untold = changed(data, session=lambda r: None)
+    partitions, note = strictest_partitions(untold)
+    assert [partition.protocol for partition in partitions] == ["chronological"] * 2
+    assert note.startswith("chronological: by start time (session protocol left out: no recording says which")
+    timeless = changed(untold, start_time=lambda r: 1e9 if r.name == "oat_0" else None)
+    partitions, note = strictest_partitions(timeless, n_folds=4, seed=3)
+    assert [partition.protocol for partition in partitions] == ["kfold"] * 4
+    assert "kfold: 4 folds, seed 3 (session protocol left out" in note
+    assert "chronological protocol left out: " in note
 
 
 def test_held_out_answers_are_those_of_pipelines_fitted_on_the_others(data, training):
