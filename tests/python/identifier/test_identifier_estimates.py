@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from evaluation_cases import LABELS, changed, make_data
-from granular_id import evaluate, synthesize
+from granular_id import evaluate, extract_features, synthesize
 from granular_id.identifier import (
     Identifier,
     Recipe,
@@ -21,7 +21,6 @@ from granular_id.identifier.time_course import over_time
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset
 from granular_id.splits import strictest_partitions
-from identifier_twin import hinge_losses, provisional_scores
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +112,32 @@ def test_one_recording_of_a_class_gives_a_model_without_estimate(data):
 
 
 # -- answers while samples arrive
+
+
+def provisional_scores(core, wrench, n_seen):
+    """Scores (L,) after some samples: unseen raw samples at their mean, counts scaled up to the whole length."""
+    spec, n = core.spec, core.n_samples
+    blocks = []
+    if spec.raw:
+        raw = (
+            np.zeros((core.n_axes, n))
+            if core.raw_mean is None
+            else core.raw_mean.reshape(core.n_axes, n).copy()
+        )
+        raw[:, :n_seen] = wrench[:n_seen].T
+        blocks.append(raw.ravel())
+    if spec.hfmh:
+        keywords = {**spec.__getnewargs_ex__()[1], "raw": False}
+        counts = extract_features(wrench[:n_seen], **keywords)
+        blocks.append(counts if spec.density else counts * n / n_seen)
+    return core.intercept + core.coef @ np.concatenate(blocks)
+
+
+def hinge_losses(core, scores):
+    """Mean hinge loss (K,) of the classes, loss-weighted."""
+    codes = core.coding_matrix.astype(float)
+    losses = np.maximum(0.0, 1.0 - codes * scores) / 2.0 * np.abs(codes)
+    return losses.sum(axis=1) / np.abs(codes).sum(axis=1)
 
 
 @pytest.mark.parametrize("space", ["raw", "hfmh", "raw+hfmh"])

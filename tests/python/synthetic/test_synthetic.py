@@ -1,15 +1,18 @@
-"""Synthetic data sets: shape, seeds, sessions, what varies, what is refused, how the forces look."""
+"""Synthetic data sets: shape, seeds, sessions, what varies, how the forces look, how hard they are, what is refused."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import signal
+from sklearn.model_selection import StratifiedShuffleSplit
+from sklearn.svm import SVC
 
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import (
@@ -270,3 +273,126 @@ def test_every_valid_material_gives_finite_forces_that_start_at_rest(material, s
     assert np.isfinite(push).all()
     assert not push[: int(0.1 * rate_hz)].any()
     assert push[-1].any()
+
+
+# -- the set is neither trivial nor hopeless: wide bands on purpose, as it is no evidence about real accuracy ---
+
+
+@pytest.fixture(scope="module")
+def thirty_each():
+    return synthesize(n_per_class=30)
+
+
+@pytest.fixture(scope="module")
+def spaces(thirty_each):
+    """Gram matrices of the three feature spaces, from scipy and numpy alone, and the labels."""
+    X = thirty_each.X
+    residual = signal.sosfilt(signal.butter(8, 23, "high", fs=500, output="sos"), X, axis=1)
+    bins = np.floor((residual + 1.5) / 0.03).astype(np.int64)
+    inside = (bins >= 0) & (bins < 100)
+    recording, _, axis = np.nonzero(inside)
+    histogram = np.zeros((len(X), 6, 100))
+    np.add.at(histogram, (recording, axis, bins[inside]), 1.0)
+    raw, counts = X.reshape(len(X), -1), histogram.reshape(len(X), -1)
+    grams = {"raw": raw @ raw.T, "hfmh": counts @ counts.T}
+    return {**grams, "raw+hfmh": grams["raw"] + grams["hfmh"]}, thirty_each.y
+
+
+def _accuracy(gram, labels):
+    split = StratifiedShuffleSplit(5, train_size=264, test_size=66, random_state=0)
+    hits = []
+    for train, test in split.split(labels, labels):
+        classifier = SVC(kernel="precomputed").fit(gram[np.ix_(train, train)], labels[train])
+        hits.append(classifier.predict(gram[np.ix_(test, train)]) == labels[test])
+    return float(np.mean(hits))
+
+
+def test_each_space_is_well_above_chance_and_no_single_one_solves_it(spaces):
+    grams, labels = spaces
+    accuracy = {name: _accuracy(gram, labels) for name, gram in grams.items()}
+    assert 0.60 < accuracy["raw"] < 0.95
+    assert 0.70 < accuracy["hfmh"] < 0.97
+    assert accuracy["raw+hfmh"] > max(accuracy["raw"], accuracy["hfmh"])
+
+
+def test_shuffled_labels_give_chance(spaces):
+    grams, labels = spaces
+    shuffled = np.random.default_rng(0).permutation(labels)
+    # 330 trials at 1/11: three standard deviations are 0.047
+    assert _accuracy(grams["raw+hfmh"], shuffled) == pytest.approx(1 / 11, abs=0.05)
+
+
+def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
+    rest = thirty_each.X[:, :50].mean(axis=1)
+    rest = (rest - rest.mean(axis=0)) / rest.std(axis=0)
+    first = np.arange(len(rest)) % 30 < 20
+    classifier = SVC(kernel="linear").fit(rest[first], thirty_each.y[first])
+    assert np.mean(classifier.predict(rest[~first]) == thirty_each.y[~first]) < 0.25
+
+
+# -- what is refused --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        (
+            {"materials": ["sand"]},
+            ValueError,
+            "materials has no material 'sand'; known: dry peas, .*cat litter",
+        ),
+        ({"materials": []}, ValueError, "at least one material"),
+        ({"materials": [3]}, TypeError, "names or Material objects, got 3"),
+        ({"materials": ["rice", BY_NAME["rice"]]}, ValueError, "'rice' twice"),
+        ({"n_per_class": 0}, ValueError, "n_per_class must be at least 1, got 0"),
+        ({"n_per_class": 2.5}, TypeError, "n_per_class must be a whole number, got 2.5"),
+        ({"n_per_class": 3, "sessions": 4}, ValueError, "sessions must not exceed n_per_class = 3, got 4"),
+        ({"rate_hz": float("nan")}, ValueError, "rate_hz must be finite"),
+        ({"rate_hz": 1e9}, ValueError, "rate_hz must be at most 50000"),
+        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
+        ({"duration_s": 0.2}, ValueError, r"duration_s must exceed the 0.25 s of rest .* got 0.2"),
+        ({"duration_s": 10}, ValueError, r"duration_s = 10 moves the tool up to 0.29\d m, and the wall"),
+        ({"seed": -1}, ValueError, "seed must be at least 0, got -1"),
+        ({"rig": Rig(depth_m=0.005)}, ValueError, "depth_m = 0.005 of rig"),
+    ],
+)
+def test_synthesize_refuses(arguments, error, message):
+    with pytest.raises(error, match=message):
+        synthesize(**{"materials": "rice", "n_per_class": 4, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: replace(LENTILS, name=" "), "name must be a non-empty string"),
+        (
+            lambda: replace(LENTILS, grain_diameter_m=4.5),
+            "of material 'lentils' must be at most 0.1, got 4.5",
+        ),
+        (lambda: replace(LENTILS, aspect_ratio=0.5), "aspect_ratio of material 'lentils' must be at least 1"),
+        (lambda: replace(LENTILS, bulk_density_kg_m3=-1), "bulk_density_kg_m3 of .* must not be negative"),
+        (lambda: replace(LENTILS, bulk_density_kg_m3=0), "needs bulk_density_kg_m3 or cohesion_pa"),
+        (lambda: replace(LENTILS, friction_angle_deg=75), "must be at most 60, got 75"),
+        (lambda: replace(LENTILS, cohesion_pa=float("inf")), "cohesion_pa of .* must be finite"),
+        (lambda: replace(LENTILS, sharpness=0), "sharpness of material 'lentils' must be positive"),
+        (lambda: Rig(speed_m_s=0), "speed_m_s must be positive"),
+        (lambda: Rig(depth_m=0.09), "depth_m must not exceed tool_length_m = 0.08"),
+        (lambda: Rig(sensor_to_tool_m=-1), "sensor_to_tool_m must not be negative"),
+        (lambda: Sensor(noise_rms=(0.1,) * 5), "noise_rms must hold 6 finite numbers"),
+        (lambda: Sensor(full_scale=(0.0,) * 6), "full_scale must hold 6 finite numbers, positive"),
+        (lambda: Sensor(bits=0), "bits must be a whole number from 2 to 32"),
+        (lambda: Nuisance(depth_m=(0.1, 0.1)), "depth_m must be .per recording, per fill, per session"),
+        (lambda: Nuisance(tare_n=(0.1, -0.1, 0.0)), "tare_n must not be negative"),
+        (lambda: Nuisance().scaled(-1), "factor must not be negative"),
+        (lambda: simulate_push(LENTILS, parts=("slip", "magic")), "no part 'magic'; known: texture, slip"),
+        (lambda: simulate_push(LENTILS, duration_s=0.001), "holds 0 samples at rate_hz = 500"),
+        (
+            lambda: simulate_push(LENTILS, duration_s=5),
+            "a push of 5 s .* into the wall at wall_distance_m = 0.1",
+        ),
+        (lambda: simulate_push(LENTILS, lead_s=-1), "lead_s must not be negative"),
+    ],
+)
+def test_parts_of_the_model_refuse(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
