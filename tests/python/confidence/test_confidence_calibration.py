@@ -164,6 +164,12 @@ def test_steps_that_learn_nothing_run_once(monkeypatch):
     assert calls == [20]
 
 
+def test_two_classes_have_two_values():
+    scored = held_out_scores(LinearSVC(), rows_of(X[:100], Y[:100]))
+    assert scored.scores.values.shape == (100, 2)
+    assert scored.accuracy == 1.0
+
+
 def test_models_that_do_not_serve():
     with pytest.raises(TypeError, match="must have decision_function"):
         held_out_scores(DecisionTreeClassifier(), rows_of(X, Y))

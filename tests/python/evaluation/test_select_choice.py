@@ -165,6 +165,7 @@ def flat_recordings():
         ({"n_outer": 1}, ValueError, "n_outer must be at least 2, got 1"),
         ({"n_outer": 7}, ValueError, "n_outer must not exceed the 6 recordings of the largest class, 'oat'"),
         ({"n_inner": 4}, ValueError, "n_inner must not exceed the 3 .* 'oat', that an outer fold leaves"),
+        ({"relative_costs": []}, ValueError, "relative_costs must be a sequence of numbers, got none"),
         ({"relative_costs": [1, math.nan]}, ValueError, "relative_costs must be positive and finite"),
         ({"relative_costs": [1, 1.0]}, ValueError, "relative_costs must hold each once"),
         ({"relative_costs": "soft"}, TypeError, "relative_costs must be a sequence of numbers, got 'soft'"),

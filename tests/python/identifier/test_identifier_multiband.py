@@ -82,6 +82,7 @@ def test_features_are_those_of_the_definition(data, new):
     model = make_pipeline(MultiBand(blocks=ALL_BLOCKS), BlockScaler(), ECOCClassifier()).fit(data.X, data.y)
     identifier = Identifier.from_classifier(model)
     spec, core = identifier.spec, identifier.core
+    assert any(line.startswith("  level: ") for line in describe_model(identifier))
     scales, levels = twin.learned_scales(data.X)
     np.testing.assert_allclose(spec.scales, scales, rtol=1e-9)
     np.testing.assert_allclose(spec.level_scales, levels, rtol=1e-9)
