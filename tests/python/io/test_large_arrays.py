@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from effort import cases
 from granular_id._checks import all_finite
 from granular_id._core import interleave
-from granular_id.io.arrays.search import row_major
+from granular_id.io.arrays.shapes import row_major
 
 N = 300_001  # float64: three pieces, the last one short
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id.io.arrays.found import Found, labels_of, whole_numbers
+from granular_id.io.arrays.found import Found, Push, labels_of, whole_numbers
 from granular_id.io.arrays.names import Role, plain_name
 from granular_id.io.arrays.stated import Units, single_unit, time_unit_in_name
 from granular_id.io.arrays.tree import Origin, contents, is_leaf, is_numbers, n_values, numbers, texts, values
@@ -36,39 +36,36 @@ def add_details(
     found: Found,
     entries: Entries,
     rest: Mapping[str, Any],
-    origin: Origin,
-    notes: list[str],
     units: Units,
+    origin: Origin,
     options: LoadOptions,
 ) -> None:
     """Put onto recordings what their level of the file says, where no inner level said it already.
 
     `entries` are known by name; of `rest`, single values go into ``meta``, and what is not used is said.
     """
-    n = len(found)
-    if not n:
+    if not len(found):
         return
     _refuse_codes(found, entries, origin)
-    lists: tuple[Role, ...] = ("lengths", "mask")
-    for role in lists:
-        for name, node in entries.get(role, {}).items():
-            if not _cut(found, role, name, node, origin, notes):
-                rest = {**rest, name: node}
+    about_file = {  # by its name it is about recordings, but by its values it is not
+        name: node
+        for role, cut in _CUTS.items()
+        for name, node in entries.get(role, {}).items()
+        if not cut(found, name, node, origin)
+    }
+    _add_labels(found, entries, origin)
     n = len(found)
-    _add_labels(found, entries, origin, notes)
     for role, (attribute, read) in _READERS.items():
         for name, node in entries.get(role, {}).items():
-            if n_values(node) == 1 and n > 1 and role in _NEVER_SHARED:
-                rest = {**rest, name: node}  # it is about the file
+            if n_values(node) == 1 and n > 1 and role in ("names", "start"):  # no two have it in common
+                about_file[name] = node
             else:
                 found.fill(attribute, _spread(read(node, name, origin), n, name, origin))
-    rates = stated_rates(entries, n, units, origin, options)
-    if rates is not None:
-        found.fill("rate", rates)
+    found.fill("rate", stated_rates(entries, n, units, origin, options) or [None] * n)
     _add_stamps(found, entries.get("time", {}), units, origin)
     for name, node in entries.get("flags", {}).items():
         found.fill("flags", _rows(node, found, name, origin))
-    _add_meta(found, rest, origin, notes)
+    _add_meta(found, {**rest, **about_file}, origin)
 
 
 def _refuse_codes(found: Found, entries: Entries, origin: Origin) -> None:
@@ -76,68 +73,79 @@ def _refuse_codes(found: Found, entries: Entries, origin: Origin) -> None:
     for name, node in entries.get("scaling", {}).items():
         single = _single(node)
         if single not in ((0, "0") if plain_name(name).endswith("offset") else (1, "1")):
-            raise origin.fault(
-                name, f"is {single}: samples are counts; save them in N and N m, and leave it out"
-            )
+            problem = f"is {single}: samples are counts; save them in N and N m, and leave it out"
+            raise origin.fault(name, problem)
     for name, node in entries.get("fill", {}).items():
         single = _single(node)
-        if isinstance(single, (int, float)) and any((wrench == single).any() for wrench in found.wrench):
+        if isinstance(single, (int, float)) and any((push.wrench == single).any() for push in found.pushes):
             raise origin.fault(name, f"is {single:g}, which stands among the samples: leave those out first")
 
 
 # -- padding
 
 
-def _cut(found: Found, role: Role, name: str, node: Any, origin: Origin, notes: list[str]) -> bool:
-    """Leave out what is stated to be no samples; False where an entry is not about that."""
-    n, n_padded = len(found), found.n_padded
-    if role == "mask":
-        if n_values(node) == 1:
-            return False
-        lengths = _masked(found, name, node, origin)
-    else:
-        listed = numbers(node)
-        if listed is None or (len(listed) == 1 and (listed != np.floor(listed)).any()):
-            return False  # the length of something else, in mm
-        lengths = whole_numbers(node, name, origin)
-        if len(lengths) == 1:
-            recordings = n > 1 and lengths == [n] and n not in n_padded
-            lengths *= n
-            if recordings or not all(map(_is_padded, found.wrench, lengths)):
-                return False  # how many recordings, or a total
-        if len(lengths) > 1 and n == 1 and sum(lengths) == n_padded[0] and min(lengths) > 0:
-            found.split(lengths)
-            each = f"{len(lengths)} recordings one behind the other, of the lengths in {name}"
-            notes.append(f"{found.places[0]}: {each}")
-            return True
-    if len(lengths) != n:
-        raise origin.fault(name, f"has {len(lengths)} values for {n} recordings; wanted one for each")
-    for i, (wrench, length) in enumerate(zip(found.wrench, lengths, strict=True)):
-        gives = f"gives recording {i} {length} samples"
-        if not 0 < length <= len(wrench):
-            raise origin.fault(name, f"{gives}; wanted 1 to {len(wrench)}, which are there")
-        if not _is_padded(wrench, length):
-            wanted = "wanted padding: zeros, NaN, or one value again and again"
-            raise origin.fault(name, f"{gives} of {len(wrench)}, but the values behind change; {wanted}")
-    if lengths != found.lengths:
-        notes.append(f"recordings cut to the samples that {name} states")
-        found.cut(lengths)
+def _cut_to_lengths(found: Found, name: str, node: Any, origin: Origin) -> bool:
+    """Keep so many samples of each, or cut apart what lies in a row; False for the length of something else."""
+    listed = numbers(node)
+    if listed is None or (len(listed) == 1 and (listed != np.floor(listed)).any()):
+        return False  # in mm
+    lengths, n = whole_numbers(node, name, origin), len(found)
+    padded = [push.n_padded for push in found.pushes]
+    if len(lengths) == 1:
+        counts_recordings = n > 1 and lengths == [n] and n not in padded
+        lengths *= n
+        if counts_recordings or not all(map(_is_padded, found.pushes, lengths)):
+            return False  # or a total
+    elif [sum(lengths)] == padded and min(lengths) > 0:
+        (whole,) = found.pushes
+        ends = np.cumsum(lengths).tolist()
+        found.pushes = [whole.cut(end - length, end) for end, length in zip(ends, lengths, strict=True)]
+        found.sizes = [len(lengths)]
+        each = f"{len(lengths)} recordings one behind the other, of the lengths in {name}"
+        origin.note(f"{whole.place}: {each}")
+        return True
+    _cut(found, lengths, name, origin)
     return True
 
 
-def _is_padded(wrench: FloatArray, length: int) -> bool:
-    """Tell whether there are so many samples, and behind them one value again and again."""
-    return 0 < length <= len(wrench) and not (wrench[length:] != wrench[-1]).any()
-
-
-def _masked(found: Found, name: str, node: Any, origin: Origin) -> list[int]:
-    """Return how many samples of each recording a mask marks."""
+def _cut_to_mask(found: Found, name: str, node: Any, origin: Origin) -> bool:
+    """Keep the samples that a mask marks; False for a single value."""
+    if n_values(node) == 1:
+        return False
     rows = _rows(values(node).astype(np.uint8) if is_leaf(node) else node, found, name, origin)
     kept = [(row == 0) if "pad" in name.lower() else (row != 0) for row in rows]
     if any((np.diff(row.astype(np.int8)) > 0).any() for row in kept):
         problem = "marks samples behind others that are none"
         raise origin.fault(name, f"{problem}; wanted those of a recording, and then its padding")
-    return [int(row.sum()) for row in kept]
+    _cut(found, [int(row.sum()) for row in kept], name, origin)
+    return True
+
+
+def _cut(found: Found, lengths: list[int], name: str, origin: Origin) -> None:
+    if len(lengths) != len(found):
+        problem = f"has {len(lengths)} values for {len(found)} recordings; wanted one for each"
+        raise origin.fault(name, problem)
+    for i, (push, length) in enumerate(zip(found.pushes, lengths, strict=True)):
+        if not _is_padded(push, length):
+            wanted = "wanted at least one, and behind them padding: zeros, NaN, or one value again and again"
+            raise origin.fault(name, f"gives recording {i} {length} samples of {len(push.wrench)}; {wanted}")
+    if lengths != [len(push.wrench) for push in found.pushes]:
+        origin.note(f"recordings cut to the samples that {name} states")
+        for push, length in zip(found.pushes, lengths, strict=True):
+            cut = push.cut(0, length)
+            push.wrench, push.about = cut.wrench, cut.about
+
+
+def _is_padded(push: Push, length: int) -> bool:
+    """Tell whether there are so many samples, and behind them one value again and again."""
+    wrench = push.wrench
+    return 0 < length <= len(wrench) and not (wrench[length:] != wrench[-1]).any()
+
+
+_CUTS: dict[Role, Callable[[Found, str, Any, Origin], bool]] = {
+    "lengths": _cut_to_lengths,
+    "mask": _cut_to_mask,
+}
 
 
 # -- clocks
@@ -188,8 +196,8 @@ def _in_hz(node: Any, name: str, quantity: str, stated: str | None, origin: Orig
 
 
 def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: Origin) -> None:
-    """Put down the stamps that a level has, with their unit where that is stated."""
-    first: tuple[str, list[NDArray[Any]]] | None = None
+    """Put down the stamps that a level has, with their unit where that is stated; two clocks must agree."""
+    first: tuple[str, list[FloatArray]] | None = None
     for name, node in clocks.items():
         rows = _rows(node, found, name, origin)
         unit = single_unit(units.get(TIME)) or time_unit_in_name(name)
@@ -211,19 +219,19 @@ def _add_stamps(found: Found, clocks: Mapping[str, Any], units: Units, origin: O
 # -- one value per recording
 
 
-def _add_labels(found: Found, entries: Entries, origin: Origin, notes: list[str]) -> None:
+def _add_labels(found: Found, entries: Entries, origin: Origin) -> None:
     lists = {**entries.get("labels", {}), **entries.get("class_names", {})}
     n, sizes = len(found), found.sizes
     if not lists or None not in found.get("label"):
         return
     lengths = {n_values(node) for node in lists.values()}
     if len(sizes) > 1 and len(sizes) in lengths and n not in lengths:  # one for each array or cell
-        each = zip(labels_of(lists, len(sizes), origin, notes), sizes, strict=True)
+        each = zip(labels_of(lists, len(sizes), origin), sizes, strict=True)
         found.fill("label", [label for label, size in each for _ in range(size)])
         return
     if lengths == {1}:  # one label for all, as in a file per material
         lists = {name: node if n == 1 else [node] * n for name, node in lists.items()}
-    found.fill("label", labels_of(lists, n, origin, notes))
+    found.fill("label", labels_of(lists, n, origin))
 
 
 def _spread(column: list[Any], n: int, name: str, origin: Origin) -> list[Any]:
@@ -261,13 +269,10 @@ _READERS: dict[Role, tuple[str, Callable[[Any, str, Origin], list[Any]]]] = {
     "trigger": ("trigger", _triggers),
 }
 
-_NEVER_SHARED: tuple[Role, ...] = ("names", "start")
-"""What two recordings do not have in common."""
-
 
 def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[Any]]:
     """Return a list of values per recording: one for all, the rows or columns of a matrix, or a cell for each."""
-    n = len(found)
+    n, padded = len(found), [push.n_padded for push in found.pushes]
     if isinstance(node, list):
         rows = [cell for item in node if (cell := numbers(item)) is not None]
         if not len(rows) == len(node) == n:
@@ -276,8 +281,8 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
         raise origin.fault(name, "does not hold numbers")
     elif n_values(node) is not None:
         rows = [values(node).reshape(-1)] * n
-        if n > 1 and found.sizes == [n] and len(rows[0]) == sum(found.n_padded):  # one behind the other
-            rows = np.split(rows[0], np.cumsum(found.n_padded)[:-1])
+        if n > 1 and found.sizes == [n] and len(rows[0]) == sum(padded):  # one behind the other
+            rows = np.split(rows[0], np.cumsum(padded)[:-1])
     else:
         matrix = values(node)
         if matrix.ndim == 2 and matrix.shape[0] != n and matrix.shape[1] == n:
@@ -286,32 +291,32 @@ def _rows(node: Any, found: Found, name: str, origin: Origin) -> list[NDArray[An
             problem = f"has the shape {matrix.shape} for {n} recordings; wanted a row for each"
             raise origin.fault(name, problem)
         rows = list(matrix)
-    lengths = found.lengths
-    for i, (row, n_samples) in enumerate(zip(rows, lengths, strict=True)):
-        if len(row) not in (n_samples, found.n_padded[i]):
-            where = f"the {n_samples} samples of recording {i} in {found.places[i]}"
+    for i, (row, push) in enumerate(zip(rows, found.pushes, strict=True)):
+        if len(row) not in (len(push.wrench), push.n_padded):
+            where = f"the {len(push.wrench)} samples of recording {i} in {push.place}"
             raise origin.fault(name, f"has {len(row)} values for {where}")
-    return [row[:n_samples] for row, n_samples in zip(rows, lengths, strict=True)]
+    return [row[: len(push.wrench)] for row, push in zip(rows, found.pushes, strict=True)]
 
 
 # -- everything else
 
 
-def _add_meta(found: Found, rest: Mapping[str, Any], origin: Origin, notes: list[str]) -> None:
+def _add_meta(found: Found, rest: Mapping[str, Any], origin: Origin) -> None:
     single = {name: _single(node) for name, node in rest.items()}
     kept = {name: value for name, value in single.items() if value is not None}
     unread = {name: node for name, node in rest.items() if single[name] is None}
     if kept:
-        shared = {name.rpartition("/")[2]: kept[name] for name in kept}
-        found.about["meta"] = [{**shared, **inner} if inner else shared for inner in found.get("meta")]
-        notes.append(f"kept in meta: {', '.join(kept)}")
+        shared = {name.rpartition("/")[2]: value for name, value in kept.items()}
+        for push in found.pushes:
+            push.about["meta"] = {**shared, **push.about.get("meta", {})}
+        origin.note(f"kept in meta: {', '.join(kept)}")
     if unread:
-        notes.append(f"not used: {contents(unread)}")
+        origin.note(f"not used: {contents(unread)}")
     for name, node in unread.items():
         if len(found) == 1 and plain_name(name.rpartition("/")[2]) in _TELLS_APART:
-            _refuse_several(name, node, found.lengths[0], origin)
+            _refuse_several(name, node, len(found.pushes[0].wrench), origin)
         if len(texts(node) or ()) == len(found) > 1 and not any(found.get("label")):
-            notes.append(f"{name} holds a text per recording: if it names the materials, save it as labels")
+            origin.note(f"{name} holds a text per recording: if it names the materials, save it as labels")
 
 
 def _refuse_several(name: str, node: Any, n_samples: int, origin: Origin) -> None:
@@ -322,11 +327,9 @@ def _refuse_several(name: str, node: Any, n_samples: int, origin: Origin) -> Non
 
 
 def _single(node: Any) -> str | float | int | None:
+    """Return a single text or number; None for what is none, or too long, or not finite."""
+    if is_leaf(node) and math.prod(node.shape) == 1 and np.dtype(node.dtype).kind in "iufU":
+        node = values(node).reshape(-1)[0].item()
     if isinstance(node, str):
         return node if len(node) <= _LONGEST_TEXT else None
-    if not is_leaf(node) or math.prod(node.shape) != 1 or np.dtype(node.dtype).kind not in "iufU":
-        return None
-    value = values(node).reshape(-1)[0].item()
-    if isinstance(value, str):
-        return _single(value)
-    return value if math.isfinite(value) else None
+    return node if isinstance(node, (int, float)) and math.isfinite(node) else None

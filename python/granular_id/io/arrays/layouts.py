@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.io.arrays.found import Found
+from granular_id.io.arrays.found import Found, Push
 from granular_id.io.arrays.names import FORCES, TORQUES, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.search import Search
 from granular_id.io.arrays.shapes import THREE, Known
@@ -65,85 +65,82 @@ def recordings_of(
     """
     origin = Origin(source.path, describe, arrays, single)
     search = Search(origin, options)
-    found = search.level(arrays, "", Known(), {}, 0)
+    found = search.level(arrays, "", Known())
     if options.label is not None and not search.label_found:
         raise origin.unclear(f"label={options.label!r} is not there")
     if not len(found) and options.array is not None:
         raise origin.unclear(f"array={options.array!r} names no recordings")
     if not len(found):
         raise origin.unclear(f"no recordings are recognised: {_what_is_missing(arrays)}")
-    if len(set(found.axes)) > 1:
+    if len({push.axes for push in found.pushes}) > 1:
         raise origin.unclear("recordings differ in their axes")
-    notes = list(dict.fromkeys(search.notes))
-    _share_stamps(found, source, options, notes)
+    _share_stamps(found, source, options, origin)
     _set_rates(found, source, options, origin)
-    if "stamps" in found.about:
+    if any("stamps" in push.about for push in found.pushes):
         content = _stamped(found, source, options)
     else:
         content = unflatten(_flat(found), source.path, source, finite=True)
-    more = [f"... and {len(notes) - _MOST_NOTES} more notes like these"] if len(notes) > _MOST_NOTES else []
-    content.notes += notes[:_MOST_NOTES] + more
+    more = len(origin.notes) - _MOST_NOTES
+    content.notes += origin.notes[:_MOST_NOTES]
+    content.notes += [f"... and {more} more notes like these"] if more > 0 else []
     return content
 
 
 def _set_rates(found: Found, source: FileSource, options: LoadOptions, origin: Origin) -> None:
     """Give every recording without stamps the rate that is stated; it must be the file's own where that has one."""
     stated = options.rate_hz if source.rate_hz is None else source.rate_hz
-    rates, stamps = found.get("rate"), found.get("stamps")
-    for i, (own, stamped) in enumerate(zip(rates, stamps, strict=True)):
-        if stamped is not None or (own == stated and own is not None):
+    for push in found.pushes:
+        own = push.about.get("rate")
+        if "stamps" in push.about:
             continue
         if own is None and stated is None:
             beside = "" if origin.single else ", or save fs (Hz) or t (s) beside the samples"
-            raise origin.fault(found.places[i], f"has neither a rate nor stamps; pass rate_hz={beside}")
-        if own is not None and stated is not None:
+            raise origin.fault(push.place, f"has neither a rate nor stamps; pass rate_hz={beside}")
+        if own is not None and stated not in (None, own):
             problem = f"the stated rate is {stated:g} Hz, but the file says {own:g} Hz"
-            raise origin.fault(found.places[i], problem)
-    if stated is not None:
-        found.fill("rate", [stated if stamped is None else None for stamped in stamps])
+            raise origin.fault(push.place, problem)
+        push.about["rate"] = own or stated
 
 
-def _share_stamps(found: Found, source: FileSource, options: LoadOptions, notes: list[str]) -> None:
+def _share_stamps(found: Found, source: FileSource, options: LoadOptions, origin: Origin) -> None:
     """Turn stamps that all recordings share, and that are even, into a rate."""
-    stamps = found.get("stamps")
-    if stamps[0] is None or len(found) == 1 or source.irregular:
+    first, *others = found.pushes
+    stamps = first.about.get("stamps")
+    if stamps is None or not others or source.irregular:
         return
-    same = all(
-        own is not None and np.array_equal(own, stamps[0][: len(wrench)])
-        for own, wrench in zip(stamps, found.wrench, strict=True)
-    )
-    if not same:
-        return
-    shared = stamps[0] - stamps[0][0]  # one vector cannot say when each of several recordings began
-    recording, _ = _read_stamped(found, 0, {**found.one(0), "stamps": shared}, source, options)
-    if recording.rate_hz is not None and len(recording.wrench) == len(found.wrench[0]):
-        del found.about["stamps"], found.about["time_unit"]
-        found.about["rate"] = [recording.rate_hz] * len(found)
-        notes.append(f"the stamps that all recordings share are even: {recording.rate_hz:g} Hz")
+    for push in others:
+        own = push.about.get("stamps")
+        if own is None or not np.array_equal(own, stamps[: len(push.wrench)]):
+            return
+    shared = stamps - stamps[0]  # one vector cannot say when each of several recordings began
+    begun = replace(first, about={**first.about, "stamps": shared})
+    recording, _ = _read_stamped(begun, source, options)
+    if recording.rate_hz is not None and len(recording.wrench) == len(first.wrench):
+        for push in found.pushes:
+            del push.about["stamps"]
+            push.about["rate"] = recording.rate_hz
+        origin.note(f"the stamps that all recordings share are even: {recording.rate_hz:g} Hz")
 
 
 def _stamped(found: Found, source: FileSource, options: LoadOptions) -> FileContent:
     """Make recordings one by one, where stamps must be looked at."""
     recordings: list[Recording] = []
     rows: list[dict[str, Any]] = []
-    for i in range(len(found)):
-        about = found.one(i)
-        named = about.get("name") or (source.name if len(found) == 1 else f"{source.name}[{i}]")
-        own = replace(source, name=named)
-        recording, remarks = _read_stamped(found, i, about, own, options)
-        labels = {key: about[key] for key in ("label", "session") if key in about}
+    for i, push in enumerate(found.pushes):
+        named = push.about.get("name") or (source.name if len(found) == 1 else f"{source.name}[{i}]")
+        recording, remarks = _read_stamped(push, replace(source, name=named), options)
+        labels = {key: push.about[key] for key in ("label", "session") if key in push.about}
         try:
             recordings.append(replace(recording, **labels))
         except (TypeError, ValueError) as error:
-            raise RecordingFileError(source.path, str(error), place=found.places[i]) from error
+            raise RecordingFileError(source.path, str(error), place=push.place) from error
         rows += [{"name": named, **remarks}] if remarks else []
     return FileContent(recordings, rows)
 
 
-def _read_stamped(
-    found: Found, i: int, about: Mapping[str, Any], source: FileSource, options: LoadOptions
-) -> tuple[Recording, dict[str, Any]]:
-    stamps, place = about.get("stamps"), found.places[i]
+def _read_stamped(push: Push, source: FileSource, options: LoadOptions) -> tuple[Recording, dict[str, Any]]:
+    about, place = push.about, push.place
+    stamps = about.get("stamps")
     if stamps is not None:
         stamps = np.asarray(stamps, np.float64)
         if not np.isfinite(stamps).all():
@@ -155,14 +152,14 @@ def _read_stamped(
         return {"place": place if sample is None else f"{place}, sample {sample}"}
 
     return stamped_recording(
-        found.wrench[i],
+        push.wrench,
         source,
         options,
         stamps=stamps,
         start_time=about.get("start"),
         flags=about.get("flags"),
         trigger=about.get("trigger"),
-        axes=found.axes[i],
+        axes=push.axes,
         meta=about.get("meta"),
         locate=locate,
         time_unit=about.get("time_unit"),
@@ -174,13 +171,12 @@ def _flat(found: Found) -> FlatRecordings:
     def numbers(attribute: str, missing: float) -> list[Any]:
         return [missing if value is None else value for value in found.get(attribute)]
 
-    wrench, lengths, flags = found.wrench, found.lengths, None
-    if "flags" in found.about:
-        own = zip(found.get("flags"), lengths, strict=True)
-        flags = np.concatenate([np.zeros(n, np.uint8) if row is None else row for row, n in own])
+    lengths = [len(push.wrench) for push in found.pushes]
+    own = found.get("flags")
+    flags = [np.zeros(n, np.uint8) if row is None else row for row, n in zip(own, lengths, strict=True)]
     return FlatRecordings(
-        axes=found.axes[0],
-        wrench=wrench.reshape(-1, wrench.shape[2]) if isinstance(wrench, np.ndarray) else joined(wrench),
+        axes=found.pushes[0].axes,
+        wrench=joined([push.wrench for push in found.pushes]),
         n_samples=np.array(lengths, np.int64),
         rate_hz=np.array(numbers("rate", np.nan), np.float64),
         start_time=np.array(numbers("start", np.nan), np.float64),
@@ -189,7 +185,7 @@ def _flat(found: Found) -> FlatRecordings:
         session=found.get("session"),
         name=found.get("name"),
         meta_json=[json.dumps(meta) if meta else None for meta in found.get("meta")],
-        flags=flags,
+        flags=np.concatenate(flags) if any("flags" in push.about for push in found.pushes) else None,
     )
 
 
@@ -206,9 +202,8 @@ def _what_is_missing(tree: Mapping[str, Any]) -> str:
     for key, n_names in named.items():
         if six is not None and n_names != _N:
             return f"{six} has {_N} columns, {key} names {n_names}; wanted a name for each"
-    hints = [hint for name, shape in arrays for hint in _hints(name, shape)]
     wanted = f"wanted an array with an axis of length {_N}, or axes, the names of the axes that there are, beside it"
-    return min(hints, key=lambda hint: hint[0], default=(0, wanted))[1]
+    return next((hint for name, shape in arrays if (hint := _hint(name, shape))), wanted)
 
 
 def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, ...]]]:
@@ -218,34 +213,33 @@ def _arrays(node: Any, name: str, depth: int) -> Iterator[tuple[str, tuple[int, 
         for key, item in node.items():
             yield from _arrays(item, f"{name}/{key}" if name else key, depth - 1)
     elif isinstance(node, list) and depth:
-        for i, item in enumerate(node[:1]):
-            yield from _arrays(item, f"{name}[{i}]", depth - 1)
+        for item in node[:1]:
+            yield from _arrays(item, f"{name}[0]", depth - 1)
     elif is_numbers(node) and len(node.shape) in (2, 3):
         yield name[:200], tuple(node.shape)
 
 
-def _hints(name: str, shape: tuple[int, ...]) -> Iterator[tuple[int, str]]:
-    """Yield what may be wrong with an array; the lowest number is the likeliest."""
-    last = name.rpartition("/")[2]
+def _hint(name: str, shape: tuple[int, ...]) -> str | None:
+    """Say what may be wrong with an array, and the way out."""
+    last, it = name.rpartition("/")[2], f"{name} {shape}"
     if 0 in shape:
-        if _N in shape:
-            yield 1, f"{name} {shape} is empty: it holds no samples"
-        return
+        return f"{it} is empty: it holds no samples" if _N in shape else None
     if _N in shape and is_other_thing(last):
-        way_out = f"if it is one, pass array={name!r}, or save it under another name"
-        yield 0, f"{name} {shape} is no wrench by its name; {way_out}"
+        return (
+            f"{it} is no wrench by its name; if it is one, pass array={name!r}, or save it under another name"
+        )
     if len(THREE) in shape and plain_name(last) in FORCES | TORQUES:
         way_out = "save force and torque as arrays of one shape under these names"
         axes = "or beside the samples axes, the names of those that there are"
-        yield 2, f"{name} {shape} has {len(THREE)} axes, a wrench {_N}; {way_out}, {axes}"
+        return f"{it} has {len(THREE)} axes, a wrench {_N}; {way_out}, {axes}"
     if shape[-1] == _N + 1:
         time = f"{name}[:, 0]" if len(shape) == 2 else f"{name}[0, :, 0]"
-        way_out = f"if the first is time, save {name}[..., 1:] as X and {time} as t (s)"
-        yield 3, f"{name} {shape} has {_N + 1} columns; {way_out}"
+        return (
+            f"{it} has {_N + 1} columns; if the first is time, save {name}[..., 1:] as X and {time} as t (s)"
+        )
     if len(shape) == 2 and not shape[1] % _N:
         n, n_samples = shape[0], shape[1] // _N
-        order = "whether all of fx or all axes of the first sample come first cannot be told"
-        first = f"{name}.reshape({n}, {_N}, {n_samples}).transpose(0, 2, 1) in the first case"
-        second = f"{name}.reshape({n}, {n_samples}, {_N}) in the second"
-        may = f"{name} {shape} may hold one flattened recording in each row"
-        yield 4, f"{may}; {order}. Save it as {first}, as {second}"
+        first = f"{name}.reshape({n}, {_N}, {n_samples}).transpose(0, 2, 1) if all of fx come first"
+        second = f"{name}.reshape({n}, {n_samples}, {_N}) if all axes of the first sample do"
+        return f"{it} may hold one flattened recording in each row. Save it as {first}, as {second}"
+    return None

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
-from granular_id.io.arrays.tree import is_leaf
 from granular_id.io.columns import FLAGS, MASKS, RATES, TIME, split_unit
 
 Role = (
@@ -143,19 +142,3 @@ def _without_number(name: str) -> str:
 
 def _words(name: str) -> set[str]:
     return {word.lower() for word in _WORDS.findall(name[:_LONGEST])}
-
-
-def without_tables(samples: dict[str, Any], n_axes: int, *, beside_parts: bool) -> dict[str, Any]:
-    """Leave out what only looks like samples beside the recordings: calibration matrices, ranges, means per sample.
-
-    Square matrices are left out wherever there is anything else; others of two dimensions where an array or list of
-    recordings has a general name (``X``, ``data``) and they have names of their own.
-    """
-    flat = {key for key, node in samples.items() if is_leaf(node) and len(node.shape) == 2}
-    square = {key for key in flat if tuple(samples[key].shape) == (n_axes, n_axes)}
-    kept = {key: node for key, node in samples.items() if key not in square}
-    if not kept and not beside_parts:
-        kept = samples
-    if any(is_general(key) and key not in flat for key in kept):
-        return {key: node for key, node in kept.items() if is_general(key) or key not in flat}
-    return kept

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from granular_id._checks import FloatArray
 from granular_id.io.arrays import names, shapes, stated
 from granular_id.io.arrays.details import Entries, add_details
-from granular_id.io.arrays.found import Found
+from granular_id.io.arrays.found import Found, Push
 from granular_id.io.arrays.names import Role, plain_name, role_of
 from granular_id.io.arrays.shapes import Known
 from granular_id.io.arrays.stated import ALL, FORCE, TORQUE, Columns, orders_axes, what_has_unit
@@ -48,36 +48,33 @@ _FIRST = 3
 class Search:
     """A search through one tree.
 
-    Of `options`, `array` names the only samples that count, `label` the only labels. `notes` say what was guessed,
-    `label_found` whether the entry that `label` names was met.
+    Of `options`, `array` names the only samples that count, `label` the only labels; `label_found` tells whether the
+    entry that it names was met.
     """
 
     origin: Origin
     options: LoadOptions
-    notes: list[str] = field(default_factory=list)
     label_found: bool = False
 
-    def level(self, tree: Mapping[str, Any], name: str, known: Known, outer: Entries, depth: int) -> Found:
+    def level(
+        self,
+        tree: Mapping[str, Any],
+        name: str,
+        known: Known,
+        class_names: Mapping[str, Any] | None = None,
+        depth: int = 0,
+    ) -> Found:
         """Return the recordings of a struct, group or archive, with what it says about them.
 
-        `name` is its path, empty for the whole file; `known` and `outer` (names of classes) are what enclosing levels
-        say.
+        `name` is its path, empty for the whole file; `known` and `class_names` are what enclosing levels say.
         """
         entries, others = self._entries(tree, name)
-        if "class_names" in outer:
-            entries.setdefault("class_names", outer["class_names"])
+        if class_names:
+            entries.setdefault("class_names", dict(class_names))
         known = self._known(entries, others, known)
         chosen = self._is_chosen(name)
         vectors = shapes.axis_arrays(others, self.origin) if chosen else {}
-        samples = {
-            k: node
-            for k, node in others.items()
-            if k not in vectors and self._counts(k, node, name) and self._holds(node, known, depth)
-        }
-        if self.options.array is None:
-            samples = names.without_tables(samples, len(known.axes), beside_parts=shapes.in_parts(others))
-        if shapes.only_halves(samples):
-            samples = {}
+        samples = self._samples({k: n for k, n in others.items() if k not in vectors}, name, known, depth)
         used: Collection[str] = samples
         parts = self._in_parts(others, vectors, name, known) if chosen and not samples else None
         if parts is not None:
@@ -88,35 +85,40 @@ class Search:
             if len(samples) == 1 and self.options.array is None:
                 self._refuse_other_parts(found, next(iter(samples)), others, vectors, name, known)
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
-        add_details(found, entries, rest, self.origin, self.notes, known.units, self.options)
+        add_details(found, entries, rest, known.units, self.origin, self.options)
         return found
 
     # -- what the entries of a level are
 
     def _entries(self, tree: Mapping[str, Any], name: str) -> tuple[Entries, dict[str, Any]]:
+        """Part a level in what is known by name, by its role and path, and what is not."""
         entries: Entries = {}
         others: dict[str, Any] = {}
         for key, raw in tree.items():
-            node, role = as_tree(raw), role_of(key)
-            if plain_name(key) == "ts":  # a step or stamps, as its shape tells
-                role = "step" if n_values(node) == 1 else "time"
-            if orders_axes(node):
-                role = "axes"
-            path = _path(name, key)
-            if self.options.label is not None:
+            node, path = as_tree(raw), _path(name, key)
+            role = self._role(key, node, tree)
+            if self.options.label is not None and role != "units":
                 named = _is_at(path, self.options.label)
                 self.label_found |= named
-                role = "labels" if named else None if role == "labels" else role
-            is_group = isinstance(node, Mapping)
-            if what_has_unit(key, tree) is not None and (is_group or texts(node) is not None):
-                role = "units"
-            elif is_group or role == "units" or (role == "axes" and self._names_no_axes(node, tree)):
-                role = None  # a unit without texts is the number of a sensor, say
+                is_list = named and not isinstance(node, Mapping)
+                role = "labels" if is_list else None if role == "labels" else role
             if role is None:
                 others[key] = node
             else:
                 entries.setdefault(role, {})[path] = node
         return entries, others
+
+    def _role(self, key: str, node: Any, tree: Mapping[str, Any]) -> Role | None:
+        """Tell what an entry is for; None for what may be samples, or something else."""
+        is_group = isinstance(node, Mapping)
+        role = "axes" if orders_axes(node) else role_of(key)
+        if what_has_unit(key, tree) is not None and (is_group or texts(node) is not None):
+            return "units"
+        if plain_name(key) == "ts":  # a step or stamps, as its shape tells
+            role = "step" if n_values(node) == 1 else "time"
+        # a unit without texts is the number of a sensor, say
+        nothing = is_group or role == "units" or (role == "axes" and self._names_no_axes(node, tree))
+        return None if nothing else role
 
     def _names_no_axes(self, node: Any, tree: Mapping[str, Any]) -> bool:
         """Tell whether names of columns are how many there are, or those of another array: of features, say."""
@@ -159,14 +161,18 @@ class Search:
         units |= {what: known.units[f"/{key}:{what}"] for what in _PARTS if f"/{key}:{what}" in known.units}
         return replace(known, units={**known.units, **units}) if units else known
 
-    def _of_wrench(self, known: Known, name: str, axes: tuple[str, ...] = AXES) -> Known:
-        """Return what is known of arrays whose own names say which axes they hold; other axes contradict them."""
-        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, shapes.THREE):
-            named = ", ".join(known.axes)[:80]
-            raise self.origin.unclear(f"{name or 'the file'} names the axes {named}, and arrays others")
-        return replace(known, axes=axes)
-
     # -- which of them are the recordings
+
+    def _samples(self, others: Mapping[str, Any], level: str, known: Known, depth: int) -> dict[str, Any]:
+        """Return what holds recordings, going by names, shapes and the option `array`."""
+        samples = {
+            key: node
+            for key, node in others.items()
+            if self._counts(key, node, level) and self._holds(node, known, depth)
+        }
+        if self.options.array is None:
+            samples = _without_tables(samples, len(known.axes), beside_parts=shapes.in_parts(others))
+        return {} if shapes.only_halves(samples) else samples
 
     def _is_chosen(self, path: str) -> bool:
         """Tell whether what stands at a path, or around it, is what the option `array` names."""
@@ -174,22 +180,10 @@ class Search:
 
     def _counts(self, key: str, node: Any, level: str) -> bool:
         """Tell whether an array may be the recordings, going by its name and the option `array`."""
-        if self.options.array is None:
-            return _may_be_wrench(key, node)
+        if self.options.array is None:  # the name of a group says nothing of the arrays in it
+            return not names.is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
         path = _path(level, key)
-        return self._is_chosen(path) or self._leads_to_chosen(path, node, 0)
-
-    def _leads_to_chosen(self, path: str, node: Any, depth: int) -> bool:
-        node = as_tree(node)
-        inner: list[tuple[str, Any]] = []
-        if isinstance(node, list):
-            inner = [(path, item) for item in node[:_FIRST]]
-        elif isinstance(node, Mapping):
-            inner = [(_path(path, key), item) for key, item in node.items()]
-        return depth <= MAX_DEPTH and any(
-            (place != path and self._is_chosen(place)) or self._leads_to_chosen(place, item, depth + 1)
-            for place, item in inner
-        )
+        return self._is_chosen(path) or any(map(self._is_chosen, _paths(node, path, 0)))
 
     def _holds(self, node: Any, known: Known, depth: int) -> bool:
         """Tell whether a node holds recordings, going by shapes alone."""
@@ -201,7 +195,7 @@ class Search:
             return shapes.in_parts(items) or any(
                 self._holds(item, known, depth + 1)
                 for key, item in items.items()
-                if role_of(key) is None and (self.options.array is not None or _may_be_wrench(key, item))
+                if role_of(key) is None and (self.options.array is not None or self._counts(key, item, ""))
             )
         if isinstance(node, list):
             return any(self._holds(item, known, depth + 1) for item in node[:_FIRST])
@@ -210,13 +204,9 @@ class Search:
     def _refuse_rivals(self, samples: Mapping[str, Any], name: str, entries: Entries) -> None:
         """Refuse several arrays of which only one can be the wrench."""
         way_out = "; pass array= with the name of the one that is, or save them under other names"
-        if (
-            samples
-            and self.options.array is None
-            and all(plain_name(key) in names.TORQUES for key in samples)
-        ):
-            problem = f"{next(iter(samples))} has six axes: they may be joints' torques"
-            raise self.origin.unclear(problem + way_out)
+        torques = [key for key in samples if plain_name(key) in names.TORQUES]
+        if torques and len(torques) == len(samples) and self.options.array is None:
+            raise self.origin.unclear(f"{torques[0]} has six axes: they may be joints' torques{way_out}")
         if len(samples) < 2:
             return
         numbered = all(key[-1:].isdecimal() for key in samples)
@@ -242,15 +232,15 @@ class Search:
         known: Known,
     ) -> None:
         """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
-        notes, self.notes = self.notes, []
+        n_notes = len(self.origin.notes)
         parts = self._in_parts(others, vectors, level, known) if is_leaf(others[key]) else None
-        self.notes = notes
-        if parts is None:
-            return
-        what, other, _ = parts
-        if not (len(other) == len(found) and all(map(np.array_equal, other.wrench, found.wrench))):
-            problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
-            raise self.origin.unclear(problem)
+        del self.origin.notes[n_notes:]
+        if parts is not None:
+            what, other, _ = parts
+            pairs = zip(other.pushes, found.pushes, strict=False)
+            if len(other) != len(found) or not all(np.array_equal(a.wrench, b.wrench) for a, b in pairs):
+                problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
+                raise self.origin.unclear(problem)
 
     # -- recordings of several arrays, structs or cells
 
@@ -264,10 +254,10 @@ class Search:
                 # rice/1, which others would be called that have rice/2 beside them
                 found.fill("name", [_path(name, key)])
             return found
-        groups = []
-        for key, node in samples.items():
-            inner = self._node(node, _path(name, key), self._known_of(key, known), {}, depth)
-            groups.append((key, inner.as_one()))
+        groups = [
+            (key, self._node(node, _path(name, key), self._known_of(key, known), {}, depth).as_one())
+            for key, node in samples.items()
+        ]
         single = all(len(found) == 1 for _, found in groups)
         if not single and "labels" in entries:
             both = f"labels in {next(iter(entries['labels']))}, and recordings under names of their own"
@@ -290,30 +280,32 @@ class Search:
         numbered = single and all(names.label_of_name(key) is not None for key, _ in groups)
         part = ", and the part before the number as label" if numbered else ""
         what = "names" if single else "labels"
-        self.notes.append(f"{keys} taken as {what} of the recordings in them{part}")
+        self.origin.note(f"{keys} taken as {what} of the recordings in them{part}")
 
     def _as_sessions(self, found: Found, label: str) -> None:
         """Take labels that only names of inner groups gave as sessions: the outer name is the label, as of folders."""
         inner = found.get("group")
-        labels = [None if group else own for own, group in zip(found.get("label"), inner, strict=True)]
         found.fill("session", inner)
-        found.about["label"], found.about["group"] = labels, [None if own else label for own in labels]
-        for i, note in enumerate(self.notes):
+        for push, group in zip(found.pushes, inner, strict=True):
+            if group is not None:
+                del push.about["label"], push.about["group"]
+            if "label" not in push.about:
+                push.about["group"] = label
+        for i, note in enumerate(self.origin.notes):
             if note.partition(" taken as labels")[0].partition(", ")[0] in inner:
-                self.notes[i] = note.replace("taken as labels", "taken as sessions")
+                self.origin.notes[i] = note.replace("taken as labels", "taken as sessions")
 
     def _node(self, node: Any, name: str, known: Known, entries: Entries, depth: int) -> Found:
         if isinstance(node, Mapping):
-            inherited: Entries = {role: found for role, found in entries.items() if role == "class_names"}
-            return self.level(node, name, known, inherited, depth + 1)
+            return self.level(node, name, known, entries.get("class_names"), depth + 1)
         if isinstance(node, list):
             return self._list(node, name, known, entries, depth)
-        array = self._floats(values(node), name)
-        return self._found(self._ordered(array, name, known), name, known)
+        return self._found(self._ordered(self._floats(node, name), name, known), name, known)
 
     def _list(self, items: list[Any], name: str, known: Known, entries: Entries, depth: int) -> Found:
+        self._refuse_table(items, known)
         cells: list[Found] = []
-        for i, item in enumerate(map(as_tree, self._turned(items, known))):
+        for i, item in enumerate(map(as_tree, items)):
             place = f"{name}[{i}]"
             if not self._holds(item, known, depth + 1):
                 raise self.origin.fault(place, f"is no recording: wanted (samples, {len(known.axes)})")
@@ -321,19 +313,17 @@ class Search:
             cells.append(inner.as_one())
         return _cells(cells)
 
-    def _turned(self, items: list[Any], known: Known) -> list[Any]:
-        """Turn a table of cells whose columns, not rows, there is one label for."""
-        widths = {len(item) if isinstance(item, list) else 0 for item in items}
-        rows, columns = len(items), next(iter(widths), 0)
-        if len(widths) == 1 and rows > 1 and columns > 1:
-            square = rows == columns and rows in known.n_recordings
-            if square or rows * columns in known.n_recordings:
-                problem = f"{rows} x {columns} cells: whether labels go along rows or columns cannot be told"
-                way_out = "save a struct or variable per material, or a vector of cells"
-                raise self.origin.unclear(f"{problem}; {way_out}")
-        if len(widths) != 1 or 0 in widths or rows in known.n_recordings or not widths <= known.n_recordings:
-            return items
-        return [list(column) for column in zip(*items, strict=True)]
+    def _refuse_table(self, items: list[Any], known: Known) -> None:
+        """Refuse a table of cells whose labels may go along its rows or its columns."""
+        rows, widths = len(items), {len(item) if isinstance(item, list) else 0 for item in items}
+        if rows < 2 or len(widths) > 1 or max(widths) < 2:
+            return
+        columns = max(widths)
+        along_columns = columns in known.n_recordings and rows not in known.n_recordings
+        if along_columns or {rows * columns, *([rows] if rows == columns else [])} & known.n_recordings:
+            problem = f"{rows} x {columns} cells: whether labels go along rows or columns cannot be told"
+            way_out = "save a struct or variable per material, or a vector of cells"
+            raise self.origin.unclear(f"{problem}; {way_out}")
 
     # -- recordings of one array, or of its parts
 
@@ -341,18 +331,21 @@ class Search:
         self, others: Mapping[str, Any], vectors: Mapping[str, Any], level: str, known: Known
     ) -> tuple[str, Found, Collection[str]] | None:
         """Return the wrenches that six vectors, or forces and torques, are the parts of: name, recordings, arrays."""
-        if vectors:
+        halves = None if vectors else shapes.halves_of(others, self.origin)
+        if not vectors and halves is None:
+            return None
+        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, shapes.THREE):
+            named = ", ".join(known.axes)[:80]
+            raise self.origin.unclear(f"{level or 'the file'} names the axes {named}, and arrays others")
+        if halves is None:
             name = "fx ... tz"
             return name, self._stacked(vectors, level, _path(level, name), known), vectors
-        halves = shapes.halves_of(others, self.origin)
-        if halves is None:
-            return None
-        return " and ".join(halves), self._joined(halves, others, level, known), halves
+        return " and ".join(halves), self._joined(halves, others, level, replace(known, axes=AXES)), halves
 
     def _stacked(self, vectors: Mapping[str, Any], level: str, name: str, known: Known) -> Found:
         """Put six vectors or matrices side by side."""
-        known = self._of_wrench(known, level, tuple(vectors))
-        arrays = [self._floats(values(node), _path(level, key)) for key, node in vectors.items()]
+        known = replace(known, axes=tuple(vectors))
+        arrays = [self._floats(node, _path(level, key)) for key, node in vectors.items()]
         flat = [array.reshape(-1) if n_values(array) is not None else array for array in arrays]
         if len({array.shape for array in flat}) > 1:
             listed = ", ".join(f"{key} {array.shape}" for key, array in zip(vectors, flat, strict=True))
@@ -362,13 +355,12 @@ class Search:
 
     def _joined(self, halves: tuple[str, str], others: Mapping[str, Any], level: str, known: Known) -> Found:
         """Put torques behind forces, of one array or of each item of two lists."""
-        known = self._of_wrench(known, level)
-        entries = [
-            (what, f"/{key}{part}")
+        own = {
+            what: known.units[whose]
             for what, key in zip((FORCE, TORQUE), halves, strict=True)
-            for part in ("", f":{what}")
-        ]
-        own = {what: known.units[whose] for what, whose in entries if whose in known.units}
+            for whose in (f"/{key}", f"/{key}:{what}")
+            if whose in known.units
+        }
         known = replace(known, units={**known.units, **own})
         three = replace(known, axes=shapes.THREE)
         name, listed = " and ".join(halves), isinstance(others[halves[0]], list)
@@ -376,12 +368,19 @@ class Search:
         for i, pair in enumerate(shapes.pairs_of(halves, others, self.origin)):
             place = _path(level, name) + (f"[{i}]" if listed else "")
             sides = [
-                self._ordered(self._floats(values(node), _path(level, key)), place, three)
+                self._ordered(self._floats(node, _path(level, key)), place, three)
                 for node, key in zip(pair, halves, strict=True)
             ]
             cells.append(self._found(np.concatenate(sides, axis=-1), place, known))
-        self._note(f"{name} joined: forces, then torques")
-        return _cells(cells) if listed else Found.joined(cells)
+        self.origin.note(f"{name} joined: forces, then torques")
+        return _cells(cells)
+
+    def _floats(self, node: Any, name: str) -> FloatArray:
+        array = values(node)
+        if array.dtype.kind not in "iuf":
+            raise self.origin.fault(name, f"has dtype {array.dtype}; wanted real numbers")
+        with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused as such
+            return array.astype(np.float64, copy=False)  # as it lies in memory, to be copied once
 
     def _ordered(
         self, array: FloatArray, name: str, known: Known, *, sensor_last: bool = False
@@ -389,51 +388,32 @@ class Search:
         """Return an array as (samples, axes) or (recordings, samples, axes), and note what it was taken for."""
         n = array.ndim
         order = shapes.order_of(array.shape, known, name, self.origin, sensor_last=sensor_last)
-        if order == tuple(range(n)) and (n == 2 or len(known.dimensions) == n):
-            return array
-        meaning = ", ".join(_MEANINGS[-n:][order.index(axis)] for axis in range(n))
-        self._note(f"{name} {array.shape} taken as {meaning}")
+        if order != tuple(range(n)) or (n == 3 and len(known.dimensions) != n):
+            meaning = ", ".join(_MEANINGS[-n:][order.index(axis)] for axis in range(n))
+            self.origin.note(f"{name} {array.shape} taken as {meaning}")
         ordered: FloatArray = array.transpose(order)
         return ordered
 
     def _found(self, array: FloatArray, name: str, known: Known) -> Found:
+        """Return the recordings of an array whose axes are in order."""
         columns = Columns.named(known.axes, known.units, name, self.origin)
         wrench = columns.wrench(array)
         if columns.order is not None or columns.scales is not None:
-            self._note(f"{name}: {columns.said(known.axes)}")
+            self.origin.note(f"{name}: {columns.said(known.axes)}")
         if wrench.ndim == 2:
             shapes.refuse_gaps(wrench, columns.axes, name, self.origin)
-            found = Found.block([wrench], columns.axes, name)
+            array, each = array[None], [wrench]
         else:
-            block = row_major(wrench)
-            recordings = shapes.cut_padding(block, columns.axes, name, self.origin)
-            if recordings is not block:
-                cut = sum(len(recording) < block.shape[1] for recording in recordings)
-                self._note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
-            found = Found.block(recordings, columns.axes, name, block.shape[1])
+            each = shapes.without_padding(shapes.row_major(wrench), columns.axes, name, self.origin)
+        pushes = [Push(recording, columns.axes, name, array.shape[1]) for recording in each]
+        found = Found(pushes, [len(pushes)])
         if columns.time is not None:
-            stamps = array[None, :, columns.time] if array.ndim == 2 else array[..., columns.time]
-            found.fill("stamps", [row[:n] for row, n in zip(stamps, found.lengths, strict=True)])
+            rows = zip(pushes, array[..., columns.time], strict=True)
+            found.fill("stamps", [stamps[: len(push.wrench)] for push, stamps in rows])
             found.fill("time_unit", [columns.time_unit] * len(found))
         if columns.meta_units:
             found.fill("meta", [{"units": columns.meta_units}] * len(found))
         return found
-
-    def _floats(self, raw: Any, name: str) -> FloatArray:
-        array = np.asarray(raw)
-        if array.dtype.kind not in "iuf":
-            raise self.origin.fault(name, f"has dtype {array.dtype}; wanted real numbers")
-        with np.errstate(over="ignore", invalid="ignore"):  # what is no number is refused as such
-            return array.astype(np.float64, copy=False)  # as it lies in memory, to be copied once
-
-    def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
-
-
-def _may_be_wrench(key: str, node: Any) -> bool:
-    """Tell whether a name leaves that open: that of a group says nothing of the arrays in it."""
-    return not names.is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
 
 
 def _cells(cells: Sequence[Found]) -> Found:
@@ -442,10 +422,39 @@ def _cells(cells: Sequence[Found]) -> Found:
     return joined.as_one() if all(len(cell) == 1 for cell in cells) else joined
 
 
+def _without_tables(samples: dict[str, Any], n_axes: int, *, beside_parts: bool) -> dict[str, Any]:
+    """Leave out what only looks like samples beside the recordings: calibration matrices, ranges, means per sample.
+
+    Square matrices are left out wherever there is anything else; others of two dimensions where an array or list of
+    recordings has a general name (``X``, ``data``) and they have names of their own.
+    """
+    flat = {key for key, node in samples.items() if is_leaf(node) and len(node.shape) == 2}
+    kept = {k: n for k, n in samples.items() if k not in flat or tuple(n.shape) != (n_axes, n_axes)}
+    if not kept and not beside_parts:
+        kept = samples
+    if any(names.is_general(key) and key not in flat for key in kept):
+        return {key: node for key, node in kept.items() if names.is_general(key) or key not in flat}
+    return kept
+
+
 def _is_at(path: str, wanted: str, *, within: bool = False) -> bool:
     """Tell whether a path ends with the names that are wanted, or (`within`) has them anywhere."""
     plain = f"/{_INDEX.sub('', path)}/"
     return f"/{wanted}/" in plain if within else plain.endswith(f"/{wanted}/")
+
+
+def _paths(node: Any, path: str, depth: int) -> Iterator[str]:
+    """Yield the paths of what lies in a struct, or in the first structs of a list."""
+    node = as_tree(node)
+    if depth > MAX_DEPTH:
+        return
+    if isinstance(node, list):
+        for item in node[:_FIRST]:
+            yield from _paths(item, path, depth + 1)
+    elif isinstance(node, Mapping):
+        for key, item in node.items():
+            yield _path(path, key)
+            yield from _paths(item, _path(path, key), depth + 1)
 
 
 def _numbered_in(level: str, key: str, found: Found) -> bool:
@@ -456,21 +465,3 @@ def _numbered_in(level: str, key: str, found: Found) -> bool:
 
 def _path(level: str, key: str) -> str:
     return f"{level}/{key}" if level else key
-
-
-_SLAB = 32
-"""Samples copied at a time: 32 x 6 float64 are a few cache lines per recording."""
-
-
-def row_major(block: FloatArray) -> FloatArray:
-    """Return a block (n, T, C) in row-major order, copied only where it is not.
-
-    Column-major samples, as MATLAB keeps them, lie far apart for each recording: a few samples of all recordings at a
-    time use what the cache holds, and take half as long as the whole in one go.
-    """
-    if block.flags.c_contiguous:
-        return block
-    copied = np.empty(block.shape)
-    for start in range(0, block.shape[1], _SLAB):
-        copied[:, start : start + _SLAB] = block[:, start : start + _SLAB]
-    return copied

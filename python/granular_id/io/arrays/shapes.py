@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
@@ -26,6 +26,8 @@ Where the axes come last, the one of recordings is at most this many times as lo
 """
 
 _DIMS = "['recording', 'time', 'axis']"
+_SLAB = 32
+"""Samples copied at a time: 32 x 6 float64 are a few cache lines per recording."""
 
 
 @dataclass(frozen=True)
@@ -51,49 +53,32 @@ def order_of(
 
     `sensor_last`: the last axis is known to be the sensor's. Refused where more than one order is possible.
     """
-    n = len(shape)
+    n, n_axes = len(shape), len(known.axes)
+    has_shape = f"{origin.describe} {name} has the shape {shape}"
     if len(known.dimensions) == n:
         order = tuple(known.dimensions.index(place) for place in sorted(known.dimensions))
-        if shape[order[-1]] != len(known.axes):
+        if shape[order[-1]] != n_axes:
             problem = f"has the shape {shape}, whose dimensions are stated otherwise"
-            raise origin.fault(name, f"{problem}; wanted {len(known.axes)} axes")
+            raise origin.fault(name, f"{problem}; wanted {n_axes} axes")
         return order
-    if n == 2:
-        return (0, 1) if sensor_last or not _axes_first(shape, known, name, origin) else (1, 0)
-    if n == 3:
-        return _order_of_three(shape, known, name, origin, sensor_last)
-    raise origin.unclear(f"{origin.describe} {name} has the shape {shape}")
-
-
-def _axes_first(shape: tuple[int, ...], known: Known, name: str, origin: Origin) -> bool:
-    """Tell whether a two-dimensional shape is (sensor axes, samples)."""
-    n_axes = len(known.axes)
-    if shape[0] != n_axes or shape[1] in known.n_samples:
-        return shape[0] == n_axes
-    if shape[1] == n_axes and shape[0] not in known.n_samples:
-        problem = f"has the shape {shape}: it cannot be told which axis counts samples"
-        raise origin.unclear(f"{origin.describe} {name} {problem}")
-    return shape[1] != n_axes
-
-
-def _order_of_three(
-    shape: tuple[int, ...], known: Known, name: str, origin: Origin, sensor_last: bool
-) -> tuple[int, ...]:
-    n_axes = len(known.axes)
-    sensor = [2] if sensor_last else [i for i, length in enumerate(shape) if length == n_axes]
-    orders = [order for order in permutations(range(3), 3) if order[2] in sensor]
-    for place, lengths in ((0, known.n_recordings), (1, known.n_samples)):
-        orders = [order for order in orders if shape[order[place]] in lengths] or orders
-    if len(orders) > 1 and len(sensor) == 1:
+    if n not in (2, 3):
+        raise origin.unclear(has_shape)
+    sensor = [n - 1] if sensor_last else [i for i, length in enumerate(shape) if length == n_axes]
+    orders = [order for order in permutations(range(n)) if order[-1] in sensor]
+    for place, lengths in ((n - 3, known.n_recordings), (n - 2, known.n_samples)):
+        if place >= 0:
+            orders = [order for order in orders if shape[order[place]] in lengths] or orders
+    if n == 3 and len(orders) > 1 and len(sensor) == 1:
         orders = [order for order in orders if _is_usual(shape, order)]
     if len(orders) == 1:
         return orders[0]
+    if n == 2:
+        raise origin.unclear(f"{has_shape}: it cannot be told which axis counts samples")
     several = len(sensor) > 1
     which = f"which of the axes of length {n_axes} is which" if several else "which axis counts recordings"
     telling = "" if several else "labels, lengths or stamps, or "
     beside = "" if origin.single else f"; save {telling}dims, such as {_DIMS}, beside it"
-    problem = f"{origin.describe} {name} has the shape {shape}: it cannot be told {which}"
-    raise origin.unclear(problem + beside)
+    raise origin.unclear(f"{has_shape}: it cannot be told {which}{beside}")
 
 
 def _is_usual(shape: tuple[int, ...], order: tuple[int, ...]) -> bool:
@@ -103,30 +88,43 @@ def _is_usual(shape: tuple[int, ...], order: tuple[int, ...]) -> bool:
     return shape[samples] >= _CLEARLY_LONGER * shape[recordings]
 
 
+def row_major(block: FloatArray) -> FloatArray:
+    """Return a block (n, T, C) in row-major order, copied only where it is not.
+
+    Column-major samples, as MATLAB keeps them, lie far apart for each recording: a few samples of all recordings at a
+    time use what the cache holds, and take half as long as the whole in one go.
+    """
+    if block.flags.c_contiguous:
+        return block
+    copied = np.empty(block.shape)
+    for start in range(0, block.shape[1], _SLAB):
+        copied[:, start : start + _SLAB] = block[:, start : start + _SLAB]
+    return copied
+
+
 # -- padding and gaps
 
 
-def cut_padding(
-    block: FloatArray, axes: Collection[str], name: str, origin: Origin
-) -> FloatArray | list[FloatArray]:
+def without_padding(block: FloatArray, axes: Collection[str], name: str, origin: Origin) -> list[FloatArray]:
     """Return the recordings of a block (n, T, C), without rows of NaN at the end that pad them to one length.
 
-    The block itself where there are none; NaN or infinity elsewhere is refused.
+    NaN or infinity elsewhere is refused.
     """
     if all_finite(block):
-        return block
+        return list(block)
     filled = ~np.asarray(np.isnan(block).all(axis=2))[:, ::-1]
     lengths = np.where(filled.any(axis=1), block.shape[1] - filled.argmax(axis=1), 0).tolist()
     for i, length in enumerate(lengths):
-        refuse_gaps(block[i, :length], axes, name, origin, i)
+        refuse_gaps(block[i, :length], axes, name, origin, f"recording {i}, ")
+    cut = sum(length < block.shape[1] for length in lengths)
+    origin.note(f"{name}: NaN at the end of {cut} recordings taken as padding and left out")
     return [recording[:length] for recording, length in zip(block, lengths, strict=True)]
 
 
 def refuse_gaps(
-    wrench: FloatArray, axes: Collection[str], name: str, origin: Origin, recording: int | None = None
+    wrench: FloatArray, axes: Collection[str], name: str, origin: Origin, where: str = ""
 ) -> None:
     """Raise where a recording (T, C) is empty, or has values that are no finite numbers."""
-    where = "" if recording is None else f"recording {recording}, "
     if not len(wrench):
         raise origin.fault(name, f"{where}no samples (or only NaN); wanted at least one")
     bad = ~np.isfinite(wrench)
@@ -141,50 +139,43 @@ def refuse_gaps(
 
 def halves_of(others: Mapping[str, Any], origin: Origin) -> tuple[str, str] | None:
     """Find the names of forces and torques side by side; refuse two of a kind."""
-    found = []
-    for what, names in (("forces", FORCES), ("torques", TORQUES)):
-        keys = _called(others, names)
-        if not keys:
-            return None
+    forces, torques = _halves(others)
+    if not forces or not torques:
+        return None
+    for what, keys in (("forces", forces), ("torques", torques)):
         if len(keys) > 1:
             raise origin.unclear(f"{' and '.join(map(repr, keys))} may both be the {what}")
-        found.append(keys[0])
-    return found[0], found[1]
+    return forces[0], torques[0]
 
 
 def pairs_of(halves: tuple[str, str], others: Mapping[str, Any], origin: Origin) -> list[tuple[Any, Any]]:
     """Return the pairs of two lists, or the one pair of two arrays, each of one shape."""
-    forces, torques = (others[key] for key in halves)
-    listed = isinstance(forces, list)
-    if listed != isinstance(torques, list):
-        problem = "one is a list, the other an array; wanted both alike"
-        raise origin.unclear(f"of {' and '.join(halves)} {problem}")
-    if listed and len(forces) != len(torques):
-        force, torque = halves
-        raise origin.unclear(f"{force} holds {len(forces)} and {torque} {len(torques)} recordings")
-    pairs = list(zip(forces, torques, strict=True)) if listed else [(forces, torques)]
-    for i, pair in enumerate(pairs):
-        called = [f"{key}[{i}]" if listed else key for key in halves]
-        for node, name in zip(pair, called, strict=True):
-            if not is_leaf(node):
-                raise origin.unclear(f"{name} is no array; wanted (samples, 3)")
-        each = [f"{name} {tuple(node.shape)}" for node, name in zip(pair, called, strict=True)]
-        if pair[0].shape != pair[1].shape:
+    both = [others[key] for key in halves]
+    lists = [node if isinstance(node, list) else [node] for node in both]
+    if isinstance(both[0], list) != isinstance(both[1], list) or len(lists[0]) != len(lists[1]):
+        held = " and ".join(f"{key} {len(node)}" for key, node in zip(halves, lists, strict=True))
+        raise origin.unclear(f"{held} recordings; wanted a force and a torque for each, both in lists")
+    for i, pair in enumerate(zip(*lists, strict=True)):
+        if not all(map(is_leaf, pair)) or pair[0].shape != pair[1].shape:
+            called = [f"{key}[{i}]" if isinstance(both[0], list) else key for key in halves]
+            each = [
+                f"{name} {tuple(node.shape) if is_leaf(node) else 'is no array'}"
+                for name, node in zip(called, pair, strict=True)
+            ]
             problem = "differ in shape; wanted the force and the torque of each sample"
             raise origin.unclear(f"{' and '.join(each)} {problem}")
-    return pairs
+    return list(zip(*lists, strict=True))
 
 
 def in_parts(items: Mapping[str, Any]) -> bool:
     """Tell whether a struct or group holds a wrench in parts, going by names and shapes alone."""
-    axes = {split_unit(key)[0] for key in items}
-    return set(AXES) <= axes or all(_called(items, names) for names in (FORCES, TORQUES))
+    return set(AXES) <= {split_unit(key)[0] for key in items} or all(_halves(items))
 
 
 def only_halves(samples: Mapping[str, Any]) -> bool:
     """Tell whether all that looks like recordings are forces and torques, of six recordings or six samples."""
-    called = [_called(samples, names) for names in (FORCES, TORQUES)]
-    return all(called) and set(samples) <= {key for keys in called for key in keys}
+    forces, torques = _halves(samples)
+    return bool(forces and torques) and set(samples) <= {*forces, *torques}
 
 
 def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
@@ -199,8 +190,13 @@ def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
     return {found[axis]: others[found[axis]] for axis in AXES} if len(found) == len(AXES) else {}
 
 
-def _called(others: Mapping[str, Any], names: frozenset[str]) -> Sequence[str]:
-    return [key for key, node in others.items() if plain_name(key) in names and _has_three(node)]
+def _halves(others: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the names of what may be forces, and of what may be torques, of three axes."""
+    forces, torques = (
+        [key for key, node in others.items() if plain_name(key) in words and _has_three(node)]
+        for words in (FORCES, TORQUES)
+    )
+    return forces, torques
 
 
 def _has_three(node: Any) -> bool:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ _LISTED = 8
 
 @dataclass(frozen=True)
 class Origin:
-    """The file that a tree came from, for errors.
+    """The file that a tree came from, for errors, and what was guessed of it.
 
     `describe` is what its format calls an entry: ``"array"``, ``"variable"``, ``"data set"``; `single` says that such
     a file can hold one array only, so that nothing can stand beside it.
@@ -37,6 +37,12 @@ class Origin:
     describe: str
     tree: Mapping[str, Any]
     single: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    def note(self, text: str) -> None:
+        """Say once what was guessed."""
+        if text not in self.notes:
+            self.notes.append(text)
 
     def fault(self, name: str, problem: str) -> RecordingFileError:
         """Return the error about one entry."""
@@ -90,9 +96,8 @@ def n_values(node: Any) -> int | None:
 def numbers(node: Any) -> NDArray[Any] | None:
     """Return a list of real numbers as an array of shape (n,), None where a node is no such list."""
     if isinstance(node, list):
-        items = [None if isinstance(item, list) else numbers(item) for item in node]
-        single = [item for item in items if item is not None and len(item) == 1]
-        return np.concatenate(single) if single and len(single) == len(items) else None
+        each = _one_each(node, numbers)
+        return np.concatenate(each) if each else None
     return values(node).reshape(-1) if is_numbers(node) and n_values(node) is not None else None
 
 
@@ -101,13 +106,18 @@ def texts(node: Any) -> list[str] | None:
     if isinstance(node, str):
         return [node.rstrip(" ")]
     if isinstance(node, list):
-        items = [None if isinstance(item, list) else texts(item) for item in node]
-        single = [item[0] for item in items if item is not None and len(item) == 1]
-        return single if single and len(single) == len(items) else None
+        each = _one_each(node, texts)
+        return [text for (text,) in each] if each else None
     if not is_leaf(node) or np.dtype(node.dtype).kind not in "US" or n_values(node) is None:
         return None
     plain = plain_texts(values(node).reshape(-1))
     return None if plain is None else [text.rstrip(" ") for text in plain]
+
+
+def _one_each(cells: list[Any], read: Callable[[Any], Any]) -> list[Any] | None:
+    """Return what is read of each cell where each holds one value, None otherwise."""
+    each = [None if isinstance(cell, list) else read(cell) for cell in cells]
+    return each if all(found is not None and len(found) == 1 for found in each) else None
 
 
 def plain_texts(array: NDArray[Any]) -> list[str] | None:
