@@ -7,7 +7,7 @@ Reading checks whole columns at once, so that it costs little more than reading 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
@@ -17,22 +17,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, all_finite, as_floats, checked_text, freeze, thaw
+from granular_id.io.arrays.tree import plain_texts
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import check_parts
+from granular_id.io.files import Expansion, check_parts
 from granular_id.io.folder_save import checked_dataset, history_json
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import KNOWN_FLAGS, Dataset, Recording, StepReport, checked_axes, shared_base
 
-RECORDING_BYTES = 1024
+_RECORDING_BYTES = 1024
 """What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
 
 FORMAT, VERSION = "granular_id recordings", 1
+MARK = f"{FORMAT} {VERSION}"
 """What files of flat columns call themselves."""
 
 NUMBERS = ("n_samples", "rate_hz", "start_time", "trigger_index")
 TEXTS = ("label", "session", "name")
 OPTIONAL = ("time_s", "flags")
 """Columns beside ``wrench``: numbers and texts per recording; what stands per sample only where it is needed."""
+
+SAMPLES = ("wrench", *OPTIONAL)
+WHOLE_TEXTS = ("meta", "history")
+_REQUIRED = ("wrench", "axes", *NUMBERS, *TEXTS, *WHOLE_TEXTS)
 
 
 @dataclass(frozen=True)
@@ -52,26 +58,6 @@ class FlatRecordings:
     time_s: FloatArray | None = None  # (N,): seconds from the first sample of each; NaN in uniform recordings
     flags: NDArray[np.uint8] | None = None  # (N,): bits of `SampleFlag`
     history_json: str = "[]"  # a list of what `StepReport.to_dict` gives
-
-    @classmethod
-    def of_texts(
-        cls,
-        axes: Sequence[str],
-        texts: Mapping[str, Sequence[str]],
-        meta_lines: str,
-        history_json: str,
-        columns: Mapping[str, Any],
-    ) -> FlatRecordings:
-        """Make the columns of a file whose texts cannot be None; see `texts` and `meta_lines`."""
-        return cls(
-            axes=tuple(axes),
-            label=[text or None for text in texts["label"]],
-            session=[text or None for text in texts["session"]],
-            name=texts["name"],
-            meta_json=[None if line == "{}" else line for line in meta_lines.split("\n")],
-            history_json=history_json,
-            **columns,
-        )
 
     @property
     def texts(self) -> dict[str, list[str]]:
@@ -125,6 +111,60 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: b
     except (TypeError, ValueError) as error:
         raise RecordingFileError(path, str(error)) from error
     return FileContent(recordings=recordings, rows=[], notes=[], history=history)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column as it lies in a file, read when it is wanted."""
+
+    place: str
+    read: Callable[[], NDArray[Any]]
+
+
+def read_own(
+    mark: str, found: Mapping[str, Column], others: Sequence[str], expansion: Expansion, source: FileSource
+) -> FileContent:
+    """Read a file of flat columns, which `save_npz` and `save_hdf5` write under the same names.
+
+    `mark` is what the file calls itself, `others` are the names of what it holds besides.
+    """
+    if mark != MARK:
+        problem = f"is of the format {mark!r:.80}; this version of granular-id reads {MARK!r}"
+        raise RecordingFileError(source.path, problem)
+    missing = next((name for name in _REQUIRED if name not in found), None)
+    if missing is not None:
+        raise expansion.fault(missing, f"is missing; wanted all of {MARK!r}")
+    columns = {name: found[name].read() for name in NUMBERS}
+    expansion.spend(columns["n_samples"].size * _RECORDING_BYTES, "n_samples")
+    texts = {name: _texts_of(found[name], expansion) for name in ("axes", *TEXTS)}
+    meta, history = ("\n".join(_texts_of(found[name], expansion)) for name in WHOLE_TEXTS)
+    flat = FlatRecordings(
+        axes=tuple(texts["axes"]),
+        label=[text or None for text in texts["label"]],
+        session=[text or None for text in texts["session"]],
+        name=texts["name"],
+        meta_json=[None if line == "{}" else line for line in meta.split("\n")],
+        history_json=history,
+        **columns,
+        **{name: found[name].read() for name in SAMPLES if name in found},
+    )
+    content = unflatten(flat, source.path, source)
+    if others:
+        listed = ", ".join(others)[:200]
+        content.notes.append(f"members that are no part of the format were not read: {listed}")
+    return content
+
+
+def _texts_of(column: Column, expansion: Expansion) -> list[str]:
+    """Return the texts of a column, which may also be the bytes of one text."""
+    array = column.read()
+    if array.dtype == np.uint8:
+        array = np.array([array.tobytes()])
+    words = plain_texts(array.reshape(-1)) if array.dtype.kind in "SU" and array.ndim < 2 else None
+    if words is None:
+        problem = f"has shape {array.shape} and type {array.dtype}; wanted texts in UTF-8"
+        raise expansion.fault(column.place, problem)
+    return words
 
 
 def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Recording]:
@@ -209,8 +249,6 @@ def joined(parts: Sequence[FloatArray]) -> FloatArray:
 NO_TRIGGER = -1
 """What stands in ``trigger_index`` where a recording has none."""
 
-_DECODER = json.JSONDecoder()
-
 
 class Rows:
     """Which rows of the flat arrays belong to which recording."""
@@ -253,9 +291,7 @@ def checked_rates(value: object, rows: Rows) -> list[float | None]:
     """Return the sampling rates, Hz; None (NaN in the file) where a recording is irregular."""
     rates = _checked_floats(value, "rate_hz", len(rows))
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        endless = ~np.isfinite(
-            rows.lengths / rates
-        )  # for a rate of 0, too, or one that makes it last for ever
+        endless = ~np.isfinite(rows.lengths / rates)  # at a rate of 0, too, or a tiny one
     bad = ~np.isnan(rates) & (endless | (rates <= 0) | np.isinf(rates))
     rows.refuse(rates, bad, "rate_hz", "a positive rate in Hz, or NaN for stamps in time_s")
     return _none_for_nan(rates)
@@ -344,7 +380,7 @@ def _frozen_json(text: object, name: str, kind: type) -> Any:
     if not isinstance(text, str):
         raise TypeError(f"{name} is a {type(text).__name__}; wanted JSON text")
     try:
-        value = _parsed(text)
+        value = json.loads(text)
         if isinstance(value, kind):
             return freeze(value, name)
     except RecursionError as error:
@@ -352,15 +388,6 @@ def _frozen_json(text: object, name: str, kind: type) -> Any:
     except json.JSONDecodeError as error:
         raise ValueError(f"{name} is not JSON: {error}") from error
     raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")
-
-
-def _parsed(text: str) -> Any:
-    """Parse JSON as ``json.loads`` does, in half the time where there are no blanks around it."""
-    try:
-        value, end = _DECODER.raw_decode(text)
-    except ValueError:
-        return json.loads(text)
-    return value if end == len(text) else json.loads(text)
 
 
 def _listed(values: object, name: str, n: int) -> Sequence[Any]:
@@ -372,7 +399,10 @@ def _listed(values: object, name: str, n: int) -> Sequence[Any]:
 
 
 def _checked_floats(value: object, name: str, n: int) -> FloatArray:
-    return _one_per(n, as_floats(value, f"column {name}", f"a real array of shape ({n},)"), name)
+    array = as_floats(value, f"column {name}", f"a real array of shape ({n},)")
+    if array.shape != (n,):
+        raise ValueError(f"column {name} has shape {array.shape}; wanted ({n},)")
+    return array
 
 
 def _whole(value: object, name: str, n: int | None) -> NDArray[Any]:
@@ -380,22 +410,12 @@ def _whole(value: object, name: str, n: int | None) -> NDArray[Any]:
     array = np.asarray(value)
     if array.dtype.kind not in "iu":
         raise TypeError(f"column {name} has dtype {array.dtype}; wanted whole numbers")
+    if array.shape != (array.size if n is None else n,):
+        raise ValueError(f"column {name} has shape {array.shape}; wanted ({'n' if n is None else n},)")
     if array.dtype == np.uint64:
         array = np.minimum(array, np.uint64(np.iinfo(np.int64).max)).astype(np.int64)
-    return _one_per(array.size if n is None else n, array, name)
-
-
-def _one_per(n: int, array: NDArray[Any], name: str) -> NDArray[Any]:
-    if array.shape != (n,):
-        raise ValueError(f"column {name} has shape {array.shape}; wanted ({n},)")
     return array
 
 
 def _none_for_nan(values: FloatArray) -> list[float | None]:
-    unknown = np.isnan(values)
-    if unknown.all():
-        return [None] * len(values)
-    listed: list[float | None] = values.tolist()
-    for i in np.flatnonzero(unknown).tolist():
-        listed[i] = None
-    return listed
+    return [None if value != value else value for value in values.tolist()]  # noqa: PLR0124 (NaN)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +18,20 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.names import ROLES, role_of
 from granular_id.io.arrays.stated import orders_axes, what_has_unit
-from granular_id.io.arrays.tree import MAX_DEPTH
+from granular_id.io.arrays.tree import MAX_DEPTH, plain_texts
 from granular_id.io.columns import factor
 from granular_id.io.errors import RecordingFileError, naming, need
 from granular_id.io.files import Expansion, open_bounded
 from granular_id.io.flat import (
     FORMAT,
     NUMBERS,
-    OPTIONAL,
-    RECORDING_BYTES,
+    SAMPLES,
     TEXTS,
     VERSION,
+    Column,
     FlatRecordings,
     flatten,
-    unflatten,
+    read_own,
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -48,19 +49,13 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an HDF5 file: one of ``save_hdf5``, or groups and arrays whose layout is guessed and said.
 
     Links, and values kept in other files, are refused.
-
-    Raises
-    ------
-    RecordingFileError
-        With the dataset: damaged, cut off, too large, or not what is wanted.
-    ImportError
-        h5py is missing.
     """
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (_, n_bytes):
         expansion = Expansion(source.path, n_bytes)
         with opened(expansion, "to read .h5 files") as file:
-            if _is_own(file):
-                return _Own(file, expansion).content(source)
+            mark = file.attrs.get("format")
+            if isinstance(mark, (str, bytes)) and mark in (FORMAT, FORMAT.encode()):
+                return _read_own(file, expansion, source)
             tree = _Tree(expansion)
             content = recordings_of(tree.group(file, "", 0), source, options, "data set")
     if tree.left_out:
@@ -73,90 +68,56 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
 # -- files of this package
 
 
-def _is_own(file: Any) -> bool:
-    mark = file.attrs.get("format")
-    return isinstance(mark, (str, bytes)) and mark in (FORMAT, FORMAT.encode())
+_PLACES = {
+    **{name: name for name in (*SAMPLES, "history")},
+    **{name: f"recordings/{name}" for name in (*NUMBERS, *TEXTS, "meta")},
+}
+"""Where each column lies."""
+
+_UNITS = {"time_s": "s", "rate_hz": "Hz", "start_time": "s"}
+"""Of the columns whose attribute ``units`` is no list."""
 
 
-@dataclass
-class _Own:
-    """A file in the layout of ``save_hdf5``."""
-
-    file: Any
-    expansion: Expansion
-
-    def content(self, source: FileSource) -> FileContent:
-        """Return its recordings."""
-        version = self._attribute(self.file, "version", "header")
-        if not isinstance(version, np.integer) or version != VERSION:
-            problem = f"is of version {version!s:.40}; this granular_id reads version {VERSION}"
-            raise self.expansion.fault("header", problem)
-        columns = {name: self._values(f"recordings/{name}") for name in NUMBERS}
-        self.expansion.spend(columns["n_samples"].size * RECORDING_BYTES, "recordings/n_samples")
-        texts = {name: self._texts(self._values(f"recordings/{name}"), name) for name in TEXTS}
-        (meta,) = self._texts(self._values("recordings/meta"), "meta")
-        (history,) = self._texts(self._values("history"), "history")
-        columns |= {name: self._values(name) for name in SAMPLES if has(self.file, name) or name == "wrench"}
-        axes = tuple(self._texts(self._attribute(self.file["wrench"], "axes", "wrench"), "axes of wrench"))
-        self._refuse_other_units(columns)
-        scales = self._scales(axes)
-        if scales is not None:
-            columns["wrench"] = columns["wrench"] * scales
-        flat = FlatRecordings.of_texts(axes, texts, meta, history, columns)
-        content = unflatten(flat, source.path, source)
-        unknown = sorted(set(self.file) - {*SAMPLES, "recordings", "history"})
-        if unknown:
-            listed = ", ".join(unknown)[:200]
-            content.notes.append(f"members that are no part of the format were not read: {listed}")
-        return content
-
-    def _attribute(self, item: Any, name: str, place: str) -> Any:
-        return attribute(item, name, place, self.expansion)
-
-    def _values(self, path: str) -> NDArray[Any]:
-        item = self.file
-        for name in path.split("/"):
-            if not has(item, name):
-                raise self.expansion.fault(path, f"is missing; wanted what '{FORMAT} {VERSION}' has")
-            item = member(item, name, path, self.expansion)
+def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileContent:
+    columns: dict[str, Column] = {}
+    for name, place in _PLACES.items():
+        item = file
+        for part in place.split("/"):
+            item = member(item, part, place, expansion) if has(item, part) else None
         if is_group(item):
-            raise self.expansion.fault(path, "is a group; wanted values")
-        return values(item, path, self.expansion)
+            raise expansion.fault(place, "is a group; wanted values")
+        if item is not None:
+            columns[name] = Column(place, partial(values, item, place, expansion))
+        if item is not None and name in _UNITS:
+            _refuse_other_unit(item, place, _UNITS[name], expansion)
+    if "wrench" in columns:
+        axes = attribute(file["wrench"], "axes", "wrench", expansion)
+        columns["axes"] = Column("axes of wrench", lambda: np.asarray(axes))
+        columns["wrench"] = Column("wrench", partial(_wrench, file["wrench"], axes, expansion))
+    mark = f"{FORMAT} {attribute(file, 'version', 'header', expansion)}"
+    return read_own(mark, columns, sorted(set(file) - {*_PLACES, "recordings"}), expansion, source)
 
-    def _texts(self, found: Any, place: str) -> list[str]:
-        array = np.asarray(found)
-        if array.dtype.kind not in "SU" or array.ndim > 1:
-            problem = f"has shape {array.shape} and type {array.dtype}; wanted texts"
-            raise self.expansion.fault(place, problem)
-        try:
-            return [t if isinstance(t, str) else t.decode("utf-8") for t in array.ravel().tolist()]
-        except UnicodeDecodeError as error:
-            raise self.expansion.fault(place, f"is not UTF-8 text: {error}") from error
 
-    def _scales(self, axes: tuple[str, ...]) -> tuple[float, ...] | None:
-        """Return what samples must be multiplied with to be in the units of the axes; None: nothing."""
-        place = "wrench, attribute units"
-        units = self._attribute(self.file["wrench"], "units", "wrench")
-        if units is None:
-            return None
-        said = self._texts(units, place)
-        scales = [factor(unit, unit_of(axis)) for unit, axis in zip(said, axes, strict=False)]
-        if len(said) != len(axes) or None in scales:
-            wanted = ", ".join(unit_of(axis) for axis in axes)
-            raise self.expansion.fault(
-                place, f"names {', '.join(said)[:80]}; wanted {wanted}, or mN, mN m ..."
-            )
-        known = tuple(scale for scale in scales if scale is not None)
-        return known if any(scale != 1 for scale in known) else None
+def _refuse_other_unit(item: Any, place: str, unit: str, expansion: Expansion) -> None:
+    said = attribute(item, "units", place, expansion)
+    if said is not None and factor(str(said), unit) != 1:
+        problem = f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
+        raise expansion.fault(place, problem)
 
-    def _refuse_other_units(self, columns: Mapping[str, Any]) -> None:
-        for name, unit in UNITS.items():
-            if name.rpartition("/")[2] not in columns:
-                continue
-            said = self._attribute(self.file[name], "units", name)
-            if said is not None and factor(str(said), unit) != 1:
-                problem = f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
-                raise self.expansion.fault(name, problem)
+
+def _wrench(item: Any, axes: Any, expansion: Expansion) -> NDArray[Any]:
+    """Return the samples in the units of their axes, from those that the attribute ``units`` states."""
+    wrench = values(item, "wrench", expansion)
+    said = attribute(item, "units", "wrench", expansion)
+    if said is None:
+        return wrench
+    units, of_axes = (plain_texts(np.atleast_1d(found)) or [] for found in (said, axes))
+    scales = [factor(unit, unit_of(axis)) for unit, axis in zip(units, of_axes, strict=False)]
+    if len(units) != len(of_axes) or None in scales:
+        wanted = ", ".join(map(unit_of, of_axes))
+        problem = f"names {', '.join(units)[:80]}; wanted {wanted}, or mN, mN m ..."
+        raise expansion.fault("wrench, attribute units", problem)
+    return wrench if set(scales) == {1} else wrench * np.array(scales, np.float64)
 
 
 # -- files of others
@@ -321,56 +282,13 @@ def values(item: Any, place: str, expansion: Expansion) -> NDArray[Any]:
         return np.asarray(item[()])
 
 
-SAMPLES = ("wrench", *OPTIONAL)
-"""What lies at the top of a file; what is known of each recording lies in the group ``recordings``."""
-
-UNITS = {"time_s": "s", "recordings/rate_hz": "Hz", "recordings/start_time": "s"}
-"""Of the data sets whose attribute ``units`` is no list."""
-
-
 def save_hdf5(
     dataset: Dataset, path: str | os.PathLike[str], *, progress: ProgressCallback | None = None
 ) -> Path:
-    """Write a data set as one HDF5 file that ``load`` gives back bit for bit.
+    """Write a data set as one HDF5 file that ``load`` gives back bit for bit; `progress` is called after each array.
 
-    ``/wrench`` holds the samples of all recordings one after the other, ``/recordings`` a column per fact about
-    them; ``docs/formats/hdf5.md`` describes each. Nothing is compressed: gzip makes reading 14 times slower here;
-    where size matters, a Parquet archive is smaller still.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Recordings of the same axes.
-    path : str or path
-        File to write, as a rule with the ending ``.h5``; it must not exist.
-    progress : callable, optional
-        Called after each array, see ``ProgressCallback``.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    FileExistsError
-        There is something at `path` already.
-    ImportError
-        h5py is missing.
-    ValueError
-        Recordings differ in their axes, naming the method that helps.
-    OSError
-        The file cannot be written.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> from granular_id.io.hdf5 import save_hdf5
-    >>> from granular_id.recording import Dataset, Recording
-    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     save_hdf5(data, folder + "/oats.h5").name
-    'oats.h5'
+    ``docs/formats/hdf5.md`` describes each. Nothing is compressed: gzip makes reading 14 times slower here; where size
+    matters, a Parquet archive is smaller still.
     """
     target = Path(path)
     h5py = need("h5py", extra="hdf5", why="to write .h5 files")
@@ -385,19 +303,17 @@ def save_hdf5(
             ticker.tick(name)
         file["wrench"].attrs["axes"] = _texts(flat.axes, h5py)
         file["wrench"].attrs["units"] = _texts([unit_of(axis) for axis in flat.axes], h5py)
-        for name, unit in UNITS.items():
-            if name in file:
-                file[name].attrs["units"] = _text(unit, h5py)
+        for name, unit in _UNITS.items():
+            if _PLACES[name] in file:
+                file[_PLACES[name]].attrs["units"] = _text(unit, h5py)
     return target
 
 
 def _arrays(flat: FlatRecordings, h5py: Any) -> dict[str, Any]:
-    arrays: dict[str, Any] = {n: getattr(flat, n) for n in SAMPLES if getattr(flat, n) is not None}
-    arrays |= {f"recordings/{name}": getattr(flat, name) for name in NUMBERS}
-    arrays |= {f"recordings/{name}": _texts(texts, h5py) for name, texts in flat.texts.items()}
-    arrays["recordings/meta"] = _text(flat.meta_lines, h5py)
-    arrays["history"] = _text(flat.history_json, h5py)
-    return arrays
+    arrays: dict[str, Any] = {name: getattr(flat, name) for name in (*SAMPLES, *NUMBERS)}
+    arrays |= {name: _texts(texts, h5py) for name, texts in flat.texts.items()}
+    arrays |= {"meta": _text(flat.meta_lines, h5py), "history": _text(flat.history_json, h5py)}
+    return {_PLACES[name]: array for name, array in arrays.items() if array is not None}
 
 
 def _texts(texts: Sequence[str], h5py: Any) -> NDArray[Any]:

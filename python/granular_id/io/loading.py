@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +23,11 @@ from granular_id.io.source import FileContent, FileSource, completed
 from granular_id.recording import Dataset, Recording, StepReport
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
-_OF_FORMATS = {"topic": ("mcap", "ros"), "array": _ARRAYS, "label": (*_ARRAYS, "csv", "parquet")}
+_OF_FORMATS = {
+    "topic": ("a bag or MCAP", ("mcap", "ros")),
+    "array": ("of named arrays", _ARRAYS),
+    "label": ("of named arrays or a table", (*_ARRAYS, "csv", "parquet")),
+}
 """Which formats have what an option names."""
 
 
@@ -175,9 +180,8 @@ def _reader(
     if not isolate:
         yield partial(read_file, options=options)
         return
-    from granular_id.io.isolate import (
-        IsolatedReader,
-    )  # the child runs this module: it must not be there already
+    # the child runs this module: it must not be there already
+    from granular_id.io.isolate import IsolatedReader
 
     with IsolatedReader(sources, options) as reader:
         yield reader.read
@@ -185,16 +189,10 @@ def _reader(
 
 def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:
     """Refuse options that would change nothing, as no file is of a format that has what they name."""
-    for name, wanted in _OF_FORMATS.items():
-        known = {one.name for source in sources if (one := format_of(source.path)) is not None}
+    known = {one.name for source in sources if (one := format_of(source.path)) is not None}
+    for name, (what, wanted) in _OF_FORMATS.items():
         if sources and getattr(options, name) is not None and known.isdisjoint(wanted):
             came = f"{counted(len(sources), 'file')}, the first is {sources[0].path}"
-            kinds = {
-                "topic": "a bag or MCAP",
-                "array": "of named arrays",
-                "label": "of named arrays or a table",
-            }
-            what = kinds[name]
             raise argument_error(ValueError, name, f"must be left out where no file is {what}: {came}")
 
 
@@ -210,16 +208,8 @@ def _report(
     recordings: Sequence[Recording],
     problems: Sequence[RecordingFileError],
 ) -> StepReport:
-    parameters = {
-        "format": found.layout,
-        "rate_hz": options.rate_hz,
-        "on_error": options.on_error,
-        "on_time_error": options.on_time_error,
-        "topic": options.topic,
-        "time_unit": options.time_unit,
-        "array": options.array,
-        "label": options.label,
-    }
+    parameters = {"format": found.layout, **asdict(options)}
+    del parameters["max_file_bytes"]
     rows: list[dict[str, Any]] = [row for content in contents for row in content.rows]
     totals = {
         "recordings": len(recordings),

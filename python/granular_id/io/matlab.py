@@ -77,16 +77,7 @@ class MatReading(Expansion):
 
 
 def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read the recordings of one MATLAB file.
-
-    Raises
-    ------
-    RecordingFileError
-        Naming the variable: damage, sizes beyond reason, no recordings, or recordings without labels beside a
-        variable that may hold them but cannot be read (string, categorical, table).
-    ImportError
-        h5py is missing, for a file of version 7.3.
-    """
+    """Read one MATLAB file; without labels it is refused where a variable that may hold them cannot be read."""
     variables, reading = read_variables(source, options)
     try:
         content = recordings_of(variables, source, options, "variable")
@@ -104,16 +95,10 @@ def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
 
 
 def read_variables(source: FileSource, options: LoadOptions) -> tuple[dict[str, Any], MatReading]:
-    """Read all variables of a MATLAB file as plain Python values.
+    """Read all variables of a MATLAB file as plain Python values, by name; and say what was left out.
 
-    Returns
-    -------
-    variables : dict
-        By name: numpy arrays of at least two dimensions, shaped as MATLAB shows them; str, or list of str for char
-        arrays of several rows; dict for a struct; list for cells and struct arrays (lists of rows where they have
-        rows and columns).
-    reading : MatReading
-        What was left out.
+    These are numpy arrays of at least two dimensions, shaped as MATLAB shows them; str, or list of str for char arrays
+    of several rows; dict for a struct; list for cells and struct arrays, of lists where these have rows and columns.
     """
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
         reading = MatReading(source.path, n_bytes)

@@ -20,71 +20,38 @@ from numpy.typing import NDArray
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
-from granular_id.io.arrays.tree import plain_texts, texts
+from granular_id.io.arrays.tree import texts
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import Expansion, open_bounded
 from granular_id.io.flat import (
     FORMAT,
+    MARK,
     NUMBERS,
     OPTIONAL,
+    SAMPLES,
     TEXTS,
-    VERSION,
+    WHOLE_TEXTS,
+    Column,
     FlatRecordings,
     flatten,
-    unflatten,
+    read_own,
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
 _MARK = "format"
-"""Array that says what the file is: `FORMAT` and `VERSION`."""
+"""Array that says what the file is: `MARK`."""
 
 _SUFFIX = ".npy"
-_BYTES = ("meta", "history")
-_NUMBERS = ("wrench", *NUMBERS)
 
 
 def save_npz(
     dataset: Dataset, path: str | os.PathLike[str], *, progress: ProgressCallback | None = None
 ) -> Path:
-    """Write a data set as one NPZ file that ``load`` gives back bit for bit.
+    """Write a data set as one NPZ file that ``load`` gives back bit for bit; `progress` is called after each array.
 
     Nothing is compressed: float64 samples of a real sensor shrink little, and reading takes five times as long.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Recordings of the same axes.
-    path : str or path
-        File to write, as a rule with the ending ``.npz``; it must not exist.
-    progress : callable, optional
-        Called after each array, see ``ProgressCallback``.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    FileExistsError
-        There is something at `path` already.
-    ValueError
-        Recordings differ in their axes, naming the method that helps.
-    OSError
-        The file cannot be written.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> from granular_id.io import load, save
-    >>> from granular_id.recording import Dataset, Recording
-    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = save(data, folder + "/oats.npz")
-    ...     np.load(file)["wrench"].shape, load(file) == data
-    ((3, 6), True)
     """
     target = Path(path)
     arrays = _arrays(flatten(dataset))
@@ -98,13 +65,7 @@ def save_npz(
 
 
 def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read an NPZ file: one of ``save_npz``, or an archive of arrays whose layout is guessed and said.
-
-    Raises
-    ------
-    RecordingFileError
-        The file, and the array in it, that cannot be read or understood.
-    """
+    """Read an NPZ file: one of ``save_npz``, or an archive of arrays whose layout is guessed and said."""
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
         if not zipfile.is_zipfile(file):
             problem = "is no NPZ archive: its end, which lists the arrays, is missing"
@@ -125,7 +86,9 @@ def _read(
         raise RecordingFileError(source.path, "holds two arrays of one name; wanted a name for each")
     said = texts(arrays[_MARK]) if _MARK in arrays else None
     if said and said[0].startswith(FORMAT):
-        return _read_own(arrays, others, said[0], source)
+        known = {_MARK, "axes", *SAMPLES, *NUMBERS, *TEXTS, *WHOLE_TEXTS}
+        columns = {name: Column(array.place, array.read) for name, array in arrays.items() if name in known}
+        return read_own(said[0], columns, [*sorted(set(arrays) - known), *others], expansion, source)
     content = recordings_of(_tree(arrays, source.path), source, options, "array")
     if others:
         content.notes.append(f"members that are no arrays were not read: {', '.join(others[:10])}")
@@ -150,60 +113,12 @@ class _Member:
 
 
 def _arrays(flat: FlatRecordings) -> dict[str, NDArray[Any]]:
-    arrays: dict[str, NDArray[Any]] = {
-        _MARK: np.array(f"{FORMAT} {VERSION}"),
-        "axes": np.array(flat.axes, dtype=np.str_),
-    }
-    for name in (*_NUMBERS, *OPTIONAL):
-        if getattr(flat, name) is not None:
-            arrays[name] = getattr(flat, name)
+    arrays: dict[str, Any] = {_MARK: np.array(MARK), "axes": np.array(flat.axes, dtype=np.str_)}
+    arrays |= {name: getattr(flat, name) for name in ("wrench", *NUMBERS, *OPTIONAL)}
     arrays |= {name: np.array(words, dtype=np.str_) for name, words in flat.texts.items()}
-    arrays["meta"] = _bytes(flat.meta_lines)
-    arrays["history"] = _bytes(flat.history_json)
-    return arrays
-
-
-def _bytes(text: str) -> NDArray[np.uint8]:
-    return np.frombuffer(text.encode("utf-8"), np.uint8)
-
-
-def _read_own(arrays: Mapping[str, _Member], others: list[str], mark: str, source: FileSource) -> FileContent:
-    path = source.path
-    if mark != f"{FORMAT} {VERSION}":
-        problem = f"is of the format {mark[:60]!r}; this version of granular-id reads '{FORMAT} {VERSION}'"
-        raise RecordingFileError(path, problem)
-    known = {_MARK, "axes", *_NUMBERS, *OPTIONAL, *TEXTS, *_BYTES}
-    missing = known - set(OPTIONAL) - set(arrays)
-    if missing:
-        raise RecordingFileError(path, f"the array {min(missing)!r} is missing; wanted all of '{mark}'")
-    columns: dict[str, Any] = {name: arrays[name].read() for name in _NUMBERS}
-    columns |= {name: arrays[name].read() for name in OPTIONAL if name in arrays}
-    words = {name: _texts(arrays[name], path) for name in ("axes", *TEXTS)}
-    meta, history = (_text(arrays[name], path) for name in _BYTES)
-    flat = FlatRecordings.of_texts(words["axes"], words, meta, history, columns)
-    content = unflatten(flat, path, source)
-    unknown = sorted(set(arrays) - known) + others
-    if unknown:
-        content.notes.append(
-            f"arrays that are no part of the format were not read: {', '.join(unknown[:10])}"
-        )
-    return content
-
-
-def _texts(member: _Member, path: Path) -> list[str]:
-    words = plain_texts(member.read()) if member.dtype.kind == "U" and len(member.shape) == 1 else None
-    if words is None:
-        problem = f"has shape {member.shape} and dtype {member.dtype}; wanted a list of texts"
-        raise RecordingFileError(path, problem, place=member.place)
-    return words
-
-
-def _text(member: _Member, path: Path) -> str:
-    if member.dtype != np.uint8 or len(member.shape) != 1:
-        problem = f"has shape {member.shape} and dtype {member.dtype}; wanted the bytes of a UTF-8 text"
-        raise RecordingFileError(path, problem, place=member.place)
-    with naming(path, f"reading {member.place} as UTF-8"):
-        return member.read().tobytes().decode("utf-8")
+    for name, text in (("meta", flat.meta_lines), ("history", flat.history_json)):
+        arrays[name] = np.frombuffer(text.encode("utf-8"), np.uint8)
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def _tree(arrays: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
@@ -226,13 +141,7 @@ def _tree(arrays: Mapping[str, Any], path: Path) -> Mapping[str, Any]:
 
 
 def header_of(stream: IO[bytes], place: str, expansion: Expansion) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Return shape and type of an array, whose values may be read: no objects, and not beyond all measure.
-
-    Raises
-    ------
-    RecordingFileError
-        No array, an array of Python objects (they could run code), or one far larger than its file.
-    """
+    """Return shape and type of an array, whose values may be read: no objects, and not beyond all measure."""
     with naming(expansion.path, f"reading the header of {place}"):
         version = np.lib.format.read_magic(stream)
         # version 3.0 differs from 2.0 in the encoding of field names only
@@ -252,16 +161,7 @@ def header_of(stream: IO[bytes], place: str, expansion: Expansion) -> tuple[tupl
 
 
 def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read an array of shape (samples, 6), or of several recordings, (recordings, samples, 6).
-
-    A structured array with the fields fx, fy, fz, tx, ty, tz, and perhaps time, is a table of samples. Other orders of
-    the axes are recognised where they can be told, see ``arrays.layouts``; what was guessed is noted.
-
-    Raises
-    ------
-    RecordingFileError
-        No array, one of Python objects, one that is cut off or claims another size, or one that cannot be understood.
-    """
+    """Read an array of one or several recordings, or a structured array with the fields fx ... tz, and perhaps time."""
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
         leaf = _Unread(file, *header_of(file, "the array", Expansion(source.path, n_bytes)))
         if leaf.dtype.names is None:
