@@ -10,50 +10,28 @@ h5py = pytest.importorskip("h5py")
 X = np.random.default_rng(4).standard_normal((4, 30, 6))
 
 
-def other_file(path, write):
-    with h5py.File(path, "w") as file:
+def other_file(path, write, **settings):
+    with h5py.File(path, "w", **settings) as file:
         write(file)
     return path
 
 
-def test_groups_whose_attributes_say_what_they_are(tmp_path):
+@pytest.mark.parametrize("libver", ["earliest", "v108", "latest"])
+def test_attributes_say_what_groups_and_files_are(tmp_path, libver):
     def write(file):
-        for i, material in enumerate(["rice", "peas"]):
-            for k in range(2):
-                group = file.create_group(f"{material}/{k}")
-                group["wrench"] = X[2 * i + k]
-                group.attrs.update({"rate_hz": 250.0, "session": np.bytes_(f"s{k}")})
-
-    data = load(other_file(tmp_path / "x.h5", write))
-    assert [(r.name, r.label, r.session) for r in data] == [
-        ("peas/0", "peas", "s0"),
-        ("peas/1", "peas", "s1"),
-        ("rice/0", "rice", "s0"),
-        ("rice/1", "rice", "s1"),
-    ]
-    assert data[2].wrench.tobytes() == X[0].tobytes()
-    assert data.rate_hz == 250
-
-
-@pytest.mark.parametrize("libver", ["earliest", "v108"])
-def test_attributes_as_h5py_writes_text_by_default(tmp_path, libver):
-    with h5py.File(tmp_path / "x.h5", "w", libver=libver) as file:
         for i, label in enumerate(["rice", "öats", "öats"]):
             group = file.create_group(f"push {i}")
             group["wrench"] = X[i]
-            group.attrs.update(
-                {"label": label, "session": ["mon", ""][i % 2], "rate_hz": 250, "operator": "me" * 999}
-            )
-    data = load(tmp_path / "x.h5")
+            group.attrs.update({"label": label, "session": ["mon", np.bytes_("")][i % 2], "rate_hz": 250.0})
+            group.attrs["operator"] = "me" * 999
+        # so many lie beyond the header
+        file.attrs.update({f"key {i}": "nothing" for i in range(20)} | {"speed": 0.03})
+
+    data = load(other_file(tmp_path / "x.h5", write, libver=libver))
     assert [(r.label, r.session) for r in data] == [("rice", "mon"), ("öats", None), ("öats", "mon")]
+    assert data[2].wrench.tobytes() == X[2].tobytes()
+    assert data.rate_hz == 250
     assert not any("left out" in note for note in data.history[-1].notes)
-
-
-def test_attributes_beyond_the_header_are_read(tmp_path):
-    with h5py.File(tmp_path / "x.h5", "w", libver="latest") as file:
-        file["X"], file["fs"] = X[0], 250
-        file.attrs.update({f"key {i}": "so many lie elsewhere" for i in range(20)} | {"label": "rice"})
-    assert load(tmp_path / "x.h5")[0].label == "rice"
 
 
 def test_texts_in_chunks_of_which_some_were_never_written(tmp_path):
@@ -65,36 +43,25 @@ def test_texts_in_chunks_of_which_some_were_never_written(tmp_path):
     assert [r.session for r in load(other_file(tmp_path / "x.h5", write))] == [None, None, "tue", "wed"]
 
 
-@pytest.mark.parametrize(
-    "packing",
-    [
+def test_packed_values_are_read(tmp_path):
+    packings = [
         {"compression": "lzf", "shuffle": True},
         {"compression": "gzip", "chunks": (1, 7, 6), "fletcher32": True},
-    ],
-)
-def test_packed_values_are_read(tmp_path, packing):
+    ]
+    for packing in packings:
+        path = other_file(tmp_path / "x.h5", lambda file: file.create_dataset("X", data=X, **packing))  # noqa: B023
+        assert np.array_equal(load(path, rate_hz=500).X, X)
+
+
+def test_what_is_no_number_or_text_is_left_out_and_said(tmp_path):
     def write(file):
-        file.create_dataset("X", data=np.rint(X * 10), **packing)
-
-    assert (np.rint(X * 10) == load(other_file(tmp_path / "x.h5", write), rate_hz=500).X).all()
-
-
-def test_an_attribute_with_a_name_that_is_no_text_means_nothing(tmp_path):
-    def write(file):
-        file["X"] = X
+        file["X"], file["spectrum"] = X, np.ones((4, 30, 6), complex)
         file.attrs["label"] = np.bytes_("rice")
 
     path = other_file(tmp_path / "x.h5", write)
-    path.write_bytes(path.read_bytes().replace(b"label", b"lab\xffl"))
-    assert load(path, rate_hz=500)[0].label is None
-
-
-def test_complex_numbers_and_records_are_left_out_and_said(tmp_path):
-    def write(file):
-        file["X"], file["spectrum"] = X, np.ones((4, 30, 6), complex)
-
-    data = load(other_file(tmp_path / "x.h5", write), rate_hz=500)
-    assert len(data) == 4
+    path.write_bytes(path.read_bytes().replace(b"label", b"lab\xffl"))  # a name that is no text
+    data = load(path, rate_hz=500)
+    assert [r.label for r in data] == [None] * 4
     assert any("spectrum" in note for note in data.history[-1].notes)
 
 
@@ -118,11 +85,8 @@ def _texts_in_another_file(file):
 @pytest.mark.parametrize(
     ("write", "message"),
     [
-        (
-            lambda f: f.update({"X": h5py.ExternalLink("/etc/passwd", "/")}),
-            "X: is a link, which is not followed",
-        ),
-        (lambda f: f.update({"X": h5py.SoftLink("/X")}), "X: is a link, which is not followed"),
+        (lambda f: f.update({"X": h5py.ExternalLink("/etc/passwd", "/")}), "X: is a link"),
+        (lambda f: f.update({"X": h5py.SoftLink("/X")}), "X: is a link"),
         (
             lambda f: f.create_dataset("X", X.shape, "f8", external=[("/etc/passwd", 0, X.nbytes)]),
             "X: keeps its values in other files",
