@@ -93,21 +93,22 @@ class Answer:
 
 def answers(read: Callable[[HostileFile, Path], Any]) -> Iterator[tuple[HostileFile, Answer]]:
     """Read all files, each in a fork, which a crash or a hang ends alone."""
-    from granular_id.io import RecordingFileError
-
-    def verdict(file: HostileFile, folder: Path) -> str:
-        try:
-            return digest(read(file, folder))
-        except RecordingFileError:
-            return "refused"
-        except BaseException as error:
-            return f"raised {type(error).__name__}"
-
     with TemporaryDirectory() as place:
         every = hostile_files()
         unpack(Path(place), {file.number for file in every})
         for file in every:
-            yield file, _in_a_fork(lambda file=file: verdict(file, Path(place)))
+            yield file, _in_a_fork(lambda file=file: _verdict(lambda: read(file, Path(place))))
+
+
+def _verdict(read: Callable[[], Any]) -> str:
+    from granular_id.io import RecordingFileError
+
+    try:
+        return digest(read())
+    except RecordingFileError:
+        return "refused"
+    except BaseException as error:
+        return f"raised {type(error).__name__}"
 
 
 def _in_a_fork(work: Callable[[], str]) -> Answer:
@@ -142,10 +143,14 @@ def main() -> None:
         with TemporaryDirectory() as place:
             unpack(Path(place), {file.number for file in every})
             shutil.copytree(folder, Path(place) / number, symlinks=True)
+            added = HostileFile(number, name, how, loaded, {}, verdict)
+            answer = _in_a_fork(lambda: _verdict(lambda: added.load(Path(place), isolate=True)))
+            if outcome(answer.verdict) != verdict:
+                sys.exit(f"it is {outcome(answer.verdict)}, not {verdict}: nothing was added")
             command = "tar --sort=name --mtime=@0 --owner=0 --group=0 --numeric-owner -cSf - . | xz -9e"
             with FILES.open("wb") as file:
                 subprocess.run(command, shell=True, cwd=place, stdout=file, check=True)
-        _store([*every, HostileFile(number, name, how, loaded, {}, verdict)])
+        _store([*every, added])
         return
     now = []
     for file, answer in answers(lambda file, folder: file.load(folder, isolate=False)):

@@ -148,19 +148,14 @@ def test_the_rest_of_the_folder_loads_and_the_bad_file_is_listed(tmp_path, kind)
     assert row["skipped"].startswith(str(path))
 
 
-def pipe(place, _):
-    os.mkfifo(place)
+ODD = {
+    "pipe": lambda place, _: os.mkfifo(place),
+    "link out": lambda place, secret: place.symlink_to(secret),
+    "link to a device": lambda place, _: place.symlink_to("/dev/zero"),
+}
 
 
-def link_out(place, tmp_path):
-    place.symlink_to(tmp_path / "secret")
-
-
-def link_to_a_device(place, _):
-    place.symlink_to("/dev/zero")
-
-
-@pytest.mark.parametrize("odd", [pipe, link_out, link_to_a_device])
+@pytest.mark.parametrize("odd", ODD)
 @pytest.mark.parametrize("known", formats.FORMATS, ids=lambda known: known.name)
 def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, monkeypatch, known, odd):
     (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
@@ -174,14 +169,13 @@ def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, 
     monkeypatch.setattr(formats, "FORMATS", (opened,))
     for place in places:
         place.parent.mkdir(exist_ok=True)
-        odd(place, tmp_path)
+        ODD[odd](place, tmp_path / "secret")
     with pytest.raises(RecordingFileError, match="none of"):
         load(tmp_path / "set", on_error="skip")
 
 
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root may read everything")
 def test_an_unreadable_file(tmp_path):
-    if os.geteuid() == 0:
-        pytest.skip("root may read everything")
     for kind in ("csv", "npz", "hdf5", "mat v7", "mat v7.3", "parquet", "mcap", "ros1", "db3"):
         path = write_good(kind, tmp_path / kind)
         path.chmod(0)

@@ -37,7 +37,7 @@ def test_any_order_of_axes_becomes_row_major_without_changing_a_value(order, sha
     np.testing.assert_array_equal(turned, block)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(50))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(25))
 @given(hnp.arrays(float, hnp.array_shapes(min_dims=2, max_dims=2, max_side=300)), st.integers(0, 3))
 def test_columns_side_by_side_are_the_bits_that_numpy_stacks(columns, more):
     room = np.full((columns.shape[1] + more, len(columns)), 7.0)

@@ -98,30 +98,22 @@ def test_golden_files_are_read_sample_for_sample(name: str, lengths: list[int], 
         np.testing.assert_array_equal(recording.wrench, push(i + 1, n_samples))
 
 
-def test_sessions_and_labels_as_numbers_and_version_4() -> None:
-    assert [r.session for r in load(GOLDEN / "x_y_v7.mat")] == ["mon", "mon", "mon", "tue", "tue"]
-    assert [r.session for r in load(GOLDEN / "struct_array_v7.mat")] == ["day1", "day2", "day3", "day4"]
+def test_sessions_version_4_and_what_was_guessed_and_left_out() -> None:
+    data = load(GOLDEN / "x_y_v7.mat")
+    assert [r.session for r in data] == ["mon", "mon", "mon", "tue", "tue"]
     data = load(GOLDEN / "int16_v6.mat")
     assert [r.label for r in data] == ["rice", "peas", "oat flakes", "rice", "peas"]
     t, c = np.meshgrid(np.arange(1, 25), np.arange(1, 7), indexing="ij")
     np.testing.assert_array_equal(data[4].wrench, 5000.0 + 10 * t + c)
     (recording,) = load(GOLDEN / "one_v4.mat")
     np.testing.assert_array_equal(recording.wrench, push(1))
-
-
-def test_what_was_guessed_and_left_out_is_said() -> None:
     notes = load(GOLDEN / "single_t6n_v7.mat").history[-1].notes
     assert "force (24, 6, 5) taken as samples, axes, recordings" in notes
     notes = load(GOLDEN / "odd_v7.mat").history[-1].notes
     assert "variable sparse_part is a sparse matrix and was left out; save full(...) of it" in notes
     assert any(note.startswith("variable complex_part is an array of complex numbers") for note in notes)
-
-
-def test_text_empty_logical_and_nested_cells() -> None:
     found = variables(GOLDEN / "odd_v7.mat")
-    assert found["note"] == "grün"
-    assert found["empty"].shape == (0, 0)
-    assert found["on"].dtype == bool
+    assert (found["note"], found["empty"].shape, found["on"].dtype) == ("grün", (0, 0), bool)
     one, (two, record) = found["nested"]
     assert (one, two, record) == (1, 2, {"a": []})
 
@@ -141,7 +133,7 @@ def test_files_that_matlab_wrote_on_many_machines_are_read() -> None:
     assert read["testunicode_7.4_GLNX86.mat"]["testunicode"].startswith("Japanese: \nすべての人間は")
 
 
-@settings(max_examples=cases(25), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=cases(10), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     hnp.arrays(
         "f8",
@@ -153,8 +145,7 @@ def test_files_that_matlab_wrote_on_many_machines_are_read() -> None:
 def test_samples_keep_their_bits(tmp_path: Path, samples: np.ndarray, compress: bool) -> None:
     path = tmp_path / "x.mat"
     scipy.io.savemat(path, {"X": samples, "rate_hz": 500.0}, do_compression=compress)
-    data = load(path)
-    assert np.stack([r.wrench for r in data]).tobytes() == samples.tobytes()
+    assert np.stack([r.wrench for r in load(path)]).tobytes() == samples.tobytes()
 
 
 @pytest.mark.parametrize("kind", [4, 16, 17])  # 16-bit numbers, UTF-8, UTF-16
@@ -226,16 +217,6 @@ def test_objects_of_matlab_are_named_with_the_way_out(tmp_path: Path) -> None:
     assert any("categorical" in note for note in data.history[-1].notes)
 
 
-def test_labels_that_only_matlab_can_read_are_no_missing_labels_in_version_73(tmp_path: Path) -> None:
-    path = tmp_path / "x.mat"
-    with h5py.File(path, "w") as file:
-        put(file, "X", np.stack([push(1), push(2)]).transpose())
-        put(file, "rate_hz", np.array([[500.0]]))
-        put(file, "y", np.ones((6, 1), np.uint32), "string").attrs["MATLAB_object_decode"] = np.int32(3)
-    with pytest.raises(RecordingFileError, match=r"y is a MATLAB string .* save cellstr\(\.\.\.\) of it"):
-        load(path)
-
-
 def test_what_is_left_out_of_a_cell_leaves_out_the_cell_and_no_imaginary_part_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "x.mat"
     tree = {"c": np.array([1.0, 1j], object), "s": {"a": 1j, "b": 2.0}, "W": push(1) * 1j, "wrench": push(1)}
@@ -260,32 +241,31 @@ def test_what_was_left_out_is_said_where_nothing_else_is_there(tmp_path: Path) -
         load(tmp_path / "x.mat")
 
 
-def refused_links(file) -> None:
-    file["X"] = h5py.ExternalLink("other.h5", "X")
+def labels_of_matlab_alone(file) -> None:
+    put(file, "X", np.stack([push(1), push(2)]).transpose())
+    put(file, "rate_hz", np.array([[500.0]]))
+    put(file, "y", np.ones((6, 1), np.uint32), "string").attrs["MATLAB_object_decode"] = np.int32(3)
 
 
-def refused_storage(file) -> None:
+def values_elsewhere(file) -> None:
     made = file.create_dataset("X", (2, 6), "f8", external=[("/etc/hostname", 0, 96)])
     made.attrs["MATLAB_class"] = np.bytes_("double")
 
 
-def refused_null_reference(file) -> None:
+def null_reference(file) -> None:
     file.create_dataset("X", (1, 2), h5py.ref_dtype).attrs["MATLAB_class"] = np.bytes_("cell")
-
-
-def refused_octave(file) -> None:
-    file.create_group("X").attrs["OCTAVE_NEW_FORMAT"] = np.uint8(1)
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (refused_links, "variable X: is a link, which is not followed"),
-        (refused_storage, "variable X: keeps its values in other files"),
-        (refused_null_reference, "variable X"),
-        (refused_octave, "was written by Octave's save -hdf5; wanted save -v7"),
-        (lambda file: put(file, "X", np.zeros((1, 2)), None), "variable X: has no attribute MATLAB_class"),
-        (lambda file: put(file, "X", np.zeros((1, 2)), "quaternion"), "X: is of the class 'quaternion'"),
+        (labels_of_matlab_alone, r"y is a MATLAB string .* save cellstr\(\.\.\.\) of it"),
+        (values_elsewhere, "variable X: keeps its values in other files"),
+        (null_reference, "variable X"),
+        (lambda f: f.update({"X": h5py.ExternalLink("other.h5", "X")}), "variable X: is a link"),
+        (lambda f: f.create_group("X").attrs.update(OCTAVE_NEW_FORMAT=np.uint8(1)), "wanted save -v7"),
+        (lambda f: put(f, "X", np.zeros((1, 2)), None), "variable X: has no attribute MATLAB_class"),
+        (lambda f: put(f, "X", np.zeros((1, 2)), "quaternion"), "X: is of the class 'quaternion'"),
     ],
 )
 def test_what_version_73_must_not_hold_is_refused(tmp_path: Path, make: Callable, message: str) -> None:
@@ -296,12 +276,12 @@ def test_what_version_73_must_not_hold_is_refused(tmp_path: Path, make: Callable
         load(path)
 
 
-@pytest.mark.parametrize("golden", ["x_y_v7", "struct_array_v7", "int16_v6", "one_v4", "ragged_cell_v73"])
+@pytest.mark.parametrize("golden", ["x_y_v7", "one_v4", "ragged_cell_v73"])
 def test_cut_off_anywhere_is_refused(tmp_path: Path, golden: str) -> None:
     data = (GOLDEN / f"{golden}.mat").read_bytes()
     path = tmp_path / "cut.mat"
     whole = variables(GOLDEN / f"{golden}.mat")
-    for n_bytes in np.linspace(0, len(data) - 1, 40).astype(int):
+    for n_bytes in np.linspace(0, len(data) - 1, 20).astype(int):
         path.write_bytes(data[:n_bytes])
         try:
             found = variables(path)
@@ -317,10 +297,9 @@ def test_octaves_text_files_that_are_too_large_and_a_missing_h5py(
         load(GOLDEN / "octave_text.mat")
     with pytest.raises(RecordingFileError, match="more than max_file_bytes=100"):
         load(GOLDEN / "x_y_v7.mat", max_file_bytes=100)
-    bomb = tmp_path / "bomb.mat"
-    scipy.io.savemat(bomb, {"X": np.zeros((100, 20_000, 6))}, do_compression=True)
-    with pytest.raises(RecordingFileError, match="variable X: would expand from"):
-        load(bomb)
+    scipy.io.savemat(tmp_path / "bomb.mat", {"X": np.zeros((1, 9_000_000), np.int8)}, do_compression=True)
+    with pytest.raises(RecordingFileError, match="variable X: would expand from"):  # as float64
+        load(tmp_path / "bomb.mat")
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(ImportError, match=r"h5py is needed to read \.mat files of version 7\.3: pip install"):
         load(GOLDEN / "ragged_cell_v73.mat")
