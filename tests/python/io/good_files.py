@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import h5py
 import numpy as np
 import pyarrow
 import pyarrow.parquet
@@ -15,6 +14,7 @@ import scipy.io
 
 from granular_id.io import save
 from granular_id.recording import AXES, Dataset, Recording
+from layouts_written import to_h5, to_mat73, to_npz
 from ros_cases import even_stamps, write_kind
 
 N_SAMPLES = 40
@@ -100,60 +100,27 @@ def _make(kind: str, folder: Path) -> Path:
     return path
 
 
-def write_table(path: Path, columns: dict[str, object] = TABLE) -> None:
+def _write_csv(path: Path) -> None:
     with path.open("w", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(columns)
-        rows.writerows(np.column_stack(list(columns.values())).tolist())
+        rows.writerow(TABLE)
+        rows.writerows(np.column_stack(list(TABLE.values())).tolist())
 
 
-def write_gm10(path: Path) -> None:
+def _write_gm10(path: Path) -> None:
     rows = [[i, *TIMES, *WRENCH[:, i]] for i in range(3)]
     path.write_text("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
 
 
-def write_parquet(path: Path, columns: dict[str, object] = TABLE, **options: object) -> None:
-    pyarrow.parquet.write_table(pyarrow.table(columns), path, **options)
-
-
-def write_npz(path: Path, tree: dict[str, object] = TREE) -> None:
-    np.savez(path, **tree)
-
-
-def write_hdf5(path: Path, tree: dict[str, object] = TREE) -> None:
-    with h5py.File(path, "w") as file:
-        for name, value in tree.items():
-            file[name] = value
-
-
-def write_mat(path: Path, tree: dict[str, object] = TREE, *, packed: bool = True, version: str = "5") -> None:
-    scipy.io.savemat(path, tree, do_compression=packed and version == "5", format=version)
-
-
-def write_mat73(path: Path, tree: dict[str, object] = TREE) -> None:
-    """Write what MATLAB does: its header, then HDF5 with transposed arrays that name their class."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        for name, value in tree.items():
-            array = np.atleast_2d(np.asarray(value))
-            file[name] = array.T
-            kind = b"double" if array.dtype == float else str(array.dtype).encode()
-            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
-    with path.open("r+b") as file:
-        head = (
-            b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Mon Jan 01 00:00:00 2024 HDF5 schema 1.00 ."
-        )
-        file.write(head.ljust(124) + b"\0\2IM")
-
-
 _OTHERS = {
-    "csv": write_table,
-    "gm10": write_gm10,
+    "csv": _write_csv,
+    "gm10": _write_gm10,
     "npy": lambda path: np.save(path, WRENCH),
-    "npz of others": write_npz,
-    "hdf5 of others": write_hdf5,
-    "parquet": write_parquet,
-    "mat v4": lambda path: write_mat(path, version="4"),
-    "mat v5": lambda path: write_mat(path, packed=False),
-    "mat v7": write_mat,
-    "mat v7.3": write_mat73,
+    "npz of others": lambda path: to_npz(TREE, path),
+    "hdf5 of others": lambda path: to_h5(TREE, path),
+    "parquet": lambda path: pyarrow.parquet.write_table(pyarrow.table(TABLE), path),
+    "mat v4": lambda path: scipy.io.savemat(path, TREE, format="4"),
+    "mat v5": lambda path: scipy.io.savemat(path, TREE),
+    "mat v7": lambda path: scipy.io.savemat(path, TREE, do_compression=True),
+    "mat v7.3": lambda path: to_mat73(TREE, path),
 }
