@@ -121,16 +121,20 @@ class Column:
     read: Callable[[], NDArray[Any]]
 
 
+def check_mark(mark: str, expansion: Expansion) -> None:
+    """Refuse what a later version of this package may have written."""
+    if mark != MARK:
+        problem = f"is of the format {mark!r:.80}; this version of granular-id reads {MARK!r}"
+        raise RecordingFileError(expansion.path, problem)
+
+
 def read_own(
-    mark: str, found: Mapping[str, Column], others: Sequence[str], expansion: Expansion, source: FileSource
+    found: Mapping[str, Column], others: Sequence[str], expansion: Expansion, source: FileSource
 ) -> FileContent:
     """Read a file of flat columns, which `save_npz` and `save_hdf5` write under the same names.
 
-    `mark` is what the file calls itself, `others` are the names of what it holds besides.
+    `others` are the names of what it holds besides.
     """
-    if mark != MARK:
-        problem = f"is of the format {mark!r:.80}; this version of granular-id reads {MARK!r}"
-        raise RecordingFileError(source.path, problem)
     missing = next((name for name in _REQUIRED if name not in found), None)
     if missing is not None:
         raise expansion.fault(missing, f"is missing; wanted all of {MARK!r}")

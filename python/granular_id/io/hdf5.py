@@ -30,6 +30,7 @@ from granular_id.io.flat import (
     VERSION,
     Column,
     FlatRecordings,
+    check_mark,
     flatten,
     read_own,
 )
@@ -79,6 +80,7 @@ _UNITS = {"time_s": "s", "rate_hz": "Hz", "start_time": "s"}
 
 
 def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileContent:
+    check_mark(f"{FORMAT} {attribute(file, 'version', 'header', expansion)}", expansion)
     columns: dict[str, Column] = {}
     for name, place in _PLACES.items():
         item = file
@@ -94,8 +96,7 @@ def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileConten
         axes = attribute(file["wrench"], "axes", "wrench", expansion)
         columns["axes"] = Column("axes of wrench", lambda: np.asarray(axes))
         columns["wrench"] = Column("wrench", partial(_wrench, file["wrench"], axes, expansion))
-    mark = f"{FORMAT} {attribute(file, 'version', 'header', expansion)}"
-    return read_own(mark, columns, sorted(set(file) - {*_PLACES, "recordings"}), expansion, source)
+    return read_own(columns, sorted(set(file) - {*SAMPLES, "recordings", "history"}), expansion, source)
 
 
 def _refuse_other_unit(item: Any, place: str, unit: str, expansion: Expansion) -> None:

@@ -52,28 +52,22 @@ _NUMBERS = {
 
 @dataclass
 class MatReading(Expansion):
-    """The file being read, and what of it could not be read.
-
-    Attributes
-    ----------
-    left_out, may_be_labels : list of str
-        What could not be read, where, and how to save it instead; the second lists those that may name materials.
-    """
+    """The file being read; what of it could not be read, and how to save it instead, some of which may be labels."""
 
     left_out: list[str] = field(default_factory=list)
     may_be_labels: list[str] = field(default_factory=list)
 
-    def leave_out(self, place: str, what: str, remedy: str) -> None:
+    def leave_out(self, place: str, what: str, remedy: str, *, may_be_labels: bool = False) -> None:
         """Note that a value cannot be read."""
-        self.left_out.append(f"{place} is {what} and was left out; {remedy}")
+        said = f"{place} is {what} and was left out; {remedy}"
+        self.left_out.append(said)
+        self.may_be_labels += [said] if may_be_labels else []
 
     def leave_out_object(self, place: str, class_name: str) -> None:
         """Leave out an object of a MATLAB class, which only MATLAB itself can read."""
-        self.leave_out(
-            place, f"a MATLAB {class_name}", _REMEDIES.get(class_name, "save its values as plain arrays")
-        )
-        if class_name in _REMEDIES and class_name not in _NO_LABELS:
-            self.may_be_labels.append(self.left_out[-1])
+        remedy = _REMEDIES.get(class_name, "save its values as plain arrays")
+        may_be_labels = class_name in _REMEDIES and class_name not in _NO_LABELS
+        self.leave_out(place, f"a MATLAB {class_name}", remedy, may_be_labels=may_be_labels)
 
 
 def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
@@ -115,12 +109,8 @@ def _is_v73(file: BinaryIO, reading: MatReading) -> bool:
     file.seek(0)
     if head.startswith(_HDF5_MARK) or head[_HDF5_AT:] == _HDF5_MARK:
         return True
-    if not head:
-        raise RecordingFileError(reading.path, "is empty")
     if head.startswith(b"# Created by Octave"):
         raise reading.fault("header", "is text as Octave's save writes it by default; save it with -v7")
-    if head.startswith(b"MATLAB 7.3"):
-        raise reading.fault("header", "says MATLAB 7.3, but no HDF5 file follows: it is cut off or damaged")
     return False
 
 
@@ -190,16 +180,11 @@ def _plain(raw: Any, place: str, reading: MatReading) -> Any:
         return {}
     if isinstance(raw, MatlabOpaque):
         return reading.leave_out_object(place, _text_of(raw["s2"]))
-    is_function = isinstance(raw, MatlabFunction)
-    for unreadable, why in (
-        (is_function, _FUNCTION),
-        (issparse(raw), _SPARSE),
-        (np.iscomplexobj(raw), _COMPLEX),
-    ):
-        if unreadable:
-            return reading.leave_out(place, *why)
     if isinstance(raw, str):  # scipy's word on a variable that it gave up
         raise reading.fault(place, f"cannot be read ({raw[:200]})")
+    is_function = isinstance(raw, MatlabFunction)
+    if is_function or issparse(raw) or np.iscomplexobj(raw):
+        return reading.leave_out(place, *_FUNCTION if is_function else _SPARSE if issparse(raw) else _COMPLEX)
     return _plain_array(raw, place, reading)
 
 

@@ -33,6 +33,7 @@ from granular_id.io.flat import (
     WHOLE_TEXTS,
     Column,
     FlatRecordings,
+    check_mark,
     flatten,
     read_own,
 )
@@ -67,9 +68,6 @@ def save_npz(
 def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an NPZ file: one of ``save_npz``, or an archive of arrays whose layout is guessed and said."""
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
-        if not zipfile.is_zipfile(file):
-            problem = "is no NPZ archive: its end, which lists the arrays, is missing"
-            raise RecordingFileError(source.path, f"{problem} (cut off, or another kind of file)")
         with naming(source.path, "listing its arrays"):
             archive = zipfile.ZipFile(file)
         with archive:
@@ -88,7 +86,8 @@ def _read(
     if said and said[0].startswith(FORMAT):
         known = {_MARK, "axes", *SAMPLES, *NUMBERS, *TEXTS, *WHOLE_TEXTS}
         columns = {name: Column(array.place, array.read) for name, array in arrays.items() if name in known}
-        return read_own(said[0], columns, [*sorted(set(arrays) - known), *others], expansion, source)
+        check_mark(said[0], expansion)
+        return read_own(columns, [*sorted(set(arrays) - known), *others], expansion, source)
     content = recordings_of(_tree(arrays, source.path), source, options, "array")
     if others:
         content.notes.append(f"members that are no arrays were not read: {', '.join(others[:10])}")
