@@ -7,6 +7,7 @@ Reading checks whole columns at once, so that it costs little more than reading 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, all_finite, as_floats, checked_text, freeze, thaw
-from granular_id.io.arrays.tree import plain_texts
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import Expansion, check_parts
 from granular_id.io.folder_save import checked_dataset, history_json
@@ -169,6 +169,19 @@ def _texts_of(column: Column, expansion: Expansion) -> list[str]:
         problem = f"has shape {array.shape} and type {array.dtype}; wanted texts in UTF-8"
         raise expansion.fault(column.place, problem)
     return words
+
+
+def plain_texts(array: NDArray[Any]) -> list[str] | None:
+    """Return the texts of an array of shape (n,) and kind U or S (UTF-8); None where one of them is no text."""
+    if array.dtype.kind == "S":
+        try:
+            return [item.decode("utf-8") for item in array.tolist()]
+        except UnicodeDecodeError:
+            return None
+    codes = np.ascontiguousarray(array).view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
+    if codes.max(initial=0) > sys.maxunicode:  # no character: numpy would raise a SystemError over it
+        return None
+    return [str(item) for item in array.tolist()]
 
 
 def _recordings(flat: FlatRecordings, source_name: str, finite: bool) -> list[Recording]:

@@ -18,7 +18,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.names import ROLES, role_of
 from granular_id.io.arrays.stated import orders_axes, what_has_unit
-from granular_id.io.arrays.tree import MAX_DEPTH, plain_texts
+from granular_id.io.arrays.tree import MAX_DEPTH
 from granular_id.io.columns import factor
 from granular_id.io.errors import RecordingFileError, naming, need
 from granular_id.io.files import Expansion, open_bounded
@@ -32,6 +32,7 @@ from granular_id.io.flat import (
     FlatRecordings,
     check_mark,
     flatten,
+    plain_texts,
     read_own,
 )
 from granular_id.io.options import LoadOptions

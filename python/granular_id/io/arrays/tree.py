@@ -7,7 +7,6 @@ Nodes are mappings (structs, groups), lists (cells), ``str``, and leaves: numpy 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.errors import RecordingFileError
+from granular_id.io.flat import plain_texts
 
 MAX_DEPTH = 16
 """Structs and groups within each other; deeper ones are damage."""
@@ -118,19 +118,6 @@ def _one_each(cells: list[Any], read: Callable[[Any], Any]) -> list[Any] | None:
     """Return what is read of each cell where each holds one value, None otherwise."""
     each = [None if isinstance(cell, list) else read(cell) for cell in cells]
     return each if all(found is not None and len(found) == 1 for found in each) else None
-
-
-def plain_texts(array: NDArray[Any]) -> list[str] | None:
-    """Return the texts of an array of shape (n,) and kind U or S (UTF-8); None where one of them is no text."""
-    if array.dtype.kind == "S":
-        try:
-            return [item.decode("utf-8") for item in array.tolist()]
-        except UnicodeDecodeError:
-            return None
-    codes = np.ascontiguousarray(array).view(np.dtype(np.uint32).newbyteorder(array.dtype.byteorder))
-    if codes.max(initial=0) > sys.maxunicode:  # no character: numpy would raise a SystemError over it
-        return None
-    return [str(item) for item in array.tolist()]
 
 
 def as_tree(node: Any) -> Any:
