@@ -113,12 +113,21 @@ def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: b
     return FileContent(recordings=recordings, rows=[], notes=[], history=history)
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column as it lies in a file, read when it is wanted."""
+@dataclass
+class Leaf:
+    """An array of a file, read when it is wanted and then kept: texts and numbers are looked at several times."""
 
     place: str
-    read: Callable[[], NDArray[Any]]
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    values: Callable[[], NDArray[Any]]
+    _kept: NDArray[Any] | None = None
+
+    def read(self) -> NDArray[Any]:
+        """Return its values."""
+        if self._kept is None:
+            self._kept = self.values()
+        return self._kept
 
 
 def check_mark(mark: str, expansion: Expansion) -> None:
@@ -129,7 +138,7 @@ def check_mark(mark: str, expansion: Expansion) -> None:
 
 
 def read_own(
-    found: Mapping[str, Column], others: Sequence[str], expansion: Expansion, source: FileSource
+    found: Mapping[str, Leaf], others: Sequence[str], expansion: Expansion, source: FileSource
 ) -> FileContent:
     """Read a file of flat columns, which `save_npz` and `save_hdf5` write under the same names.
 
@@ -159,7 +168,7 @@ def read_own(
     return content
 
 
-def _texts_of(column: Column, expansion: Expansion) -> list[str]:
+def _texts_of(column: Leaf, expansion: Expansion) -> list[str]:
     """Return the texts of a column, which may also be the bytes of one text."""
     array = column.read()
     if array.dtype == np.uint8:

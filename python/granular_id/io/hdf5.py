@@ -28,8 +28,8 @@ from granular_id.io.flat import (
     SAMPLES,
     TEXTS,
     VERSION,
-    Column,
     FlatRecordings,
+    Leaf,
     check_mark,
     flatten,
     plain_texts,
@@ -82,7 +82,7 @@ _UNITS = {"time_s": "s", "rate_hz": "Hz", "start_time": "s"}
 
 def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileContent:
     check_mark(f"{FORMAT} {attribute(file, 'version', 'header', expansion)}", expansion)
-    columns: dict[str, Column] = {}
+    columns: dict[str, Leaf] = {}
     for name, place in _PLACES.items():
         item = file
         for part in place.split("/"):
@@ -90,13 +90,13 @@ def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileConten
         if is_group(item):
             raise expansion.fault(place, "is a group; wanted values")
         if item is not None:
-            columns[name] = Column(place, partial(values, item, place, expansion))
+            columns[name] = _leaf(item, place, expansion)
         if item is not None and name in _UNITS:
             _refuse_other_unit(item, place, _UNITS[name], expansion)
     if "wrench" in columns:
-        axes = attribute(file["wrench"], "axes", "wrench", expansion)
-        columns["axes"] = Column("axes of wrench", lambda: np.asarray(axes))
-        columns["wrench"] = Column("wrench", partial(_wrench, file["wrench"], axes, expansion))
+        axes = np.asarray(attribute(file["wrench"], "axes", "wrench", expansion))
+        columns["axes"] = Leaf("axes of wrench", axes.shape, axes.dtype, lambda: axes)
+        columns["wrench"].values = partial(_wrench, file["wrench"], axes, expansion)
     return read_own(columns, sorted(set(file) - {*SAMPLES, "recordings", "history"}), expansion, source)
 
 
@@ -127,13 +127,7 @@ def _wrench(item: Any, axes: Any, expansion: Expansion) -> NDArray[Any]:
 
 @dataclass
 class _Tree:
-    """Walks through the groups of a file; attributes that say what a recording is stand beside its samples.
-
-    Attributes
-    ----------
-    left_out : list of str
-        What cannot be read as numbers or texts, and why.
-    """
+    """Walks through the groups of a file; `left_out` says what cannot be read as numbers or texts, and why."""
 
     expansion: Expansion
     left_out: list[str] = field(default_factory=list)
@@ -163,7 +157,7 @@ class _Tree:
         if shape is None or (dtype.kind not in "iufbSV" and not is_text(dtype)):
             self.left_out.append(f"{place} ({'nothing' if shape is None else dtype})")
             return
-        leaf = _Leaf(self.expansion, item, place, shape, np.dtype("U1") if is_text(dtype) else dtype)
+        leaf = _leaf(item, place, self.expansion)
         about = self._attributes(item, place)
         inside = {
             key: value
@@ -196,22 +190,12 @@ class _Tree:
         return found
 
 
-@dataclass
-class _Leaf:
-    """A data set that is read when it is asked for."""
+def _leaf(item: Any, place: str, expansion: Expansion) -> Leaf:
+    def read() -> NDArray[Any]:
+        found = values(item, place, expansion)
+        return found.astype(np.uint8) if found.dtype.kind == "b" else found
 
-    expansion: Expansion
-    item: Any
-    place: str
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-    _values: NDArray[Any] | None = field(default=None, repr=False)
-
-    def read(self) -> NDArray[Any]:
-        if self._values is None:
-            found = values(self.item, self.place, self.expansion)
-            self._values = found.astype(np.uint8) if found.dtype.kind == "b" else found
-        return self._values
+    return Leaf(place, item.shape, np.dtype("U1") if is_text(item.dtype) else item.dtype, read)
 
 
 # HDF5 files by h5py; what would make the library read other files is refused before.

@@ -10,9 +10,8 @@ import math
 import os
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +30,8 @@ from granular_id.io.flat import (
     SAMPLES,
     TEXTS,
     WHOLE_TEXTS,
-    Column,
     FlatRecordings,
+    Leaf,
     check_mark,
     flatten,
     read_own,
@@ -79,36 +78,32 @@ def _read(
 ) -> FileContent:
     names = [name for name in archive.namelist() if name.endswith(_SUFFIX)]
     others = [name for name in archive.namelist() if not name.endswith(_SUFFIX)]
-    arrays = {name[: -len(_SUFFIX)]: _Member(archive, name, expansion) for name in names}
+    arrays = {name[: -len(_SUFFIX)]: _member(archive, name, expansion) for name in names}
     if len(arrays) < len(names):
         raise RecordingFileError(source.path, "holds two arrays of one name; wanted a name for each")
     said = texts(arrays[_MARK]) if _MARK in arrays else None
     if said and said[0].startswith(FORMAT):
         known = {_MARK, "axes", *SAMPLES, *NUMBERS, *TEXTS, *WHOLE_TEXTS}
-        columns = {name: Column(array.place, array.read) for name, array in arrays.items() if name in known}
         check_mark(said[0], expansion)
-        return read_own(columns, [*sorted(set(arrays) - known), *others], expansion, source)
+        return read_own(arrays, [*sorted(set(arrays) - known), *others], expansion, source)
     content = recordings_of(_tree(arrays, source.path), source, options, "array")
     if others:
         content.notes.append(f"members that are no arrays were not read: {', '.join(others[:10])}")
     return content
 
 
-class _Member:
-    """One array of an archive, read when it is wanted."""
+def _member(archive: zipfile.ZipFile, name: str, expansion: Expansion) -> Leaf:
+    place = f"array {name[: -len(_SUFFIX)]}"
 
-    def __init__(self, archive: zipfile.ZipFile, name: str, expansion: Expansion) -> None:
-        self.place = f"array {name[: -len(_SUFFIX)]}"
-        self._archive, self._name, self._path = archive, name, expansion.path
-        with naming(self._path, f"reading {self.place}"), archive.open(name) as stream:
-            self.shape, self.dtype = header_of(stream, self.place, expansion)
-
-    def read(self) -> NDArray[Any]:
-        with naming(self._path, f"reading {self.place}"), self._archive.open(self._name) as stream:
+    def read() -> NDArray[Any]:
+        with naming(expansion.path, f"reading {place}"), archive.open(name) as stream:
             values = np.lib.format.read_array(stream, allow_pickle=False)
             if stream.read(1):  # the checksum is compared where the end is met
-                raise RecordingFileError(self._path, "is longer than it claims", place=self.place)
+                raise expansion.fault(place, "is longer than it claims")
         return np.asarray(values)
+
+    with naming(expansion.path, f"reading {place}"), archive.open(name) as stream:
+        return Leaf(place, *header_of(stream, place, expansion), read)
 
 
 def _arrays(flat: FlatRecordings) -> dict[str, NDArray[Any]]:
@@ -162,21 +157,10 @@ def header_of(stream: IO[bytes], place: str, expansion: Expansion) -> tuple[tupl
 def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     """Read an array of one or several recordings, or a structured array with the fields fx ... tz, and perhaps time."""
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (file, n_bytes):
-        leaf = _Unread(file, *header_of(file, "the array", Expansion(source.path, n_bytes)))
+        header = header_of(file, "the array", Expansion(source.path, n_bytes))
+        file.seek(0)
+        leaf = Leaf("values", *header, lambda: np.asarray(np.load(file, allow_pickle=False)))
         if leaf.dtype.names is None:
             return recordings_of({"values": leaf}, source, options, "array", single=True)
         array = leaf.read()
     return recordings_of({field: array[field] for field in leaf.dtype.names}, source, options, "field")
-
-
-@dataclass
-class _Unread:
-    """The array behind a header, read when it is wanted: one of no use, of any size, is refused without."""
-
-    file: BinaryIO
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-
-    def read(self) -> NDArray[Any]:
-        self.file.seek(0)
-        return np.asarray(np.load(self.file, allow_pickle=False))
