@@ -175,22 +175,26 @@ class Columns:
             time = found.index(TIME) if TIME in found else None
         elif all(is_other_thing(name) for name in names):
             raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
-        stated = _by_column(names, units, axes, origin)
+        columns = list(range(len(names))) if order is None else order
+        entry, of_all = _unit_of_each(names, columns, axes, units, origin)
         if time is not None:
             listed = units.get(ALL, ("", ()))[1]
             of_column = listed[time] if len(listed) == len(names) else None
             time_unit = single_unit(units.get(TIME)) or of_column or time_unit_in_name(names[time])
         scales: list[float] = []
         meta_units: dict[str, str] = {}
-        for axis, column in zip(axes, order or range(len(names)), strict=True):
-            known = [(key, unit) for key, unit in [(place, meant[column][1]), *stated(axis, column)] if unit]
+        for axis, column, of_axis in zip(axes, columns, of_all, strict=True):
+            said = [(place, meant[column][1]), (entry, of_axis)]
+            of_half = (FORCE if axis[0] == "f" else TORQUE,) if axis in AXES else ()
+            said += [(units[w][0], single_unit(units[w])) for w in (axis, *of_half) if w in units]
+            known = [(key, unit) for key, unit in said if unit]
             if axis in AXES:
                 scales.append(_scale(axis, known, origin))
             elif known:
                 meta_units[axis] = known[0][1]
         return cls(
             axes=axes,
-            order=None if order == list(range(len(names))) else order,
+            order=None if columns == list(range(len(names))) else columns,
             scales=tuple(scales) if any(scale != 1 for scale in scales) else None,
             time=time,
             time_unit=time_unit,
@@ -212,27 +216,24 @@ class Columns:
         return taken if self.scales is None else taken * self.scales
 
 
-def _by_column(names: Sequence[str], units: Units, axes: Sequence[str], origin: Origin) -> Any:
-    """Return a function from an axis and its column to the (entry, unit) pairs that speak of it."""
-    key, general = units.get(ALL, ("", ()))
+def _unit_of_each(
+    names: Sequence[str], columns: Sequence[int], axes: Sequence[str], units: Units, origin: Origin
+) -> tuple[str, Sequence[str]]:
+    """Return what is stated of the whole array, by which entry: a unit for each axis, empty where there is none."""
+    key, listed = units.get(ALL, ("", ()))
     whole = tuple(axes) == AXES
-    halves = whole and len(general) == 2
-    if len(general) == 1 and whole:
-        if plain_name(general[0]) != "si" and factor(general[0], "N") != 1:
-            problem = f"states one unit, {general[0]!r:.40}, for forces and torques"
+    if len(listed) == 1 and whole:
+        if plain_name(listed[0]) != "si" and factor(listed[0], "N") != 1:
+            problem = f"states one unit, {listed[0]!r:.40}, for forces and torques"
             raise origin.fault(key, f"{problem}; wanted one for each, such as 'mN, N mm', or one per axis")
-        general = ()  # everybody's short form of N and N m
-    elif len(general) not in (0, 1, len(names)) and not halves:
-        raise origin.fault(key, f"states {len(general)} units for {len(names)} axes; wanted one per axis")
-
-    def stated(axis: str, column: int) -> list[tuple[str, str]]:
-        place = axis[0] == "t" if halves else column if len(general) > 1 else 0
-        found = [(key, general[place])] if general else []
-        of_axis = (axis, FORCE if axis[0] == "f" else TORQUE) if axis in AXES else (axis,)
-        found.extend((units[what][0], single_unit(units[what]) or "") for what in of_axis if what in units)
-        return found
-
-    return stated
+        return key, [""] * len(axes)  # everybody's short form of N and N m
+    if len(listed) == 2 and whole:
+        return key, [listed[axis[0] == "t"] for axis in axes]
+    if len(listed) == len(names):
+        return key, [listed[column] for column in columns]
+    if len(listed) > 1:
+        raise origin.fault(key, f"states {len(listed)} units for {len(names)} axes; wanted one per axis")
+    return key, (listed or ("",)) * len(axes)
 
 
 def _scale(axis: str, said: Sequence[tuple[str, str]], origin: Origin) -> float:
