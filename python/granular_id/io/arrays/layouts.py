@@ -171,9 +171,10 @@ def _flat(found: Found) -> FlatRecordings:
     def numbers(attribute: str, missing: float) -> list[Any]:
         return [missing if value is None else value for value in found.get(attribute)]
 
-    lengths = [len(push.wrench) for push in found.pushes]
-    own = found.get("flags")
-    flags = [np.zeros(n, np.uint8) if row is None else row for row, n in zip(own, lengths, strict=True)]
+    lengths, flags = [len(push.wrench) for push in found.pushes], None
+    if any("flags" in push.about for push in found.pushes):
+        own = zip(found.get("flags"), lengths, strict=True)
+        flags = np.concatenate([np.zeros(n, np.uint8) if row is None else row for row, n in own])
     return FlatRecordings(
         axes=found.pushes[0].axes,
         wrench=joined([push.wrench for push in found.pushes]),
@@ -185,7 +186,7 @@ def _flat(found: Found) -> FlatRecordings:
         session=found.get("session"),
         name=found.get("name"),
         meta_json=[json.dumps(meta) if meta else None for meta in found.get("meta")],
-        flags=np.concatenate(flags) if any("flags" in push.about for push in found.pushes) else None,
+        flags=flags,
     )
 
 

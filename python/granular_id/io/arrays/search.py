@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,15 +75,17 @@ class Search:
         chosen = self._is_chosen(name)
         vectors = shapes.axis_arrays(others, self.origin) if chosen else {}
         samples = self._samples({k: n for k, n in others.items() if k not in vectors}, name, known, depth)
-        used: Collection[str] = samples
-        parts = self._in_parts(others, vectors, name, known) if chosen and not samples else None
-        if parts is not None:
+        lone = len(samples) == 1 and self.options.array is None and all(map(is_leaf, samples.values()))
+        n_notes = len(self.origin.notes)
+        parts = self._in_parts(others, vectors, name, known) if chosen and (lone or not samples) else None
+        if parts is not None and not samples:
             _, found, used = parts
         else:
+            del self.origin.notes[n_notes:]
             self._refuse_rivals(samples, name, entries)
-            found = self._several(samples, name, known, entries, depth)
-            if len(samples) == 1 and self.options.array is None:
-                self._refuse_other_parts(found, next(iter(samples)), others, vectors, name, known)
+            found, used = self._several(samples, name, known, entries, depth), samples
+            if parts is not None:
+                self._refuse_other(found, next(iter(samples)), parts[1], parts[0])
         rest = {_path(name, key): node for key, node in others.items() if key not in used}
         add_details(found, entries, rest, known.units, self.origin, self.options)
         return found
@@ -222,25 +224,12 @@ class Search:
             rivals = " and ".join(map(repr, list(samples)[:5]))
             raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
 
-    def _refuse_other_parts(
-        self,
-        found: Found,
-        key: str,
-        others: Mapping[str, Any],
-        vectors: Mapping[str, Any],
-        level: str,
-        known: Known,
-    ) -> None:
+    def _refuse_other(self, found: Found, key: str, other: Found, what: str) -> None:
         """Refuse parts of a wrench beside an array of wrenches, unless they hold the same."""
-        n_notes = len(self.origin.notes)
-        parts = self._in_parts(others, vectors, level, known) if is_leaf(others[key]) else None
-        del self.origin.notes[n_notes:]
-        if parts is not None:
-            what, other, _ = parts
-            pairs = zip(other.pushes, found.pushes, strict=False)
-            if len(other) != len(found) or not all(np.array_equal(a.wrench, b.wrench) for a, b in pairs):
-                problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
-                raise self.origin.unclear(problem)
+        pairs = zip(other.pushes, found.pushes, strict=False)
+        if len(other) != len(found) or not all(np.array_equal(a.wrench, b.wrench) for a, b in pairs):
+            problem = f"{key} and {what} hold different wrenches; pass array={key!r}, or leave it out"
+            raise self.origin.unclear(problem)
 
     # -- recordings of several arrays, structs or cells
 
@@ -329,7 +318,7 @@ class Search:
 
     def _in_parts(
         self, others: Mapping[str, Any], vectors: Mapping[str, Any], level: str, known: Known
-    ) -> tuple[str, Found, Collection[str]] | None:
+    ) -> tuple[str, Found, Mapping[str, Any]] | None:
         """Return the wrenches that six vectors, or forces and torques, are the parts of: name, recordings, arrays."""
         halves = None if vectors else shapes.halves_of(others, self.origin)
         if not vectors and halves is None:
@@ -340,7 +329,8 @@ class Search:
         if halves is None:
             name = "fx ... tz"
             return name, self._stacked(vectors, level, _path(level, name), known), vectors
-        return " and ".join(halves), self._joined(halves, others, level, replace(known, axes=AXES)), halves
+        found = self._joined(halves, others, level, replace(known, axes=AXES))
+        return " and ".join(halves), found, dict.fromkeys(halves)
 
     def _stacked(self, vectors: Mapping[str, Any], level: str, name: str, known: Known) -> Found:
         """Put six vectors or matrices side by side."""
