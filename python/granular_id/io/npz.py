@@ -85,6 +85,9 @@ def _read(
     if said and said[0].startswith(FORMAT):
         known = {_MARK, "axes", *SAMPLES, *NUMBERS, *TEXTS, *WHOLE_TEXTS}
         check_mark(said[0], expansion)
+        for name in ("axes", *TEXTS):
+            if name in arrays and arrays[name].dtype.kind != "U":
+                raise expansion.fault(arrays[name].place, f"is {arrays[name].dtype}; wanted texts")
         return read_own(arrays, [*sorted(set(arrays) - known), *others], expansion, source)
     content = recordings_of(_tree(arrays, source.path), source, options, "array")
     if others:
