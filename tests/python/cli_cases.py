@@ -1,5 +1,7 @@
 """Small folders of recordings, and the command line run inside the test process."""
 
+import json
+
 import numpy as np
 from typer.testing import CliRunner
 
@@ -30,18 +32,7 @@ def saved(data, folder):
     return folder
 
 
-SMALL = [
-    "--train",
-    "6",
-    "--test",
-    "3",
-    "--partitions",
-    "3",
-    "--n-bins",
-    "10",
-    "--spaces",
-    "raw+hfmh,hfmh,raw",
-]
+SMALL = ("--train", 6, "--test", 3, "--partitions", 3, "--n-bins", 10, "--spaces", "raw+hfmh,hfmh,raw")
 
 SMALL_MODEL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
 
@@ -56,6 +47,11 @@ def ended_well(*words, **more):
     result = run(*words, **more)
     assert result.exit_code == 0, result.output
     return result.stdout
+
+
+def written(path):
+    """What a command has written as JSON."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def refused(*words):

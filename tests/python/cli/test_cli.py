@@ -1,7 +1,6 @@
-"""The command line: what it prints and writes."""
+"""`evaluate` and `demo`: what they print and write."""
 
 import csv
-import json
 import re
 import sys
 from importlib import import_module
@@ -9,26 +8,25 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from cli_cases import SMALL, ended_well, make, saved
+from cli_cases import SMALL, ended_well, make, saved, written
+from granular_id.cli.outputs import repeated_command
 from granular_id.rica import descend
 
 NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
 FIGURES = tuple(f"{name}.png" for name in NAMES.split())
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return saved(make(), tmp_path_factory.mktemp("cli") / "uniform")
-
-
-def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monkeypatch):
+def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monkeypatch, no_pictures):
     monkeypatch.setattr(sys, "argv", ["granular_id/__main__.py", "evaluate", "my folder"])
     out = ended_well(
         "evaluate", folder, *SMALL, "--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv",
         "--figures", tmp_path / "new" / "figures", "--report", tmp_path / "r.html",
     )  # fmt: skip
-    assert "</html>" in (tmp_path / "r.html").read_text(encoding="utf-8")
-    result = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "</html>" in page
+    ended_well("report", tmp_path / "r.json", "-o", tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_text(encoding="utf-8") == page
+    result = written(tmp_path / "r.json")
     with (tmp_path / "p.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [space["name"] for space in result["spaces"]] == ["raw+hfmh", "hfmh", "raw"]
@@ -42,21 +40,27 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
         assert re.search(rf"^{re.escape(space['name'])} .* {mean:.2f} ± {sd:.2f} %", out, re.M)
     assert out.startswith("30 recordings, 3 materials, 60 samples at 125 Hz\n")
     assert "paper*" not in out
-    assert "in percent of the true class" in out
-    assert "training" in out
-    assert "chronological: by start time" in out
+    for words in ("in percent of the true class", "training", "chronological: by start time"):
+        assert words in out
     assert result["synthetic"] is False
     assert result["command"] == "python -m granular_id evaluate 'my folder'"
+    assert out.endswith(f"repeat with: {result['command']} --force\n")
     assert result["data"]["history"][0]["step"] == "load"
     for figure in FIGURES:
         assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
         assert f"wrote {tmp_path / 'new' / 'figures' / figure}" in out
 
 
-def test_same_seed_same_files_for_any_threads(folder, tmp_path):
-    for threads, name in ((1, "one"), (2, "two")):
-        ended_well("evaluate", folder, *SMALL, "--threads", threads, "--csv", tmp_path / name, "--quiet")
-    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+def test_the_line_to_repeat_names_how_the_program_was_started(tmp_path, monkeypatch):
+    script = tmp_path / "granular-id"
+    script.touch()
+    for started, named in (
+        ("granular_id/cli/__main__.py", "python -m granular_id.cli"),
+        ("granular-id", "granular-id"),
+        (str(script), str(script)),
+    ):
+        monkeypatch.setattr(sys, "argv", [started, "evaluate", "my folder"])
+        assert repeated_command() == f"{named} evaluate 'my folder'"
 
 
 def test_options_reach_the_evaluation(folder, tmp_path):
@@ -65,12 +69,11 @@ def test_options_reach_the_evaluation(folder, tmp_path):
         "--order", 4, "--bin-range", "-0.5,0.25", "--C", 0.125, "--seed", 9, "--exclude", "sugar",
         "--duration-s", 0.4, "--json", tmp_path / "r.json",
     )  # fmt: skip
-    result = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    result = written(tmp_path / "r.json")
     (space,) = result["spaces"]
     settings = space["settings"]
     assert (settings["cutoff_hz"], settings["order"], settings["n_bins"]) == (11.0, 4, 10)
-    assert settings["rate_hz"] == 125.0
-    assert settings["bin_range"] == [-0.5, 0.25]
+    assert (settings["rate_hz"], settings["bin_range"]) == (125.0, [-0.5, 0.25])
     assert result["settings"]["classifier"]["C"] == 0.125
     assert (result["settings"]["seed"], result["settings"]["protocol"]) == (9, ["paper"])
     assert result["labels"] == ["oat", "rice"]
@@ -78,20 +81,15 @@ def test_options_reach_the_evaluation(folder, tmp_path):
     assert [step["step"] for step in result["data"]["history"]] == ["load", "select", "align"]
 
 
-def test_learned_ranges_and_one_protocol(folder):
-    out = ended_well("evaluate", folder, *SMALL, "--bin-range", "auto", "--protocol", "chronological")
+def test_learned_ranges_one_protocol_and_excluded_materials(folder):
+    words = ("--bin-range", "auto", "--protocol", "chronological", "--exclude", "oat")
+    out = ended_well("evaluate", folder, *SMALL, *words)
     assert "3 random" not in out
     assert "1st->2nd half" in out
+    assert "--exclude left out oat (10 recordings); 20 recordings, 2 materials remain\n" in out
 
 
-def test_quiet_prints_accuracies_only(folder):
-    out = ended_well("evaluate", folder, *SMALL, "--quiet")
-    lines = out.strip().splitlines()
-    assert lines[0] == "Accuracy on these recordings (30 recordings, 3 classes, chance 33.3 %)"
-    assert [line.split()[0] for line in lines[3:]] == ["raw+hfmh", "hfmh", "raw"]
-
-
-def test_quiet_still_names_files_written_and_skipped(tmp_path):
+def test_quiet_prints_accuracies_and_names_files_written_and_skipped(folder, tmp_path):
     data = saved(make(), tmp_path / "x")
     (data / "oat" / "oat_01.csv").write_text("nonsense\n", encoding="utf-8")
     words = ("--quiet", "--on-error", "skip", "--csv", tmp_path / "p.csv")
@@ -99,11 +97,9 @@ def test_quiet_still_names_files_written_and_skipped(tmp_path):
     assert out.startswith("1 file skipped:\n  ")
     assert out.endswith(f"\nwrote {tmp_path / 'p.csv'}\n")
     assert "repeat with" not in out
-
-
-def test_excluded_materials_are_counted(folder):
-    out = ended_well("evaluate", folder, *SMALL, "--exclude", "oat")
-    assert "--exclude left out oat (10 recordings); 20 recordings, 2 materials remain\n" in out
+    lines = ended_well("evaluate", folder, *SMALL, "--quiet").strip().splitlines()
+    assert lines[0] == "Accuracy on these recordings (30 recordings, 3 classes, chance 33.3 %)"
+    assert [line.split()[0] for line in lines[3:]] == ["raw+hfmh", "hfmh", "raw"]
 
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
@@ -112,10 +108,9 @@ def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monk
     for name in (name for name in vars(files) if name.startswith("plot_")):
         monkeypatch.setattr(files, name, lambda *_, **more: None)
     monkeypatch.setattr(files, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))
-    json_file = tmp_path / "r.json"
-    words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", json_file)
+    words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", tmp_path / "r.json")
     out = ended_well("evaluate", folder, *SMALL, *words)
-    of_raw = json.loads(json_file.read_text(encoding="utf-8"))["spaces"][2]
+    of_raw = written(tmp_path / "r.json")["spaces"][2]
     assert of_raw["name"] == "raw"
     for (counts, more), protocol in zip(drawn, ("paper", "chronological"), strict=True):
         assert counts.tolist() == of_raw["protocols"][protocol]["confusion"]
@@ -125,17 +120,14 @@ def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monk
     assert "Confusion of raw+hfmh" not in out
 
 
-def test_many_classes_on_a_narrow_terminal_become_a_list_of_mistakes(folder):
-    assert "Confusion of" in ended_well("evaluate", folder, *SMALL, columns=80)
-    assert "Most frequent" in ended_well("evaluate", folder, *SMALL, columns=20)
-
-
-def test_tables_fit_eighty_columns(folder):
+def test_tables_fit_the_terminal_and_a_matrix_that_does_not_becomes_a_list_of_mistakes(folder):
     out = ended_well("evaluate", folder, *SMALL, columns=80)
     rows = [line for line in out.splitlines() if line.startswith(("raw+hfmh  ", "hfmh  ", "raw  "))]
     assert len(rows) >= 6
     assert all(re.search(r"[\d%]$", line) for line in rows)
     assert max(len(line) for line in out.splitlines() if "repeat with" not in line) <= 80
+    assert "Confusion of" in out
+    assert "Most frequent" in ended_well("evaluate", folder, *SMALL, "--no-controls", columns=20)
 
 
 def test_help_names_every_option_with_examples():
@@ -149,25 +141,29 @@ def test_help_names_every_option_with_examples():
         assert f"--{option}" in out
     assert "granular-id evaluate recordings --train 40 --test 10" in out
     assert "granular-id demo -o somewhere --quick" in ended_well("demo", "--help", columns=120)
+    for command in ("record", "live"):
+        assert "Examples" in ended_well(command, "--help")
     assert re.fullmatch(r"granular-id \d+\.\d+\.\d+\S*\n", ended_well("--version"))
 
 
-def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch):
-    # RICA is most of the time, and no different in more partitions or after more iterations.
-    monkeypatch.setitem(import_module("granular_id.cli.evaluate").QUICK, "n_partitions", 2)
+def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch, no_pictures):
+    # RICA is most of the time, and no different in fewer recordings, more partitions or after more iterations.
+    few = {"n_partitions": 1, "train_per_class": 4, "test_per_class": 2}
+    monkeypatch.setattr("granular_id.cli.evaluate.QUICK", few)
     rica = import_module("granular_id.rica")
-    monkeypatch.setattr(rica, "descend", lambda *given: descend(*given[:2], {**given[2], "maxiter": 50}))
+    monkeypatch.setattr(rica, "descend", lambda *given: descend(*given[:2], {**given[2], "maxiter": 5}))
     out = ended_well("demo", "--quick", "-o", tmp_path / "demo")
-    assert out.startswith("SYNTHETIC data: 132 simulated pushes through 11 materials")
+    assert out.startswith("SYNTHETIC data: 66 simulated pushes through 11 materials")
     assert "Accuracy on SYNTHETIC recordings: says nothing about real materials" in out
     files = {path.name for path in (tmp_path / "demo").iterdir()}
     confusions = {"confusion_session.png" if "chronological" in name else name for name in FIGURES}
     assert files == {"report.html", "result.json", "predictions.csv", *confusions}
-    assert all(name in ended_well("demo", "--help") for name in files if not name.endswith(".png"))
+    shown = ended_well("demo", "--help")
+    assert all(name in shown for name in files if not name.endswith(".png"))
     assert "paper*" in out
-    result = json.loads((tmp_path / "demo" / "result.json").read_text(encoding="utf-8"))
+    result = written(tmp_path / "demo" / "result.json")
     assert result["synthetic"] is True
     assert len(result["labels"]) == 11
     for space in result["spaces"]:
         # wide bands: far above the chance of 9 %, and no claim beyond that
-        assert space["protocols"]["paper"]["accuracy_mean"] > 0.4
+        assert space["protocols"]["paper"]["accuracy_mean"] > 0.25, space["name"]

@@ -1,12 +1,10 @@
-"""``granular-id explain``: in the space that is asked for, with the classifier that belongs to it."""
-
-import json
+"""`explain`: in the space that is asked for, with the classifier that belongs to it, on recordings held out."""
 
 import numpy as np
 import pytest
 from sklearn.pipeline import Pipeline
 
-from cli_cases import ended_well, saved
+from cli_cases import ended_well, saved, written
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import with_defaults
 from granular_id.ecoc import ECOCClassifier
@@ -28,27 +26,30 @@ def data():
     )
 
 
-def test_bands_on_the_command_line(data, tmp_path):
+@pytest.fixture(scope="module")
+def recordings(data, tmp_path_factory):
+    return saved(data, tmp_path_factory.mktemp("explain") / "recordings")
+
+
+def test_bands_on_the_command_line(recordings, tmp_path):
     pytest.importorskip("matplotlib")
-    saved(data, tmp_path / "recordings")
     words = ("--space", "multiband", "--figure", tmp_path / "bands.png", "--json", tmp_path / "bands.json")
-    printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", *words)
+    printed = ended_well("explain", recordings, "rice", "oat", *words)
     assert "more energy on fz" in printed
     assert "Strongest couplings:" in printed
     assert (tmp_path / "bands.png").stat().st_size > 10_000
-    read = json.loads((tmp_path / "bands.json").read_text(encoding="utf-8"))
+    read = written(tmp_path / "bands.json")
     assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
 
 
-def test_the_model_that_is_explained_is_that_of_train_and_is_named(data, tmp_path):
-    saved(data, tmp_path / "recordings")
-    printed = ended_well("explain", tmp_path / "recordings", "rice", "oat", "--json", tmp_path / "best.json")
+def test_the_model_that_is_explained_is_that_of_train_and_is_named(recordings, tmp_path):
+    printed = ended_well("explain", recordings, "rice", "oat", "--json", tmp_path / "best.json")
     line = next(line for line in printed.splitlines() if line.startswith("best: "))
     assert line.startswith(
         "best: trained on 16 of 24 recordings; the mean of the candidate models that were chosen, "
     )
     assert "All axes: fz " in printed
-    read = json.loads((tmp_path / "best.json").read_text(encoding="utf-8"))
+    read = written(tmp_path / "best.json")
     assert (read["space"], f"best: {read['model']}") == ("best", line)
     assert f"explained on recordings held out: {read['split']['held_out']}" in printed.splitlines()
     assert read["split"]["protocol"] == "session"
@@ -92,13 +93,10 @@ def test_what_is_explained_is_held_out_as_strictly_as_the_two_materials_allow(se
     assert set(train.labels) == {"rice", "oat", "peas"}
 
 
-def test_a_space_without_a_classifier_takes_the_papers_with_the_given_cost():
+def test_classifiers_are_the_papers_with_the_given_cost_or_that_of_the_space_with_sessions_held_out(data):
     classifier = with_defaults(OneSpace, space="hfmh", c=3.0).pipeline(500.0)[-1]
     assert isinstance(classifier, ECOCClassifier)
     assert classifier.C == 3.0
-
-
-def test_the_classifier_of_a_space_chooses_with_sessions_held_out(data):
     pipeline = Pipeline([("features", feature_spaces()["multiband"].transformer), ("own", BestClassifier())])
     rows = np.arange(18)
     model = fit_pipeline(pipeline, data.X[rows], data.y[rows], groups_of(data).take(rows))

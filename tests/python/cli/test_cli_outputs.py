@@ -4,7 +4,7 @@ import hashlib
 
 import pytest
 
-from cli_cases import SMALL, ended_well, make, refused, saved
+from cli_cases import SMALL, ended_well, refused
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
@@ -94,21 +94,15 @@ def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
     assert f"{name}: what is there is not " in refused(*words, "--force")
 
 
-def test_what_commands_write_is_known_again_and_replaced_by_force(tmp_path):
-    pytest.importorskip("matplotlib")
-    from granular_id.report.pictures import FIGURES
-
-    folder = saved(make(), tmp_path / "recordings")
+def test_what_commands_write_is_known_again_and_replaced_by_force(folder, tmp_path, no_pictures):
     outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}
     files = [tmp_path / name for name in outputs.values()]
-    words = ["evaluate", folder, *SMALL, "--quiet", "--figures", tmp_path / "figures"]
+    words = ["evaluate", folder, *SMALL, "--spaces", "hfmh", "--quiet"]
     words += [word for pair in zip(outputs, files, strict=True) for word in pair]
     ended_well(*words)
-    figures = sorted((tmp_path / "figures").iterdir())
-    assert {path.stem for path in figures} <= set(FIGURES)
-    before = [digest(path) for path in (*files, *figures)]
+    before = [digest(path) for path in files]
     assert "--report" in refused(*words)
-    assert [digest(path) for path in (*files, *figures)] == before
+    assert [digest(path) for path in files] == before
     for path in files:
         path.write_bytes(path.read_bytes()[:100])
     ended_well(*words, "--force")

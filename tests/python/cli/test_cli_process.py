@@ -1,4 +1,4 @@
-"""The command line as a process: exit codes, missing extras, Ctrl-C, the progress bar."""
+"""The command line as a process: exit codes, what is imported, missing extras, Ctrl-C, the progress bar."""
 
 import os
 import re
@@ -7,131 +7,131 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 import typer
 
-from cli_cases import SMALL, make, saved
+from cli_cases import SMALL
+from granular_id import save
 from granular_id.cli.errors import guarded
+from granular_id.synthetic import synthesize
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
 
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return saved(make(), tmp_path_factory.mktemp("cli") / "uniform")
-
-
 ENVIRONMENT = {**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1", "COLUMNS": "120"}
 
+RUN = """
+import sys
+from granular_id.cli import main
 
-def process(*words, code=None):
-    start = [sys.executable, "-c", code] if code else [sys.executable, "-m", "granular_id.cli"]
-    return subprocess.run(
-        [*start, *map(str, words)], capture_output=True, text=True, env=ENVIRONMENT, timeout=60, check=False
-    )
+given = sys.argv[1:]
 
-
-def test_the_module_runs_and_loads_nothing_heavy_for_help():
-    code = (
-        "import sys; from granular_id.cli import main\n"
-        "try: main()\n"
-        "except SystemExit as end: print('exit', end.code)\n"
-        "print('heavy', sorted({'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)))"
-    )
-    done = process("--help", code=code)
-    assert "evaluate" in done.stdout
-    assert "exit 0" in done.stdout
-    assert "heavy []" in done.stdout
-
-
-def test_a_bad_folder_as_a_process(tmp_path):
-    done = process("evaluate", tmp_path / "absent")
-    assert done.returncode == 2
-    assert done.stderr == f"error: {tmp_path / 'absent'}: no such file or folder\n"
-    assert done.stdout == ""
-
-
-@pytest.mark.parametrize("missing", ["typer", "rich"])
-def test_a_missing_extra_is_named(missing):
-    code = f"import sys; sys.modules[{missing!r}] = None; from granular_id.cli import main; main()"
-    done = process("demo", code=code)
-    assert done.returncode == 1
-    assert done.stderr == f"granular-id: the command line needs {missing}: pip install 'granular-id[app]'\n"
-
-
-def test_missing_matplotlib_is_named_before_any_work(tmp_path):
-    code = "import sys; sys.modules['matplotlib'] = None; from granular_id.cli import main; main()"
-    done = process("evaluate", tmp_path, "--figures", tmp_path / "figures", code=code)
-    assert done.returncode == 1
-    assert done.stderr == "error: figures need matplotlib: pip install 'granular-id[app]'\n"
-
-
-def test_the_library_evaluates_without_the_extra():
-    code = (
-        "import sys\n"
-        "for name in ('typer', 'rich', 'matplotlib'): sys.modules[name] = None\n"
-        "from granular_id.evaluation import evaluate\n"
-        "from granular_id.synthetic import synthesize\n"
-        "data = synthesize(['rice', 'fine sugar'], n_per_class=4, duration_s=0.5)\n"
-        "print(evaluate(data, 'raw', n_partitions=2, train_per_class=3, test_per_class=1))"
-    )
-    done = process(code=code)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("Accuracy on SYNTHETIC recordings")
-
-
-def interrupted_after(first_line, module, *words, told=""):
-    """Start a command, press Ctrl-C after its first line, and check that it ends as promised."""
-    running = subprocess.Popen(
-        [sys.executable, "-m", module, *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=ENVIRONMENT,
-    )
+def run(*words):
+    sys.argv = ["granular-id", *words]
     try:
-        assert running.stdout.readline().startswith(first_line)
-        running.send_signal(signal.SIGINT)
-        _, errors = running.communicate(timeout=30)
-    finally:
-        running.kill()
-    assert running.returncode == 130
-    assert errors.removeprefix(told) == (
-        "Interrupted: no file was left half-written. A run with --checkpoint FOLDER can be continued.\n"
-    )
+        main()
+    except SystemExit as end:
+        print("exit", end.code)
+"""
 
 
-def test_ctrl_c_exits_with_130_and_leaves_no_half_file(folder, tmp_path):
-    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000)
-    outputs = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
-    interrupted_after("30 recordings, 3 materials", "granular_id.cli", *words, *outputs)
-    assert list(Path(tmp_path).iterdir()) == []
-
-
-def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
-    words = ("demo", "-o", tmp_path / "new" / "demo")
-    interrupted_after("SYNTHETIC data", "granular_id", *words, told="simulating 682 pushes\n")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("started", ["module", "script"])
-def test_the_line_to_repeat_names_how_the_program_was_started(folder, tmp_path, started):
-    words = [str(word) for word in ("evaluate", folder, *SMALL, "--spaces", "hfmh", "--protocol", "paper")]
-    script = tmp_path / "granular-id"
-    script.write_text("from granular_id.cli import main\nmain()\n", encoding="utf-8")
-    way = [str(script)] if started == "script" else ["-m", "granular_id"]
+def process(code, *words):
     done = subprocess.run(
-        [sys.executable, *way, *words],
+        [sys.executable, "-c", RUN + code, *map(str, words)],
         capture_output=True,
         text=True,
         env=ENVIRONMENT,
         timeout=60,
         check=True,
     )
-    name = str(script) if started == "script" else "python -m granular_id"
-    assert done.stdout.endswith(f"repeat with: {name} {shlex.join(words)}\n")
+    return done.stdout, done.stderr
+
+
+def test_help_model_info_and_a_wrong_path_wait_for_nothing_heavy(model):
+    code = (
+        "for command in ('', 'train', 'identify', 'model info'): run(*command.split(), '--help')\n"
+        "run('model', 'info', *given)\n"
+        "for rest in ('train absent -o m', 'explain absent oat rice', 'confidence absent'): run(*rest.split())\n"
+        "print('heavy', sorted({'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)))"
+    )
+    out, errors = process(code, model)
+    assert re.findall(r"^exit \d+", out, re.M) == ["exit 0"] * 5 + ["exit 2"] * 3
+    for words in (
+        "evaluate",
+        "granular-id train",
+        "granular-id identify",
+        "candidates: hold the right material",
+    ):
+        assert words in out
+    assert errors == "error: absent: no such file or folder\n" * 3
+    assert out.endswith("heavy []\n")
+
+
+def test_missing_extras_are_named_and_the_library_evaluates_without_them():
+    code = (
+        "for name in ('typer', 'rich'):\n"
+        "    sys.modules[name] = None\n"
+        "    run('demo')\n"
+        "    del sys.modules[name]\n"
+        "sys.modules['matplotlib'] = None\n"
+        "run('evaluate', '.', '--figures', 'figures')\n"
+        "sys.modules['typer'] = sys.modules['rich'] = None\n"
+        "from granular_id.evaluation import evaluate\n"
+        "from granular_id.synthetic import synthesize\n"
+        "data = synthesize(['rice', 'fine sugar'], n_per_class=4, duration_s=0.5)\n"
+        "print(evaluate(data, 'raw', n_partitions=2, train_per_class=3, test_per_class=1))"
+    )
+    out, errors = process(code)
+    lines = out.splitlines()
+    for missing, said in zip(("typer", "rich"), lines, strict=False):
+        needed = f"granular-id: the command line needs {missing}: pip install 'granular-id[app]'"
+        assert said == f"exit {needed}", "Python prints it and exits with 1"
+    assert lines[2] == "exit 1"
+    assert errors == "error: figures need matplotlib: pip install 'granular-id[app]'\n"
+    assert lines[3].startswith("Accuracy on SYNTHETIC recordings")
+
+
+def started(words, **options):
+    return subprocess.Popen(
+        [sys.executable, "-m", "granular_id.cli", *map(str, words)], text=True, env=ENVIRONMENT, **options
+    )
+
+
+def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
+    save(synthesize(n_per_class=20, duration_s=1.0), tmp_path / "x.npz")
+    output = tmp_path / "out"
+    output.mkdir()
+    words = ("train", tmp_path / "x.npz", "-o", output / "m")
+    with started(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+        try:
+            assert running.stdout.readline().startswith("220 recordings, 11 materials")
+            running.send_signal(signal.SIGINT)
+            _, errors = running.communicate(timeout=30)
+        finally:
+            running.kill()
+    assert running.returncode == 130
+    assert errors == "Interrupted: no file was left half-written.\n"
+    assert list(output.iterdir()) == []
+
+
+def test_the_demo_tells_its_steps_and_ctrl_c_leaves_no_empty_folder(tmp_path):
+    words = ("demo", "--quick", "-o", tmp_path / "new" / "demo")
+    with started(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as running:
+        try:
+            assert running.stderr.readline() == "simulating 132 pushes\n"
+            assert re.fullmatch(r"1 of \d+: .+\n", running.stderr.readline())
+            running.send_signal(signal.SIGINT)
+            _, errors = running.communicate(timeout=30)
+        finally:
+            running.kill()
+    assert running.returncode == 130
+    assert errors.splitlines()[-1] == (
+        "Interrupted: no file was left half-written. A run with --checkpoint FOLDER can be continued."
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- on a terminal
 
 
 class Terminal:
@@ -140,8 +140,9 @@ class Terminal:
     def __init__(self, words):
         self.screen, theirs = os.openpty()
         self.shown = ""
+        self.words = [str(word) for word in words]
         self.running = subprocess.Popen(
-            [sys.executable, "-m", "granular_id.cli", *words],
+            [sys.executable, "-m", "granular_id.cli", *self.words],
             stdout=subprocess.PIPE,
             stderr=theirs,
             text=True,
@@ -175,46 +176,23 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 @needs_terminal
 def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
-    words = [str(word) for word in ("evaluate", folder, *SMALL, "--partitions", 400, "--spaces", "hfmh")]
-    with Terminal(words) as terminal:  # so many that the bar is drawn anew in every stage
+    words = ("evaluate", folder, *SMALL, "--partitions", 100, "--spaces", "hfmh", "--no-controls")
+    with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
         assert terminal.running.returncode == 0
     assert "hfmh: paper, partition" in terminal.shown
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
-    assert f"repeat with: python -m granular_id.cli {shlex.join(words)}\n" in out
-
-
-@needs_terminal
-def test_the_demo_shows_that_it_simulates(tmp_path):
-    with Terminal(["demo", "--quick", "-o", str(tmp_path)]) as terminal:
-        terminal.read_until("simulating 132 pushes")
-        assert "simulating 132 pushes" in terminal.shown
-
-
-def test_the_demo_tells_its_steps_in_lines_without_a_terminal(tmp_path):
-    running = subprocess.Popen(
-        [sys.executable, "-m", "granular_id.cli", "demo", "--quick", "-o", str(tmp_path)],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=ENVIRONMENT,
-    )
-    try:
-        assert running.stderr.readline() == "simulating 132 pushes\n"
-        assert re.fullmatch(r"1 of \d+: .+\n", running.stderr.readline())
-    finally:
-        running.kill()
-        running.communicate()
+    assert f"repeat with: python -m granular_id.cli {shlex.join(terminal.words)}\n" in out
 
 
 @needs_terminal
 @pytest.mark.parametrize("threads", [1, 2])
 def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
     words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000, "--threads", threads)
-    outputs = ("--csv", tmp_path / "p.csv", "--checkpoint", tmp_path / "kept")
-    with Terminal([str(word) for word in (*words, *outputs)]) as terminal:
+    files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv", "--checkpoint", tmp_path / "kept")
+    with Terminal((*words, *files, "--spaces", "raw")) as terminal:
         terminal.read_until("paper, partition")
         assert "paper, partition" in terminal.shown
         terminal.running.send_signal(signal.SIGINT)
