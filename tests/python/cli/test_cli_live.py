@@ -1,8 +1,9 @@
-"""``granular-id record`` and ``granular-id live``, end to end with a simulated sensor."""
+"""`record` and `live`, end to end with a simulated sensor."""
 
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -19,7 +20,8 @@ ENDED = r"Ended by SIGINT: (the robot is stopped, )?no file was left half-writte
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def pushes(tmp_path_factory):
+    """12 pushes that `record` has written."""
     folder = tmp_path_factory.mktemp("live") / "pushes"
     words = ("--label", "rice,fine sugar", "--n", 6, "--speed", 20, "--duration-s", 1, "--session", "Monday")
     out = ended_well("record", "--source", SIM, *words, "-o", folder)
@@ -30,14 +32,20 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def model(folder, tmp_path_factory):
+def model(pushes, tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "m.safetensors"
-    ended_well("train", folder, "-o", path, "--space", "hfmh", "--quiet")
+    ended_well("train", pushes, "-o", path, "--space", "hfmh", "--quiet")
     return path
 
 
-def test_what_was_recorded_loads_with_all_that_is_known(folder):
-    data = gid.load(folder)
+@pytest.fixture
+def live(model):
+    """The words of a session that names pushes of rice."""
+    return ("live", "--source", "sim:rice?seed=3", "--speed", 20, "--model", model)
+
+
+def test_what_was_recorded_loads_with_all_that_is_known(pushes):
+    data = gid.load(pushes)
     assert len(data) == 12
     assert data.labels == ("fine sugar", "rice")
     for recording in data:
@@ -47,6 +55,16 @@ def test_what_was_recorded_loads_with_all_that_is_known(folder):
         assert recording.meta["truth"] == recording.label
         assert recording.meta["trigger"] == "motion"
         assert recording.start_time is not None
+
+
+def test_a_label_that_the_source_contradicts_is_told(tmp_path):
+    words = ("--source", "sim:rice?seed=2", "--speed", 20, "--duration-s", 1, "--n", 2)
+    out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
+    assert out.count("recorded as 'salt', but simulated rice says that it was 'rice'") == 1
+    assert "wrote 2 SYNTHETIC recordings of 1 material into" in out
+
+
+# -- answers
 
 
 def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
@@ -62,36 +80,79 @@ def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
         assert answer["truth"] in ("rice", "fine sugar")
         assert answer["decision"]["final"]
         assert answer["failure"] is None
-    before = rows.read_bytes()
-    line = refused("live", *words, "--n", 1, "--quiet", "--json", rows)
+
+
+def test_a_file_of_answers_is_replaced_by_force_only_and_one_of_another_kind_never(live, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    rows.write_bytes(b"{}\n{}\n")
+    line = refused(*live, "--json", rows)
     assert line == f"error: --json {rows}: there is such a file already; add --force to replace it"
-    assert rows.read_bytes() == before
-    ended_well("live", *words, "--n", 1, "--quiet", "--json", rows, "--force")
+    assert rows.read_bytes() == b"{}\n{}\n"
+    ended_well(*live, "--n", 1, "--quiet", "--json", rows, "--force")
     assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
     for other in (tmp_path / "other.npz", tmp_path / "other.json"):
         other.write_bytes(b"PK")
-        line = refused("live", *words, "--json", other, "--force")
+        line = refused(*live, "--json", other, "--force")
         assert line.startswith("error: --json")
         assert other.name in line
         assert other.read_bytes() == b"PK"
+    model = Path(live[-1])
+    before = model.read_bytes()
+    assert f"belongs to {model}, which is read" in refused(*live, "--json", model)
+    assert model.read_bytes() == before
 
 
-def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(model, tmp_path):
+def test_live_without_a_terminal_prints_lines_of_what_changes_and_offers_a_page(live):
+    out = ended_well(*live, "--n", 1, "--view", "--no-browser")
+    assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
+    assert "page: http://127.0.0.1:" in out
+    assert "note: the model has no early rule" in ended_well(*live, "--n", 1, "--quiet", "--early")
+
+
+def test_what_is_like_no_known_material_is_told_and_counted(pushes, tmp_path):
+    strict = tmp_path / "strict.safetensors"
+    ended_well("train", pushes, "-o", strict, "--space", "hfmh", "--share-known", 0.01, "--quiet")
+    words = ("--source", "sim:macaroni?seed=3", "--speed", 20, "--model", strict, "--n", 1)
+    out = ended_well("live", *words)
+    assert "Done: like no known material (final, after 1.00 s, nearest: " in out
+    assert "SYNTHETIC: 1 answer, 1 right (100 %); 1 like no known material" in out
+
+
+def test_a_replay_that_is_over_ends_calmly_unless_too_little_was_answered(model, pushes):
+    words = ("live", "--source", f"replay:{pushes}?pause_s=0.5", "--speed", 20, "--model", model)
+    out = ended_well(*words)
+    assert "Ended: the source came to its end" in out
+    assert "SYNTHETIC: 12 answers, 12 right (100 %); the source came to its end" in out
+    assert "Failed" not in out
+    nothing = refused(*words, "--trigger", "force", "--threshold-n", 1e6)
+    assert "the source came to its end before any push was answered" in nothing
+    assert "the source came to its end" in refused(*words, "-q", "--n", 13)
+
+
+# -- ends
+
+
+def process(*words, code=None):
+    start = ["-c", code] if code else ["-m", "granular_id"]
+    return subprocess.Popen(
+        [sys.executable, *start, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+
+
+def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(live, tmp_path):
     rows = tmp_path / "answers.jsonl"
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
         "from granular_id.cli import main; main()"
     )
-    words = ("live", "--source", "sim:rice?seed=3", "--speed", "20", "--model", model, "-q", "--json", rows)
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert done.stderr == f"error: cannot write {rows}: File too large\n"
+    session = process(*live, "-q", "--json", rows, code=code)
+    _, error = session.communicate(timeout=120)
+    assert session.returncode == 2
+    assert error == f"error: cannot write {rows}: File too large\n"
     whole = rows.read_text("utf-8")
     assert whole.endswith("}\n")
     answers = [json.loads(line) for line in whole.splitlines()]
@@ -99,171 +160,89 @@ def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(model, tmp_pa
     assert len(whole) + len(whole) // len(answers) > 1500, "as many as there is room for"
 
 
-def test_live_without_a_terminal_prints_lines_of_what_changes(model):
-    words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1)
-    out = ended_well("live", *words)
-    assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
-
-
-def test_what_is_like_no_known_material_is_told_and_counted(folder, tmp_path):
-    strict = tmp_path / "strict.safetensors"
-    ended_well("train", folder, "-o", strict, "--space", "hfmh", "--share-known", 0.01, "--quiet")
-    words = ("--source", "sim:macaroni?seed=3", "--speed", 20, "--model", strict, "--n", 1)
-    out = ended_well("live", *words)
-    assert "Done: like no known material (final, after 1.00 s, nearest: " in out
-    assert "SYNTHETIC: 1 answer, 1 right (100 %); 1 like no known material" in out
-
-
 def interrupted(*words, after):
-    """Press Ctrl-C after two lines of output that hold some text; return the rest of it, and the errors."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "granular_id", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
+    """Press Ctrl-C after two lines of output that hold some text; return the rest of it."""
+    session = process(*words)
     try:
         for _ in range(2):
-            assert after in process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        out, error = process.communicate(timeout=30)
+            assert after in session.stdout.readline()
+        session.send_signal(signal.SIGINT)
+        out, error = session.communicate(timeout=30)
     finally:
-        process.kill()
-    assert process.returncode == 130
-    return out, error
-
-
-def test_ctrl_c_ends_a_session_with_its_tally(model, heeding_interrupts):
-    words = ("live", "--source", "sim:rice?seed=3", "--speed", "10", "--model", str(model), "--quiet")
-    out, error = interrupted(*words, after="final: margin")
+        session.kill()
+    assert session.returncode == 130
     assert re.fullmatch(ENDED, error), "the robot may stand between two pushes"
+    return out
+
+
+def test_ctrl_c_ends_a_session_with_its_tally(live, heeding_interrupts):
+    out = interrupted(*live, "--quiet", after="final: margin")
     assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right \(\d+ %\)", out.splitlines()[-1])
 
 
-def test_a_page_is_offered(model):
-    words = ("--source", "sim:rice?seed=3", "--speed", 10, "--model", model, "--n", 1, "--quiet")
-    assert "page: http://127.0.0.1:" in ended_well("live", *words, "--view", "--no-browser")
-
-
-def test_a_replay_that_is_over_ends_calmly_unless_nothing_was_answered(model, folder):
-    words = ("live", "--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model)
-    out = ended_well(*words)
-    assert "Ended: the source came to its end" in out
-    assert "SYNTHETIC: 12 answers, 12 right (100 %); the source came to its end" in out
-    assert "Failed" not in out
-    assert "the source came to its end before any push was answered" in refused(
-        *words, "--trigger", "force", "--threshold-n", 1e6
-    )
-
-
-def test_misspelt_materials_are_found_before_the_first_push(tmp_path):
-    line = refused("record", "--source", SIM, "--label", "rice,suger", "-o", tmp_path / "x")
-    assert "'suger'; known: dry peas, rice" in line
-    assert not (tmp_path / "x").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        (("--label", ","), "--label must name at least one material"),
-        (("--label", "rice,rice"), "--label must name each material once, got 'rice,rice'"),
-        (("--label", "rice", "--speed", "1e9"), "--speed must be at most 1000, got 1e+09"),
-        (("--label", "rice", "--buffer-s", "1e9"), "--buffer-s must be at most 600, got 1e+09"),
-        (("--label", "rice", "--direction", "0,0,0"), "--direction must hold three numbers, not all 0"),
-        (("--label", "rice", "--robot", "none", "--trigger", "motion"), "--trigger motion needs a robot"),
-        (("--label", "rice", "--session", ""), "--session is empty"),
-        (("--label", "rice,gravel,rice"), "--label must name each material once, got 'rice,gravel,rice'"),
-        (("--label", "rice", "--n", 0), "--n must be at least 1, got 0"),
-        (("--label", "rice", "--direction", "1,0"), "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
-        (("--label", "rice", "--speed-m-s", 0), "--speed-m-s must be positive and finite, got 0"),
-        (("--label", "rice", "--pre-s", 9), "--pre-s must be at least 0 and below --duration-s 3.2, got 9"),
-        (("--label", "rice", "--duration-s", 5), "a shorter push or a lower --speed-m-s is wanted"),
-        (
-            ("--label", "rice", "--robot", "source", "--trigger", "force", "--threshold-n", -1),
-            "--threshold-n",
-        ),
-        (("--label", "rice", "--speed", -1), "--speed must be positive"),
-        (("--label", "rice", "--max-lag-s", -1), "--max-lag-s must be at least 0 and finite, got -1"),
-        (("--label", "rice,sa\u202elt"), "holds the control character"),
-    ],
-)
-def test_record_refuses_what_cannot_be(tmp_path, words, part):
-    assert part in refused("record", "--source", SIM, *words, "-o", tmp_path / "x")
-
-
-def test_a_source_that_is_none_is_named(model, tmp_path):
-    assert "'simm'; known: bota, franka, rdt" in refused("live", "--source", "simm:rice", "--model", model)
-    assert "no option 'sped'; known:" in refused("live", "--source", "sim:rice?sped=2", "--model", model)
-    line = refused("live", "--source", f"replay:{tmp_path}/none", "--model", model)
-    assert "none" in line
-    line = refused("live", "--source", "sim:rice?rate_hz=100", "--model", model)
-    assert "the model is for 500 Hz, simulated rice delivers 100 Hz" in line
-    assert "no.safetensors" in refused("live", "--source", "sim:rice", "--model", tmp_path / "no.safetensors")
-    done = run("live", "--source", "ur://1.2.3.4", "--model", model)
-    assert done.exit_code == 1
-    assert "needs granular-id-contrib, which is not installed: pip install ./contrib" in done.stderr
-
-
-def test_a_label_that_the_source_contradicts_is_told(tmp_path):
-    words = ("--source", "sim:rice?seed=2", "--speed", 20, "--duration-s", 1, "--n", 2)
-    out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
-    assert out.count("recorded as 'salt', but simulated rice says that it was 'rice'") == 1
-    assert "wrote 2 SYNTHETIC recordings of 1 material into" in out
-
-
-def test_options_that_do_nothing_or_harm_are_refused(model):
-    words = ("live", "--source", "sim:rice?seed=3", "--model", model, "--n", 1, "--quiet")
-    assert "--port is about the page: add --view" in refused(*words, "--port", 8000)
-    assert "--no-browser is about the page: add --view" in refused(*words, "--no-browser")
-    assert "--port must be between 0 and 65535, got 70000" in refused(*words, "--view", "--port", 70000)
-    assert "--rerun is gone: examples/rerun_log.py in the repository" in refused(*words, "--rerun", "x.rrd")
-    assert "--robot must be one of auto, none, manual, source or a URL" in refused(*words, "--robot", "ur")
-    assert "--robot 'gantry:1' has the scheme 'gantry'; known: " in refused(*words, "--robot", "gantry:1")
-    line = refused(*words, "--pre-s", 0.1)
-    assert "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out" in line
-
-
-def test_a_push_into_the_wall_speaks_of_options_that_live_has(model):
-    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--speed-m-s", 0.8, "--model", model, "--n", 1)
-    line = refused("live", *words, "--quiet")
-    assert "into the wall" in line
-    assert "a lower --speed-m-s is wanted" in line
-    assert "--duration-s" not in line
-
-
-def test_early_without_a_rule_is_told(model):
-    words = ("--speed", 20, "--model", model, "--n", 1, "--quiet")
-    out = ended_well("live", "--source", "sim:rice?seed=3", *words, "--early")
-    assert "note: the model has no early rule" in out
-
-
-def test_live_does_not_write_into_its_model(model):
-    before = Path(model).read_bytes()
-    line = refused("live", "--source", "sim:rice", "--model", model, "--json", model)
-    assert f"belongs to {model}, which is read" in line
-    assert Path(model).read_bytes() == before
-
-
-def test_more_answers_than_a_replay_has_is_an_error(model, folder):
-    words = ("--source", f"replay:{folder}?pause_s=0.5", "--speed", 20, "--model", model, "-q", "--n", 13)
-    assert "the source came to its end" in refused("live", *words)
-
-
-def test_nobody_pushes(model):
-    words = ("--source", "sim:rice?seed=3", "--speed", 20, "--robot", "none", "--timeout-s", 1, "--n", 1)
-    line = refused("live", *words, "--model", model, "--quiet")
-    assert "nothing triggered within 1 s" in line
-
-
 def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
-    words = ("record", "--source", "sim:rice?seed=1", "--label", "rice", "--speed", "10", "--n", "500")
-    _, error = interrupted(*words, "-o", str(tmp_path / "x"), after="1600 samples")
-    assert re.fullmatch(ENDED, error), "the robot may stand between two pushes"
+    words = ("record", "--source", "sim:rice?seed=1", "--label", "rice", "--speed", 20, "--n", 500)
+    interrupted(*words, "-o", tmp_path / "x", after="1600 samples")
     assert len(gid.load(tmp_path / "x")) >= 2
     assert not list((tmp_path / "x").rglob(".*"))
 
 
-def test_help_has_examples():
-    for command in ("record", "live"):
-        assert "Examples" in run(command, "--help").stdout
+# -- refusals
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--label ,", "--label must name at least one material"),
+        ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
+        ("--label rice,suger", "'suger'; known: dry peas, rice"),
+        ("--label rice,sa\u202elt", "holds the control character"),
+        ("--label rice --session ''", "--session is empty"),
+        ("--label rice --n 0", "--n must be at least 1, got 0"),
+        ("--label rice --speed 1e9", "--speed must be at most 1000, got 1e+09"),
+        ("--label rice --speed -1", "--speed must be positive"),
+        ("--label rice --buffer-s 1e9", "--buffer-s must be at most 600, got 1e+09"),
+        ("--label rice --direction 0,0,0", "--direction must hold three numbers, not all 0"),
+        ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
+        ("--label rice --robot none --trigger motion", "--trigger motion needs a robot"),
+        ("--label rice --robot source --trigger force --threshold-n -1", "--threshold-n"),
+        ("--label rice --speed-m-s 0", "--speed-m-s must be positive and finite, got 0"),
+        ("--label rice --pre-s 9", "--pre-s must be at least 0 and below --duration-s 3.2, got 9"),
+        ("--label rice --duration-s 5", "a shorter push or a lower --speed-m-s is wanted"),
+        ("--label rice --max-lag-s -1", "--max-lag-s must be at least 0 and finite, got -1"),
+    ],
+)
+def test_record_refuses_what_cannot_be(tmp_path, words, said):
+    assert said in refused("record", "--source", SIM, *shlex.split(words), "-o", tmp_path / "x")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--port 8000", "--port is about the page: add --view"),
+        ("--no-browser", "--no-browser is about the page: add --view"),
+        ("--view --port 70000", "--port must be between 0 and 65535, got 70000"),
+        ("--rerun x.rrd", "--rerun is gone: examples/rerun_log.py in the repository"),
+        ("--robot ur", "--robot must be one of auto, none, manual, source or a URL"),
+        ("--robot gantry:1", "--robot 'gantry:1' has the scheme 'gantry'; known: "),
+        ("--pre-s 0.1", "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out"),
+        ("--speed-m-s 0.8", "into the wall, a lower --speed-m-s is wanted"),
+        ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
+        ("--source simm:rice", "'simm'; known: bota, franka, rdt"),
+        ("--source sim:rice?sped=2", "no option 'sped'; known:"),
+        ("--source replay:nowhere", "nowhere"),
+        ("--source sim:rice?rate_hz=100", "the model is for 500 Hz, simulated rice delivers 100 Hz"),
+        ("--model no.safetensors", "no.safetensors"),
+    ],
+)
+def test_live_refuses_what_does_nothing_or_harm(live, words, said):
+    line = refused(*live, "--n", 1, "--quiet", *shlex.split(words))
+    assert all(part in line for part in said.split(", a lower"))
+    assert "--duration-s" not in line, "live has no such option"
+
+
+def test_a_source_of_an_extra_that_is_not_installed_names_it(model):
+    done = run("live", "--source", "ur://1.2.3.4", "--model", model)
+    assert done.exit_code == 1
+    assert "needs granular-id-contrib, which is not installed: pip install ./contrib" in done.stderr
