@@ -14,6 +14,7 @@ from evaluation_cases import make_data
 from granular_id._files import json_value
 from granular_id.evaluation.gap import gap_of
 from granular_id.plotting import INK, new_figure
+from granular_id.recording import Dataset
 from granular_id.report import figures, report
 from granular_id.report.page import html, split_notes
 from granular_id.report.pictures import inline_svg
@@ -32,6 +33,8 @@ class Page(HTMLParser):
         self.feed(text)
         self.close()
         assert self.open == []
+        self.text = " ".join(" ".join(self.words).split())
+        self.sections = [attrs["id"] for tag, attrs in self.tags if tag == "section"]
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
@@ -56,10 +59,6 @@ class Page(HTMLParser):
         if "style" not in self.open:
             self.words.append(data)
 
-    @property
-    def text(self):
-        return " ".join(" ".join(self.words).split())
-
 
 @pytest.fixture(scope="module")
 def result():
@@ -67,13 +66,8 @@ def result():
 
 
 @pytest.fixture(scope="module")
-def text():
-    return page_of("four classes")
-
-
-@pytest.fixture(scope="module")
-def page(text):
-    return Page(text)
+def page():
+    return Page(page_of("four classes"))
 
 
 @pytest.fixture
@@ -82,24 +76,15 @@ def no_pictures(monkeypatch):
     monkeypatch.setattr("granular_id.report.page.pictures", lambda *_: [])
 
 
+# -- the page
+
+
 def test_sections_come_in_the_order_of_what_matters(page):
-    sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
-    assert sections == [
-        "gap",
-        "accuracy",
-        "controls",
-        "comparison",
-        "confusions",
-        "forces",
-        "high",
-        "weights",
-        "data",
-        "warnings",
-        "repeat",
-    ]
+    order = "gap accuracy controls comparison confusions forces high weights data warnings repeat"
+    assert " ".join(page.sections) == order
 
 
-def test_both_figures_of_the_gap_stand_on_top(result, page):
+def test_every_number_is_there_and_both_figures_of_the_gap_on_top(result, page):
     space = result.best_space()
     top = page.text[: page.text.index("Accuracy of each feature space")]
     for protocol in ("paper", "chronological"):
@@ -107,9 +92,6 @@ def test_both_figures_of_the_gap_stand_on_top(result, page):
     assert f"{100 * result.gap(space):.1f}" in top
     assert "random partitions" in top
     assert "halves in time order" in top
-
-
-def test_every_number_of_the_tables_is_there(result, page):
     for space in result.spaces:
         assert f"{100 * result.mean_accuracy(space.name):.2f}" in page.text
     for control in result.controls:
@@ -117,16 +99,34 @@ def test_every_number_of_the_tables_is_there(result, page):
         assert control.what in page.text
     for share in result.recall(result.best_space(), "chronological"):
         assert f"{100 * share:.1f} %" in page.text
-    assert "U test†" in page.text
-    assert "far too small" in page.text
-    assert "Seed 0" in page.text
-    assert result.command in page.text
-    assert result.versions["numpy"] in page.text
+    for words in ("U test†", "far too small", "Seed 0", result.command, result.versions["numpy"]):
+        assert words in page.text
 
 
-def test_ids_are_single_and_every_reference_has_its_target(page):
+def test_every_figure_says_what_it_shows(result, page):
+    plots = [attrs for tag, attrs in page.tags if tag == "svg" and attrs.get("class") == "plot"]
+    # gap, accuracy, two confusions, recall; forces by material; residual and histogram by axis; weights
+    assert len(plots) == 5 + len(result.labels) + 12 + len(result.portrait.weights)
+    assert all(plot["role"] == "img" and len(plot["aria-label"]) > 15 for plot in plots)
+
+
+@pytest.mark.parametrize("case", ["four classes", "hostile names"])
+def test_names_stay_text_nothing_is_fetched_and_nothing_runs(case):
+    text = page_of(case)
+    page = Page(text)
+    assert len(text.encode()) < 3_000_000
     assert len(set(page.ids)) == len(page.ids)
     assert set(page.references) <= set(page.ids)
+    assert not any(tag in {"script", "iframe", "object", "embed", "img"} for tag, _ in page.tags)
+    assert not any(name.startswith("on") for _, attrs in page.tags for name in attrs)
+    names = ("src", "href", "xlink:href")
+    links = [attrs[name] for _, attrs in page.tags for name in names if name in attrs]
+    assert all(link.startswith(("#", "data:")) for link in links)
+    assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", text)
+    assert "@import" not in text
+    assert text.count("</style>") == 1
+    if case == "hostile names":
+        assert all(" ".join(label.split()) in page.text for label in HOSTILE.values())
 
 
 def test_a_figure_is_drawn_the_same_twice_with_ids_of_its_own():
@@ -144,69 +144,52 @@ def test_a_figure_is_drawn_the_same_twice_with_ids_of_its_own():
     assert 'aria-label="a &quot;line&quot;"' in one
 
 
-def test_every_figure_says_what_it_shows(result, page):
-    plots = [attrs for tag, attrs in page.tags if tag == "svg" and attrs.get("class") == "plot"]
-    # gap, accuracy, two confusions, recall; forces by material; residual and histogram by axis; weights
-    assert len(plots) == 5 + len(result.labels) + 12 + len(result.portrait.weights)
-    assert all(plot["role"] == "img" and len(plot["aria-label"]) > 15 for plot in plots)
-
-
-def test_nothing_is_fetched_and_nothing_runs(text, page):
-    assert not any(tag in {"script", "iframe", "object", "embed"} for tag, _ in page.tags)
-    assert not any(name.startswith("on") for _, attrs in page.tags for name in attrs)
-    links = [
-        attrs.get(name) for _, attrs in page.tags for name in ("src", "href", "xlink:href") if name in attrs
-    ]
-    assert all(link.startswith(("#", "data:")) for link in links)
-    assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", text)
-    assert "@import" not in text
-
-
-def test_hostile_names_stay_text():
-    text = page_of("hostile names")
-    page = Page(text)
-    assert "<script" not in text
-    assert "<img" not in text
-    for label in HOSTILE.values():
-        assert " ".join(label.split()) in page.text
-    assert text.count("</style>") == 1
-
-
 def test_synthetic_recordings_are_called_so_first_of_all(no_pictures):
     data = synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=0.5)
     page = Page(html(small_result(data, ["hfmh"], ["paper"])))
     assert page.text.startswith("SYNTHETIC: hfmh names")  # the title
     assert page.text.index("SYNTHETIC recordings.") < page.text.index("granular_id ")
-    assert "SYNTHETIC" not in Page(html(small_result(spaces=["raw"], protocol=["paper"]))).text
 
 
-def test_two_classes_and_one_space_leave_no_empty_section():
-    page = Page(page_of("two classes, one space"))
-    sections = [attrs["id"] for tag, attrs in page.tags if tag == "section"]
-    assert "controls" not in sections
-    assert "comparison" not in sections
+def test_what_was_not_done_has_no_section(no_pictures):
+    two = Dataset([r for r in make_data(n=10) if r.label in {"oat", "sugar"}])
+    page = Page(html(small_result(two, ["hfmh"], ["paper"], controls=False)))
+    assert "SYNTHETIC" not in page.text
+    assert not {"controls", "comparison"} & set(page.sections)
     assert "no protocol held out a session or a stretch of time" in page.text
 
 
-def test_twenty_classes_make_a_page_of_moderate_size():
-    result, text = result_of("twenty classes"), page_of("twenty classes")
-    assert len(result.labels) == 20
-    assert len(text.encode()) < 3_000_000
-    page = Page(text)
-    assert len(set(page.ids)) == len(page.ids)
-
-
-def test_a_result_without_portrait_still_reports(result):
+def test_without_a_portrait_or_its_filtered_part_the_rest_is_reported(result):
     page = Page(html(replace(result, portrait=None)))
     assert "Forces of each material" not in page.text
     assert "Accuracy of each feature space" in page.text
-
-
-def test_the_rate_may_be_too_low_for_the_filter(result):
     portrait = replace(result.portrait, high_pass=None, weights=(), looked_at=None)
     page = Page(html(replace(result, portrait=portrait)))
     assert "Forces of each material" in page.text
     assert "histogram of the same signal" not in page.text
+
+
+def test_warnings_are_told_from_notes(result, no_pictures):
+    noted = replace(result, notes=("warning: beware", "random: 5 train", "error: broken"))
+    assert split_notes(noted) == (("beware", "broken"), ("random: 5 train",))
+    assert "Warnings (2)" in Page(html(noted)).text
+
+
+def test_a_result_read_back_gives_the_same_page(result, no_pictures, tmp_path):
+    result.to_json(tmp_path / "result.json")
+    again = type(result).from_json(tmp_path / "result.json")
+    assert html(again) == html(result)
+    assert json_value(again.portrait) == json_value(result.portrait)
+
+
+def test_sessions_held_out_are_called_so(no_pictures):
+    result = small_result(make_data(), ["raw"], ["kfold", "session"], n_folds=3, controls=False)
+    page = Page(html(result))
+    assert "random folds" in page.text
+    assert "different sessions" in page.text
+
+
+# -- the gap in words
 
 
 def right_share(result, share, protocol):
@@ -222,24 +205,17 @@ def right_share(result, share, protocol):
 
 
 @pytest.mark.parametrize(
-    ("strict", "kind", "points", "but", "words"),
+    ("strict", "kind", "points", "but", "verdict"),
     [
-        (
-            0.5,
-            "lost",
-            ("−50.0", "points"),
-            "but only 50.0 %",
-            "50.0 points do not survive different halves in time",
-        ),
+        (0.5, "lost", ("−50.0", "points"), "but only 50.0 %", "50.0 points do not survive different halves"),
         (1.0, "kept", ("no", "difference"), "and still 100.0 %", "Less than a point is lost"),
     ],
 )
-def test_headline_and_verdict_follow_the_gap(result, strict, kind, points, but, words):
+def test_headline_and_verdict_follow_the_gap(result, strict, kind, points, but, verdict):
     both = right_share(right_share(result, 1.0, "paper"), strict, "chronological")
     gap = gap_of(both, "raw")
-    assert gap.kind == kind
-    assert gap.points == points
-    assert words in gap.verdict
+    assert (gap.kind, gap.points) == (kind, points)
+    assert verdict in gap.verdict
     assert gap.headline == (
         "raw names 100.0 % of recordings rightly when training and test are drawn at random, "
         f"{but} when they come from different halves in time"
@@ -269,19 +245,6 @@ def test_a_strict_protocol_alone_is_not_praised_or_blamed(result):
     assert "Only halves in time order ran" in gap.verdict
 
 
-def test_warnings_are_told_from_notes(result, no_pictures):
-    noted = replace(result, notes=("warning: beware", "random: 5 train", "error: broken"))
-    assert split_notes(noted) == (("beware", "broken"), ("random: 5 train",))
-    assert "Warnings (2)" in Page(html(noted)).text
-
-
-def test_a_result_read_back_gives_the_same_page(result, no_pictures, tmp_path):
-    result.to_json(tmp_path / "result.json")
-    again = type(result).from_json(tmp_path / "result.json")
-    assert html(again) == html(result)
-    assert json_value(again.portrait) == json_value(result.portrait)
-
-
 def test_the_choice_among_spaces_is_owned_up_to(result):
     chosen = "the best of 2 feature spaces, chosen by these same recordings"
     assert any(chosen in remark for remark in gap_of(result, "raw").remarks)
@@ -289,23 +252,21 @@ def test_the_choice_among_spaces_is_owned_up_to(result):
     assert not any("chosen" in remark for remark in gap_of(one, "raw").remarks)
 
 
+# -- files
+
+
 def test_the_file_is_whole_or_absent(result, tmp_path, monkeypatch, no_pictures):
     path = tmp_path / "report.html"
     path.write_text("old")
     report(result, path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert list(tmp_path.iterdir()) == [path]
     monkeypatch.setattr("granular_id.report.page.html", lambda result: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         report(result, path)
     assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_target_that_cannot_be_is_refused_before_anything_is_drawn(result, tmp_path, monkeypatch):
-    monkeypatch.setattr("granular_id.report.page.html", lambda result: pytest.fail("drawn"))
-    with pytest.raises(FileNotFoundError, match="does not exist"):
+    with pytest.raises(FileNotFoundError, match="does not exist"):  # before anything is drawn
         report(result, tmp_path / "missing" / "report.html")
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
@@ -318,34 +279,20 @@ def test_without_its_libraries_the_extra_is_named(result, tmp_path, monkeypatch,
 
 def test_figures_are_written_for_every_part(result, tmp_path):
     written = figures(result, tmp_path / "new", ".svg")
-    names = {path.name for path in written}
-    stems = {
-        "accuracy",
-        "gap",
-        "recall",
-        "confusion_paper",
-        "confusion_chronological",
-        "mean_forces",
-        "residual",
-        "hfmh",
-        "weights",
-    }
-    assert names == {f"{stem}.svg" for stem in stems}
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(names)
+    stems = "accuracy gap recall confusion_paper confusion_chronological mean_forces residual hfmh weights"
+    assert {path.name for path in written} == {f"{stem}.svg" for stem in stems.split()}
+    assert sorted((tmp_path / "new").iterdir()) == sorted(written)
 
 
-def test_figures_refuse_what_they_do_not_know(result, tmp_path):
-    with pytest.raises(ValueError, match="formats must name at least one ending"):
-        figures(result, tmp_path, [])
-    with pytest.raises(ValueError, match=r"path must end in \.png"):
-        figures(result, tmp_path / "new", "xyz")
-    with pytest.raises(ValueError, match="space must be one of"):
-        figures(result, tmp_path, space="nose")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"formats": []}, "formats must name at least one ending"),
+        ({"formats": "xyz"}, r"path must end in \.png"),
+        ({"space": "nose"}, "space must be one of"),
+    ],
+)
+def test_figures_refuse_what_they_do_not_know(result, tmp_path, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        figures(result, tmp_path / "new", **arguments)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_sessions_held_out_are_called_so(no_pictures):
-    result = small_result(make_data(), ["raw"], ["kfold", "session"], n_folds=3, controls=False)
-    page = Page(html(result))
-    assert "random folds" in page.text
-    assert "different sessions" in page.text

@@ -36,16 +36,12 @@ def opened(case, browser):
         context.close()
 
 
-def test_the_page_is_quiet_and_asks_for_nothing_but_itself(case, opened):
+def test_the_page_is_quiet_complete_and_asks_for_nothing_but_itself(case, opened):
+    result, path = case
     page = opened()
     assert page.said == []
-    assert [url for url in page.asked if not url.startswith("data:")] == [case[1].as_uri()]
+    assert [url for url in page.asked if not url.startswith("data:")] == [path.as_uri()]
     assert page.title() != "owned"
-
-
-def test_all_figures_are_drawn(case, opened):
-    result, _ = case
-    page = opened()
     # gap, accuracy, recall and a confusion for each protocol; forces by material; two maps by axis; weights
     wanted = 3 + len(result.protocols) + len(result.labels) + 12 + len(result.portrait.weights)
     boxes = page.eval_on_selector_all(

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy import signal as scipy_signal
 from sklearn.decomposition import PCA
+from sklearn.pipeline import make_pipeline
 
-from evaluation_cases import LABELS, make_data
+from evaluation_cases import LABELS, changed, make_data
 from granular_id import HFMH, ECOCClassifier, RawHFMH, RawSignal
 from granular_id._files import json_value
 from granular_id._schema import from_json
@@ -61,15 +62,10 @@ def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
 
 
 def test_a_rate_too_low_for_the_filter_leaves_it_out():
-    slow = gather_report_data(_slow(), {"raw": RawSignal()})
+    data = changed(make_data(n=3), rate_hz=lambda r: 10.0)
+    slow = gather_report_data(data, {"raw": RawSignal()})
     assert slow.high_pass is None
     assert from_json(ReportData, json.loads(json.dumps(json_value(slow)))).high_pass is None
-
-
-def _slow():
-    from granular_id.recording import Dataset, Recording
-
-    return Dataset([Recording(r.wrench, rate_hz=10.0, label=r.label, name=r.name) for r in make_data(n=3)])
 
 
 def test_influence_equals_that_of_the_weights_themselves(data):
@@ -100,8 +96,6 @@ def test_the_weights_lie_where_the_classes_differ():
 
 
 def test_the_first_space_with_a_link_to_the_recording_is_looked_at(data):
-    from sklearn.pipeline import make_pipeline
-
     lost = make_pipeline(RawSignal(), PCA(3))
     assert gather_report_data(data, {"pca": lost, "hfmh": HFMH(n_bins=7)}).looked_at == "hfmh"
     nowhere = gather_report_data(data, {"pca": lost})
@@ -118,11 +112,8 @@ def test_json_and_back_keeps_every_number(seen):
     assert len(text) < 1_000_000
 
 
-def test_short_curves_stay_as_they_are():
+def test_short_curves_stay_as_they_are_and_rounding_keeps_five_digits():
     assert downsampled(np.array([1.0, 3.0, 5.0, 7.0]), most=2).tolist() == [2.0, 6.0]
     assert downsampled(np.array([1.0, 3.0])).tolist() == [1.0, 3.0]
-
-
-def test_rounding_keeps_five_digits():
     values = np.random.default_rng(0).normal(size=100) * 10.0 ** np.arange(-50, 50)
     np.testing.assert_allclose(rounded(values), values, rtol=5e-5)

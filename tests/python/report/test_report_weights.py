@@ -16,6 +16,7 @@ from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, WithinClassWhitening
 from granular_id.spaces.multiband import band_columns
 from multiband_cases import ALL, louder
+from report_cases import small_result
 
 
 @pytest.fixture(scope="module")
@@ -110,21 +111,12 @@ def test_it_is_drawn(seen, tmp_path):
 def test_the_report_shows_it(data, tmp_path):
     pytest.importorskip("matplotlib")
     pytest.importorskip("jinja2")
-    from granular_id.evaluation import evaluate
-
-    X, y = data
     recordings = [
-        Recording(wrench[:128], 500.0, label=str(label)) for wrench, label in zip(X, y, strict=True)
+        Recording(wrench[:128], 500.0, label=str(label)) for wrench, label in zip(*data, strict=True)
     ]
-    result = evaluate(
-        Dataset(recordings),
-        {"multiband": MultiBand()},
-        protocol="paper",
-        n_partitions=2,
-        train_per_class=3,
-        test_per_class=1,
-        controls=False,
-        progress=False,
+    counts = {"n_partitions": 1, "train_per_class": 3, "test_per_class": 1}
+    result = small_result(
+        Dataset(recordings), {"multiband": MultiBand()}, ["paper"], controls=False, **counts
     )
     assert result.portrait.looked_at == "multiband"
     result.report(tmp_path / "report.html")
