@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from granular_id.plotting.onset import plot_onsets
 from granular_id.recording import Dataset, Recording
 from onset_cases import RATE_HZ, noise, push
 
@@ -23,8 +24,6 @@ def _titles(figure):
 
 
 def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
-    from granular_id.plotting.onset import plot_onsets
-
     data = Dataset([replace(data[0], trigger_index=300), *data[1:]])
     data = data.find_onsets(overrule={"push $_5": 0.25, "push $_6": None})
     figure = plot_onsets(data, tmp_path / "onsets.png", n=6)
@@ -48,26 +47,16 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     assert figure.axes[-1].get_xlabel() == "time from the onset or, without one, the end of rest, s"
 
 
-def test_onsets_are_found_first_where_they_were_not(data):
-    from granular_id.plotting.onset import plot_onsets
-
+def test_onsets_are_found_first_where_they_were_not_and_the_line_stands_there(data):
     figure = plot_onsets(data, n=100, false_alarm_rate=0.01)
     assert len(figure.axes) == 2 * len(data)
     assert figure.get_suptitle() == "Onsets of 8 of 8 recordings: rest 0.1 s, false-alarm rate 0.01"
-
-
-def test_the_line_stands_where_the_trigger_is(data):
-    from granular_id.plotting.onset import plot_onsets
-
-    found = data[:1].find_onsets()
-    panel = plot_onsets(found).axes[0]
-    (line,) = [line for line in panel.lines if len(line.get_xdata()) == 2]
+    found = data.find_onsets(false_alarm_rate=0.01)
+    (line,) = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 2]
     assert line.get_xdata()[0] == found[0].trigger_index / RATE_HZ
 
 
 def test_other_axes_irregular_and_synthetic_recordings():
-    from granular_id.plotting.onset import plot_onsets
-
     one = Recording(push(2)[:, :1], rate_hz=RATE_HZ, axes=("force",), name="one", meta={"synthetic": True})
     assert "synthetic" in plot_onsets(Dataset([one])).get_suptitle()
     times = np.arange(900) / RATE_HZ
@@ -81,7 +70,5 @@ def test_other_axes_irregular_and_synthetic_recordings():
     ("n", "error"), [(0, ValueError), (-1, ValueError), (1.5, TypeError), (True, TypeError)]
 )
 def test_bad_n_is_named(data, n, error):
-    from granular_id.plotting.onset import plot_onsets
-
     with pytest.raises(error, match=r"^n must be"):
         plot_onsets(data, n=n)

@@ -1,4 +1,4 @@
-"""Figures: what they show, how they are saved, what is refused."""
+"""Figures of recordings and confusions: what they show, how they are saved, what is refused."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 
 from granular_id.plotting import plot_confusion, plot_mean_forces
+from granular_id.plotting.style import evenly, middles_to_edges, number_text
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
-
-PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture(scope="module")
 def synthetic():
-    return synthesize(
-        ["rice", "fine sugar", "wheat flour", "macaroni", "oat flakes"], n_per_class=3, duration_s=0.5
-    )
+    materials = ["rice", "fine sugar", "wheat flour", "macaroni", "oat flakes"]
+    return synthesize(materials, n_per_class=3, duration_s=0.5)
 
 
 def _real(n_samples=40, label="sand", value=1.0):
@@ -31,26 +29,22 @@ def _bands(panel):
     return [collection.get_paths()[0].vertices for collection in panel.collections]
 
 
+# -- mean forces
+
+
 def test_one_panel_a_material_in_the_order_of_the_data(synthetic):
     figure = plot_mean_forces(synthetic)
-    assert [panel.get_title() for panel in figure.axes] == [
-        "rice",
-        "fine sugar",
-        "wheat flour",
-        "macaroni",
-        "oat flakes",
-    ]
+    titles = [panel.get_title() for panel in figure.axes]
+    assert titles == ["rice", "fine sugar", "wheat flour", "macaroni", "oat flakes"]
     assert len({panel.get_ylim() for panel in figure.axes}) == 1
     assert len({panel.get_xlim() for panel in figure.axes}) == 1
-    assert figure.get_supxlabel() == "time, s"
-    assert figure.get_supylabel() == "force, N"
+    assert (figure.get_supxlabel(), figure.get_supylabel()) == ("time, s", "force, N")
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["$F_x$", "$F_z$"]
 
 
 def test_lines_are_means_and_bands_one_standard_deviation(synthetic):
-    figure = plot_mean_forces(synthetic, axes=("fy",))
-    panel = figure.axes[1]
+    panel = plot_mean_forces(synthetic, axes=("fy",)).axes[1]
     fy = synthetic.X[synthetic.y == "fine sugar"][:, :, 1]
     mean_line = next(line for line in panel.lines if len(line.get_xdata()) == 250)
     np.testing.assert_allclose(mean_line.get_xdata(), np.arange(250) / 500)
@@ -62,30 +56,23 @@ def test_lines_are_means_and_bands_one_standard_deviation(synthetic):
         assert distance.max() < 1e-9
 
 
-def test_the_title_says_synthetic_only_of_synthetic_recordings(synthetic):
-    real = _real(250)
-    real = Recording(real.wrench, rate_hz=500.0, label="sand", name="real")
-    assert plot_mean_forces(synthetic).get_suptitle().startswith("Synthetic recordings: force")
+def test_titles_say_synthetic_only_of_synthetic_recordings_and_torques_are_in_newton_metre(synthetic):
+    real = Recording(_real(250).wrench, rate_hz=500.0, label="sand", name="real")
     assert "ynthetic" not in plot_mean_forces(Dataset([real])).get_suptitle()
-    mixed = Dataset([*synthetic, real])
-    assert plot_mean_forces(mixed).get_suptitle().startswith("15 of 16 recordings synthetic")
-
-
-def test_torques_are_in_newton_metre(synthetic):
+    mixed = plot_mean_forces(Dataset([*synthetic, real]))
+    assert mixed.get_suptitle().startswith("15 of 16 recordings synthetic")
     figure = plot_mean_forces(synthetic, axes=("tx", "ty", "tz"))
     assert figure.get_supylabel() == "torque, N m"
-    assert "torque per material" in figure.get_suptitle()
+    assert figure.get_suptitle().startswith("Synthetic recordings: torque per material")
     assert len(_bands(figure.axes[0])) == 3
 
 
 @pytest.mark.parametrize("n_materials", [1, 2, 4, 9])
 def test_any_number_of_materials(n_materials):
-    data = Dataset([_real(label=f"m{i}") for i in range(n_materials)])
-    figure = plot_mean_forces(data)
+    figure = plot_mean_forces(Dataset([_real(label=f"m{i}") for i in range(n_materials)]))
     assert len(figure.axes) == n_materials
-    lowest = figure.axes[-1]
     figure.draw_without_rendering()
-    assert any(label.get_visible() and label.get_text() for label in lowest.get_xticklabels())
+    assert any(label.get_visible() and label.get_text() for label in figure.axes[-1].get_xticklabels())
 
 
 @pytest.mark.parametrize(
@@ -107,9 +94,11 @@ def test_unequal_lengths_are_refused_with_the_way_out():
         plot_mean_forces(Dataset([_real(40), _real(50)]))
 
 
+# -- confusion
+
+
 def test_confusion_is_per_cent_of_each_true_class():
-    figure = plot_confusion([[199, 1, 0], [0, 0, 0], [1, 2, 1]], ["a", "b", "c"], title="Title")
-    panel = figure.axes[0]
+    panel = plot_confusion([[199, 1, 0], [0, 0, 0], [1, 2, 1]], ["a", "b", "c"], title="Title").axes[0]
     shown = {text.get_position(): text.get_text() for text in panel.texts}
     # a class nobody tested keeps an empty row; rounding hides neither the last error nor the only hit
     assert shown == {(0, 0): ">99", (1, 0): "<1", (0, 2): "25", (1, 2): "50", (2, 2): "25"}
@@ -118,11 +107,27 @@ def test_confusion_is_per_cent_of_each_true_class():
     assert [tick.get_text() for tick in panel.get_yticklabels()] == ["a", "b", "c"]
 
 
-def test_confusion_numbers_stand_out_from_their_cell():
-    panel = plot_confusion([[95, 5], [50, 50]], ["a", "b"]).axes[0]
-    colours = {text.get_text(): text.get_color() for text in panel.texts}
-    assert colours["95"] == "white"
-    assert colours["5"] == colours["50"] == "#333333"
+def luminance(colour):
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in colour]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize(("ground", "ink"), [("#ffffff", "#333333"), ("#14181d", "#e6eaee")])
+def test_numbers_stand_out_from_their_cells_on_white_and_on_dark_pages(ground, ink):
+    from matplotlib.colors import to_rgb
+
+    values = np.arange(2, 100, 3)
+    matrix = np.diag(values) + np.roll(np.diag(100 - values), 1, axis=1)
+    panel = plot_confusion(matrix, [str(value) for value in values]).axes[0]
+    assert len(panel.patches) == len(panel.texts) == 2 * len(values)
+    ratios = []
+    for cell, text in zip(panel.patches, panel.texts, strict=True):
+        alpha = cell.get_alpha()
+        behind = alpha * np.array(to_rgb(cell.get_facecolor())) + (1 - alpha) * np.array(to_rgb(ground))
+        front = to_rgb(ink if text.get_color() == "#333333" else text.get_color())
+        light, dark = sorted((luminance(behind), luminance(front)), reverse=True)
+        ratios.append((light + 0.05) / (dark + 0.05))
+    assert min(ratios) > 3.5
 
 
 @pytest.mark.parametrize(
@@ -141,29 +146,26 @@ def test_confusion_is_checked(matrix, labels, message):
         plot_confusion(matrix, labels)
 
 
+# -- files and imports
+
+
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf", "PNG"])
-def test_figures_are_saved_whole(tmp_path, ending):
-    path = tmp_path / f"figure.{ending}"
-    path.write_bytes(b"old")
-    plot_confusion([[1]], ["a"], path=path)
-    start = path.read_bytes()[:8]
-    assert start == PNG if ending.lower() == "png" else start.startswith((b"<?xml", b"%PDF"))
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_failed_save_leaves_the_old_file_and_no_draft(tmp_path, monkeypatch):
+def test_figures_are_saved_whole(tmp_path, monkeypatch, ending):
     from matplotlib.figure import Figure
 
     def fail(self, stream, **options):
         raise OSError("disk full")
 
-    monkeypatch.setattr(Figure, "savefig", fail)
-    path = tmp_path / "figure.png"
+    path = tmp_path / f"figure.{ending}"
     path.write_bytes(b"old")
+    plot_confusion([[1]], ["a"], path=path)
+    whole = path.read_bytes()
+    assert whole.startswith({"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF"}[ending.lower()])
+    monkeypatch.setattr(Figure, "savefig", fail)
     with pytest.raises(OSError, match="disk full"):
         plot_confusion([[1]], ["a"], path=path)
     assert list(tmp_path.iterdir()) == [path]
-    assert path.read_bytes() == b"old"
+    assert path.read_bytes() == whole
 
 
 def test_unknown_endings_and_missing_folders_are_refused(tmp_path):
@@ -180,9 +182,11 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, synthetic, plot):
         plot(synthetic)
 
 
-def test_importing_is_cheap_and_plotting_touches_no_global_state():
+def test_measuring_imports_no_plotting_importing_is_cheap_and_no_global_state_is_touched():
     code = (
-        "import sys, granular_id.plotting as p\n"
+        "import sys, granular_id.evaluation, granular_id.evaluation.selection\n"
+        "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
+        "import granular_id.plotting as p\n"
         "assert not any(m.startswith('matplotlib') for m in sys.modules)\n"
         "p.plot_confusion([[1]], ['a']).savefig('/dev/null', format='png')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
@@ -190,9 +194,7 @@ def test_importing_is_cheap_and_plotting_touches_no_global_state():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_measuring_imports_no_plotting():
-    code = (
-        "import sys, granular_id.evaluation, granular_id.evaluation.selection\n"
-        "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+def test_places_edges_and_numbers():
+    assert [evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()] == [[0, 4, 8], [0, 1], []]
+    assert middles_to_edges(np.array([1.0, 2.0, 4.0])).tolist() == [0.5, 1.5, 3.0, 5.0]
+    assert [number_text(-0.04, 1), number_text(-1.25, 2)] == ["0.0", "\N{MINUS SIGN}1.25"]

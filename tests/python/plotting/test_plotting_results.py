@@ -24,7 +24,7 @@ from report_cases import HOSTILE, result_of, small_result
 
 @pytest.fixture(scope="module")
 def result():
-    return small_result(protocol=("paper", "session", "chronological"))
+    return small_result(protocol=("paper", "session", "chronological"), controls=False)
 
 
 @pytest.fixture(scope="module")
@@ -79,14 +79,11 @@ def test_the_gap_lies_between_random_draws_and_the_strictest(result):
         assert f"{100 * result.mean_accuracy('hfmh', protocol):.1f} %" in texts(panel)
 
 
-def test_the_gap_of_random_folds_is_shaded_too(result):
+def test_the_gap_of_random_folds_is_shaded_too_and_without_a_strict_protocol_there_is_none(result):
     folds = {"kfold": result.partitions["paper"], "session": result.partitions["session"]}
     predicted = result.predicted | {("kfold", "hfmh"): result.predicted["paper", "hfmh"]}
     panel = plot_gap(replace(result, partitions=folds, predicted=predicted), "hfmh").axes[0]
     assert len(panel.patches) == 1
-
-
-def test_without_a_strict_protocol_there_is_no_gap(result):
     alone = replace(result, partitions={"paper": result.partitions["paper"]})
     assert len(plot_gap(alone).axes[0].patches) == 0
 
@@ -191,57 +188,29 @@ def test_figures_of_simulated_recordings_say_so(result, portrait):
 
 
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
-def test_names_are_names_even_where_they_look_like_mathematics(tmp_path):
+def test_names_are_names_even_where_they_look_like_mathematics():
     result = result_of("hostile names")
-    for number, figure in enumerate(
-        (
-            plot_recall(result),
-            plot_mean_forces(result.portrait),
-            plot_residual(result.portrait),
-            plot_confusion(result.confusion(), result.labels),
-        )
+    for figure in (
+        plot_recall(result),
+        plot_mean_forces(result.portrait),
+        plot_residual(result.portrait),
+        plot_confusion(result.confusion(), result.labels),
     ):
-        figure.savefig(tmp_path / f"{number}.svg")
+        figure.draw_without_rendering()
         words = [text.get_text() for panel in figure.axes for text in (*panel.get_yticklabels(), panel.title)]
         assert short(HOSTILE["peas"]) in words
 
 
-@pytest.mark.parametrize(
-    "values", [np.zeros(3), np.array([0.0, 2.0]), np.array([1e-9, 1.0]), np.array([0.5, 0.6])]
-)
-def test_limits_of_colours_ascend_and_hold_the_largest(values):
-    low, high = shared_limits(values)
-    assert 0 < low < high
-    assert high >= values.max()
-    assert low >= 1e-4 * high
-
-
-def test_a_few_large_values_do_not_take_all_the_colours():
+def test_limits_of_colours_ascend_and_hold_the_largest_and_a_few_do_not_take_all_the_colours():
+    for values in ([0.0, 0.0], [0.0, 2.0], [1e-9, 1.0], [0.5, 0.6]):
+        low, high = shared_limits(np.array(values))
+        assert 0 < low < high
+        assert high >= max(values)
+        assert low >= 1e-4 * high
     values = np.full((10, 40), 0.1)
     values[:, 0] = 50.0
     assert shared_limits(values)[1] == 50.0
     assert shared_limits(values, share=0.97)[1] == pytest.approx(0.1)
-
-
-def luminance(colour):
-    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in colour]
-    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
-
-
-@pytest.mark.parametrize(("ground", "ink"), [("#ffffff", "#333333"), ("#14181d", "#e6eaee")])
-def test_numbers_stand_out_from_their_cells_on_white_and_on_dark_pages(ground, ink):
-    from matplotlib.colors import to_rgb
-
-    ratios = []
-    for value in range(2, 100, 3):
-        panel = plot_confusion([[value, 100 - value], [0, 1]], ["a", "b"]).axes[0]
-        cell, text = panel.patches[0], panel.texts[0]
-        alpha = cell.get_alpha()
-        behind = alpha * np.array(to_rgb(cell.get_facecolor())) + (1 - alpha) * np.array(to_rgb(ground))
-        front = to_rgb(ink if text.get_color() == "#333333" else "white")
-        light, dark = sorted((luminance(behind), luminance(front)), reverse=True)
-        ratios.append((light + 0.05) / (dark + 0.05))
-    assert min(ratios) > 3.5
 
 
 @pytest.mark.parametrize("most", [5, 6, 24])
