@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,13 @@ import typer.main
 
 from granular_id.cli.app import app
 from granular_id.io import save
+from granular_id.io.formats import FORMATS
+from granular_id.recording import SampleFlag
 from granular_id.synthetic import synthesize
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted((ROOT / "docs").rglob("*.md"))
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
 EVERY = [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 BLOCK = re.compile(r"```(\w*)\n(.*?)```", re.DOTALL)
 
@@ -26,52 +28,60 @@ def of(page):
     return str(page.relative_to(ROOT))
 
 
+def text_of(page):
+    return page.read_text(encoding="utf-8")
+
+
 def blocks(page, language):
-    return [text for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")) if kind == language]
+    return [text for kind, text in BLOCK.findall(text_of(page)) if kind == language]
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
-    """What the examples read: a small set of simulated pushes under the name that the pages use."""
-    folder = tmp_path_factory.mktemp("docs")
-    save(synthesize(["rice", "fine sugar"], n_per_class=3), folder / "recordings", "csv")
-    return folder
+def recordings(tmp_path_factory):
+    """What the examples read: a small set of simulated pushes."""
+    data = synthesize(["rice", "fine sugar"], n_per_class=3)
+    return save(data, tmp_path_factory.mktemp("docs") / "recordings", "csv")
+
+
+def run_examples(page, folder, monkeypatch):
+    """Run what stands on a page as one program, in a folder; every warning is an error."""
+    program = folder / "page.py"
+    program.write_text("\n".join(blocks(page, "python")), encoding="utf-8")
+    monkeypatch.chdir(folder)
+    return runpy.run_path(str(program), run_name="__main__")
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "python")], ids=of)
-def test_examples_run(page, files, tmp_path_factory):
+def test_examples_run(page, recordings, tmp_path, monkeypatch):
     for library in ("h5py", "pyarrow", "rosbags", "mcap", "matplotlib"):
         pytest.importorskip(library)
-    folder = tmp_path_factory.mktemp(page.stem)
-    (folder / "recordings").symlink_to(files / "recordings")
-    text = "\n".join(blocks(page, "python"))
-    run = subprocess.run(
-        [sys.executable, "-W", "error", "-c", text],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        cwd=folder,
-    )
-    assert run.returncode == 0, run.stderr
+    (tmp_path / "recordings").symlink_to(recordings)
+    run_examples(page, tmp_path, monkeypatch)
 
 
-def test_rules_are_applied_to_models_of_any_number_of_materials(tmp_path):
-    save(synthesize(["rice", "fine sugar", "cat litter"], n_per_class=4), tmp_path / "recordings", "csv")
-    text = "\n".join(blocks(ROOT / "docs" / "confidence.md", "python"))
-    subprocess.run([sys.executable, "-W", "error", "-c", text], check=True, timeout=120, cwd=tmp_path)
+def test_rules_are_applied_to_models_of_any_number_of_materials(tmp_path, monkeypatch):
+    data = synthesize(["rice", "fine sugar", "cat litter"], n_per_class=4, duration_s=1.0)
+    save(data, tmp_path / "recordings", "csv")
+    run_examples(DOCS / "confidence.md", tmp_path, monkeypatch)
+
+
+def test_the_example_of_the_readme_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    run_examples(ROOT / "README.md", tmp_path, monkeypatch)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:2] == ["(60, 1600, 6)", "(60, 10200) hfmh_fx_00"]
+    assert lines[-1] == "['rice']"
 
 
 @pytest.mark.parametrize("page", EVERY, ids=of)
 def test_links_lead_somewhere(page):
-    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text_of(page))
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
 @pytest.mark.parametrize("page", EVERY, ids=of)
 def test_commands_exist_with_their_options(page):
     """Every line that begins with granular-id, in a block or between backquotes, names what there is."""
-    text = page.read_text(encoding="utf-8")
+    text = text_of(page)
     lines = [line for _, block in BLOCK.findall(text) for line in block.splitlines()]
     lines += re.findall(r"`(granular-id [^`]*)`", BLOCK.sub("", text))
     for line in lines:
@@ -89,20 +99,23 @@ def test_commands_exist_with_their_options(page):
         assert [word for word in used if word not in known | {"--help"}] == [], line
 
 
-def test_every_format_has_a_page():
-    from granular_id.io.formats import FORMATS
+def test_make_targets_of_the_readme_exist():
+    makefile = text_of(ROOT / "Makefile")
+    named = set(re.findall(r"\bmake ([a-z-]+)", text_of(ROOT / "README.md")))
+    assert {"demo", "test", "bench-peers"} <= named
+    assert all(re.search(rf"^{target}:", makefile, flags=re.MULTILINE) for target in named)
 
+
+def test_every_format_has_a_page():
     pages = {"npy": "npz", "mat": "matlab"}
     for known in FORMATS:
-        page = ROOT / "docs" / "formats" / f"{pages.get(known.name, known.name)}.md"
+        page = DOCS / "formats" / f"{pages.get(known.name, known.name)}.md"
         assert page.is_file(), known.name
-        assert page.name in (ROOT / "docs" / "formats" / "README.md").read_text(encoding="utf-8")
+        assert page.name in text_of(DOCS / "formats" / "README.md")
 
 
 def test_bits_of_flags_are_those_documented():
-    from granular_id.recording import SampleFlag
-
-    text = (ROOT / "docs" / "formats" / "csv.md").read_text(encoding="utf-8")
+    text = text_of(DOCS / "formats" / "csv.md")
     for flag in SampleFlag:
         assert f"{flag.value} {flag.name.lower().replace('_', ' ')}" in text
     assert np.log2([flag.value for flag in SampleFlag]).tolist() == [0, 1, 2, 3]
