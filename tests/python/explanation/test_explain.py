@@ -1,18 +1,20 @@
-"""explain: exact sums, planted differences found."""
+"""explain: exact sums, planted differences found, what cannot be explained refused by name."""
 
 import json
 
 import numpy as np
 import pytest
 from sklearn.decomposition import PCA
+from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import MinMaxScaler, StandardScaler
+from sklearn.svm import SVC
 
-from explain_cases import recordings
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.explanation.difference import pair_factors
+from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
@@ -24,7 +26,19 @@ from granular_id.spaces import (
     RawHistogram,
     RawSignal,
     Tare,
+    TimePermutation,
 )
+
+
+def recordings(labels=("oat", "peas", "rice"), n_each=12, n_samples=400):
+    """Noise around offsets and vibrations that depend on the material."""
+    random = np.random.default_rng(0)
+    y = np.repeat(np.array(labels), n_each)
+    X = random.normal(scale=0.1, size=(len(y), n_samples, 6))
+    for k, label in enumerate(labels):
+        X[y == label] *= 1 + 0.5 * k
+        X[y == label, :, k] += 0.3
+    return X, y
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +155,33 @@ def test_planted_vibration_is_found(bin_range):
     assert "from the histograms (hfmh): tx" in str(seen)
 
 
-def test_either_direction_is_the_other_with_the_opposite_sign(data):
+@pytest.mark.parametrize(
+    "classifier",
+    [ECOCClassifier(standardize=True), ECOCClassifier(LogisticRegression(), standardize=True)],
+    ids=["standardised", "other linear learners"],
+)
+def test_weights_are_in_the_units_of_the_features(classifier, data):
+    X, y = data
+    X = X[:, :40] * [1.0, 10.0, 1e3, 1.0, 1e-3, 1.0]
+    model = make_pipeline(RawSignal(), classifier).fit(X, y)
+    scores = pair_scores(model, "oat", "rice", X)
+    wanted = scores[y == "oat"].mean() - scores[y == "rice"].mean()
+    assert added_up(explain(model, "oat", "rice", X, y)) == pytest.approx(wanted)
+
+
+def test_two_classes_named_by_numbers():
+    X, y = recordings(labels=(7, 3, 5))
+    two = y != 5
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X[two], y[two])
+    seen = explain(model, 7, 3, X, y)  # recordings of others are left out
+    assert (seen.first, seen.second) == (7, 3)
+    assert seen.factors.tolist() == [-1.0]
+    assert seen.difference > 0
+    assert np.sign(seen.scores[0]) == np.sign(model.decision_function(X)[y == 7].mean())
+    json.dumps(seen.to_dict())
+
+
+def test_either_direction_is_the_other_with_the_opposite_sign_and_a_dict_holds_all(data):
     X, y = data
     model = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X, y)
     there, back = explain(model, "oat", "rice", X, y), explain(model, "rice", "oat", X, y)
@@ -149,34 +189,11 @@ def test_either_direction_is_the_other_with_the_opposite_sign(data):
     for one, other in zip(there.blocks, back.blocks, strict=True):
         np.testing.assert_array_equal(one.weights, -other.weights)
         np.testing.assert_allclose(one.contributions, other.contributions)
-
-
-def test_standardised_learners_have_weights_in_the_units_of_the_features(data):
-    X, y = data
-    X = X * [1.0, 10.0, 1e3, 1.0, 1e-3, 1.0]
-    model = make_pipeline(RawSignal(), ECOCClassifier(standardize=True)).fit(X, y)
-    seen = explain(model, "oat", "rice", X, y)
-    scores = pair_scores(model, "oat", "rice", X)
-    assert added_up(seen) == pytest.approx(scores[y == "oat"].mean() - scores[y == "rice"].mean())
-
-
-def test_two_classes(data):
-    X, y = data
-    two = y != "peas"
-    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X[two], y[two])
-    seen = explain(model, "rice", "oat", X, y)  # recordings of others are left out
-    np.testing.assert_array_equal(seen.factors, [-1.0])
-    decision = model.decision_function(X)
-    assert seen.difference > 0
-    assert np.sign(seen.scores[0]) == np.sign(decision[y == "rice"].mean())
-
-
-def test_labels_may_be_numbers():
-    X, y = recordings(labels=(7, 3))
-    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
-    seen = explain(model, 7, 3, X, y)
-    assert (seen.first, seen.second) == (7, 3)
-    json.dumps(seen.to_dict())
+    read = json.loads(json.dumps(there.to_dict()))
+    total = sum(np.sum(block["contributions"]) for block in read["blocks"])
+    assert total == pytest.approx(read["difference"])
+    assert [block["name"] for block in read["blocks"]] == ["raw", "hfmh"]
+    assert read["top"] == list(there.top())
 
 
 def test_without_labels_recordings_count_for_what_the_model_names_them(data):
@@ -194,17 +211,6 @@ def test_a_model_that_gives_data_frames_is_explained_too(data):
     plain = explain(model.fit(X, y), "oat", "rice", X, y)
     framed = explain(model.set_output(transform="pandas").fit(X, y), "oat", "rice", X, y)
     np.testing.assert_allclose(framed.blocks[0].contributions, plain.blocks[0].contributions)
-
-
-def test_to_dict_holds_all_and_is_json(data):
-    X, y = data
-    model = make_pipeline(RawHFMH(), ECOCClassifier()).fit(X, y)
-    seen = explain(model, "oat", "rice", X, y)
-    read = json.loads(json.dumps(seen.to_dict()))
-    total = sum(np.sum(block["contributions"]) for block in read["blocks"])
-    assert total == pytest.approx(read["difference"])
-    assert [block["name"] for block in read["blocks"]] == ["raw", "hfmh"]
-    assert read["top"] == list(seen.top())
 
 
 def test_text_where_the_model_does_not_tell_them_apart(data):
@@ -261,16 +267,84 @@ def test_ternary_complete_has_a_learner_of_the_pair(data):
     np.testing.assert_array_equal(codes * factors[learner], [-1, 0, 1])
 
 
-def test_other_linear_learners(data):
-    X, y = data
-    model = make_pipeline(RawSignal(), ECOCClassifier(LogisticRegression(), standardize=True)).fit(
-        X[:, :40], y
-    )
-    seen = explain(model, "oat", "rice", X[:, :40], y)
-    scores = pair_scores(model, "oat", "rice", X[:, :40])
-    assert added_up(seen) == pytest.approx(scores[y == "oat"].mean() - scores[y == "rice"].mean())
-
-
 def test_factors_of_several_learners_of_one_pair():
     matrix = np.array([[1, -1, 1], [-1, 1, 0], [0, 0, -1]], dtype=np.int8)
     np.testing.assert_array_equal(pair_factors(matrix, 0, 1, decoding="loss_weighted"), [0.5, -0.5, 0.0])
+
+
+# -- refusals
+
+
+X, Y = recordings(n_samples=100)
+FEW = Dataset([Recording(one, 500.0) for one in X[:3]])
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return make_pipeline(RawSignal(), ECOCClassifier()).fit(X, Y)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"second": "sand"}, "second must be one of 'oat', 'peas', 'rice', got 'sand'"),
+        ({"second": "oat"}, "first and second must be two materials, got 'oat' twice"),
+        ({"first": np.array(["oat", "peas"])}, "first must be one of 'oat', 'peas', 'rice', got array"),
+        ({"X": X[Y != "rice"], "y": Y[Y != "rice"]}, "y has no 'rice'"),
+        ({"X": X[Y == "oat"], "y": None}, "model names no recording of X 'rice'"),
+        ({"y": Y[:3]}, "y must have one label per recording of X, got 3 for X of shape"),
+        ({"X": X[:, :30]}, r"X must have shape \(n, 100, 6\) as in fit"),
+        ({"X": FEW}, r"X must be recordings, an array \(n, T, C\), got Dataset"),
+        ({"X": [[1.0, 2.0], [1.0]], "y": ["oat", "rice"]}, "X must be recordings of one shape"),
+        ({"axes": ("fx", "fy", "fz")}, "axes must be 6 different names, one for each axis of X, got"),
+        ({"axes": ("fx",) * 6}, "axes must be 6 different names"),
+        ({"axes": "fxfyfz"}, "axes must be a sequence of names of axes, got"),
+        ({"axes": 6}, "axes must be a sequence of names of axes, got"),
+        ({"axes": [1, 2, 3, 4, 5, 6]}, "axes must be a sequence of names of axes, got"),
+    ],
+)
+def test_bad_arguments(fitted, given, message):
+    arguments = {"first": "oat", "second": "rice", "X": X, "y": Y} | given
+    with pytest.raises((ValueError, TypeError), match=message):
+        explain(fitted, **arguments)
+
+
+def test_bad_numbers_of_findings(fitted):
+    seen = explain(fitted, "oat", "rice", X, Y)
+    with pytest.raises(ValueError, match="n must be at least 0, got -1"):
+        seen.regions(-1)
+    with pytest.raises(TypeError, match=r"n must be a whole number, got 1\.5"):
+        seen.top(1.5)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (ECOCClassifier(), "model must be a Pipeline of a feature space and an ECOCClassifier"),
+        (make_pipeline(RawSignal(), LogisticRegression()), "or a BestClassifier, got LogisticRegression"),
+        (make_pipeline(RawSignal(), ECOCClassifier(SVC())), r"linear learners.*SVC\(\)\) has no coef_"),
+        (
+            make_pipeline(RawSignal(), MinMaxScaler(), ECOCClassifier()),
+            "got MinMaxScaler, which cannot be foll",
+        ),
+        (make_pipeline(TimePermutation(random_state=0), RawSignal(), ECOCClassifier()), "TimePermutation"),
+    ],
+)
+def test_models_that_cannot_be_explained(model, message):
+    if hasattr(model, "steps"):
+        model = model.fit(X, Y)
+    with pytest.raises(TypeError, match=message):
+        explain(model, "oat", "rice", X, Y)
+
+
+def test_models_without_a_fit_without_weights_or_without_a_space_cannot_be_explained():
+    model = make_pipeline(RawSignal(), ECOCClassifier())
+    with pytest.raises(NotFittedError):
+        explain(model, "oat", "rice", X, Y)
+    features = model.fit(X, Y)[:-1].transform(X)
+    model[-1].fit_gram(features @ features.T, Y)
+    with pytest.raises(TypeError, match=r"model must have linear learners.*has no coef_"):
+        explain(model, "oat", "rice", X, Y)
+    flat = X[:, :, 0]
+    with pytest.raises(TypeError, match="nothing behind filters"):
+        explain(make_pipeline(ECOCClassifier()).fit(flat, Y), "oat", "rice", flat, Y)

@@ -111,38 +111,30 @@ def test_planted_energy_is_found(seen):
     assert best.feature in seen.columns.names
     assert best.words in str(seen)
     assert "of the difference between rice and oat: more energy on fz" in seen.top(1)[0]
-
-
-@pytest.mark.parametrize(("sign", "how"), [(1.0, "together"), (-1.0, "against each other")])
-def test_planted_coupling_is_found(sign, how):
-    X, y = coupled(sign)
-    found = explain(model_of(X[:16], y[:16]), "rice", "oat", X[16:], y[16:])
-    best = found.findings(1, coupled=True)[0]
-    assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), 0.0)
-    assert best.words.startswith(f"in 61-122 Hz, fx and tz move {how} more in rice than in oat (correlation")
-    pairs = found.by_pair(2)
-    assert max(pairs, key=pairs.get) == ("fx", "tz", 0)
-    assert "Strongest couplings:" in str(found)
-
-
-def test_planted_lag_is_found():
-    X, y = coupled(lag=2)
-    found = explain(model_of(X[:16], y[:16], blocks=("coupling",)), "rice", "oat", X[16:], y[16:])
-    best = next(one for one in found.findings(50, coupled=True) if one.lag_s)
-    assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), pytest.approx(0.004))
-    assert best.words.startswith(
-        "in 61-122 Hz, fx and tz 4 ms earlier move together more in rice than in oat"
-    )
-    earlier = {key: value for key, value in found.by_pair(2).items() if key[2]}
-    assert max(earlier, key=earlier.get) == ("fx", "tz", 2)
-
-
-def test_an_axis_that_is_alone_is_named_not_coupled(seen):
-    for finding in seen.findings(50, coupled=False):
-        assert len(finding.axes) == 1
-    for finding in seen.findings(50, coupled=True):
-        assert len(finding.axes) == 2
+    for both, n_axes in ((False, 1), (True, 2)):  # an axis that is alone is named, not coupled
+        assert {len(finding.axes) for finding in seen.findings(50, coupled=both)} == {n_axes}
     assert seen.findings(0) == ()
+    with pytest.raises(ValueError, match="n must be at least 0, got -1"):
+        seen.findings(-1)
+
+
+@pytest.mark.parametrize(
+    ("sign", "lag", "words"),
+    [
+        (1.0, 0, "fx and tz move together more in rice than in oat (correlation"),
+        (-1.0, 0, "fx and tz move against each other more in rice than in oat (correlation"),
+        (1.0, 2, "fx and tz 4 ms earlier move together more in rice than in oat"),
+    ],
+)
+def test_planted_coupling_is_found(sign, lag, words):
+    X, y = coupled(sign, lag)
+    found = explain(model_of(X[:16], y[:16]), "rice", "oat", X[16:], y[16:])
+    best = next(one for one in found.findings(50, coupled=True) if bool(one.lag_s) == bool(lag))
+    assert (str(best.band), best.axes, best.lag_s) == ("61-122 Hz", ("fx", "tz"), pytest.approx(0.002 * lag))
+    assert best.words.startswith(f"in 61-122 Hz, {words}")
+    pairs = {key: value for key, value in found.by_pair(2).items() if key[2] == lag}
+    assert max(pairs, key=pairs.get) == ("fx", "tz", lag)
+    assert "Strongest couplings:" in str(found)
 
 
 def test_moments_are_those_of_the_signal():
@@ -238,7 +230,9 @@ def test_words_are_those_of_the_means():
 
 def test_a_model_that_does_not_tell_them_apart_is_told_in_scores():
     X, y = louder()
-    found = explain(model_of(X, y), "oat", "rice", X, np.where(y == "oat", "rice", "oat"))
+    model = make_pipeline(Tare(0.1), MultiBand(), StandardScaler(), ECOCClassifier()).fit(X, y)
+    assert explain(model, "rice", "oat", X, y).findings(1)[0].axes == ("fz",)
+    found = explain(model, "oat", "rice", X, np.where(y == "oat", "rice", "oat"))
     assert found.difference < 0
     assert "does not score oat above rice" in str(found)
     assert "%" not in str(found).split("Strongest of all")[0]
@@ -274,14 +268,3 @@ def test_other_numbers_of_axes(n_axes):
     assert len(found.by_axis()) == n_axes
     assert sum(found.by_axis().values()) == pytest.approx(found.difference)
     assert f"axis{n_axes - 1}" in str(found)
-
-
-def test_steps_in_front():
-    X, y = louder()
-    model = make_pipeline(Tare(0.1), MultiBand(), StandardScaler(), ECOCClassifier()).fit(X, y)
-    assert explain(model, "rice", "oat", X, y).findings(1)[0].axes == ("fz",)
-
-
-def test_bad_arguments(seen):
-    with pytest.raises(ValueError, match="n must be at least 0, got -1"):
-        seen.findings(-1)

@@ -42,18 +42,6 @@ def test_features_and_units_follow_the_names():
     assert {region.axis for region in seen.regions(3)} <= {"left", "right", "up"}
 
 
-def test_names_that_do_not_fit_are_refused():
-    X, y = louder()
-    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X, y)
-    with pytest.raises(ValueError, match="axes must be 6 different names, one for each axis of X, got"):
-        explain(model, "rice", "oat", X, y, axes=NAMES[:5])
-    with pytest.raises(ValueError, match="axes must be 6 different names"):
-        explain(model, "rice", "oat", X, y, axes=("fx",) * 6)
-    for wrong in ("fxfyfz", 6, [1, 2, 3, 4, 5, 6]):
-        with pytest.raises(TypeError, match="axes must be a sequence of names of axes, got"):
-            explain(model, "rice", "oat", X, y, axes=wrong)
-
-
 def test_the_command_takes_the_names_of_the_recordings(tmp_path):
     pytest.importorskip("matplotlib")
     X, y = louder()
