@@ -105,15 +105,6 @@ def test_windows_of_a_file_share_its_session(bench):
     assert (first.start_time, second.start_time) == (100.0, 101.0)
 
 
-@pytest.mark.parametrize(
-    ("window_s", "message"),
-    [(9.0, "longer than every recording; the longest has"), (1e-9, "no sample at 50 Hz")],
-)
-def test_windows_that_cannot_be_are_refused(bench, window_s, message):
-    with pytest.raises(ValueError, match=message):
-        bench["data"].windows(recordings(), window_s)
-
-
 def instance(label, rows=15):
     return f"{label}\n" + "\t1 2 3 4 5 6\n" * rows
 
@@ -160,16 +151,6 @@ def test_recordings_without_one_rate_are_refused_and_resampled_when_told(bench, 
     assert one.notes[0] == "resampled to 25 Hz"
 
 
-def test_lengths_that_differ_are_cut_and_told(bench, tmp_path):
-    both = [*recordings(n_samples=20), *recordings(1, n_samples=30)]
-    named = [
-        Recording(r.wrench, rate_hz=50, label=r.label, name=f"{r.label}_{k}") for k, r in enumerate(both)
-    ]
-    (one,) = bench["data"].read_folder(saved(tmp_path, Dataset(named)), bench["data"].Preparation())
-    assert one.data.X.shape == (15, 20, 6)
-    assert one.notes == ("cut to the shortest: 20 of up to 30 samples",)
-
-
 # -- tests and table
 
 
@@ -192,18 +173,6 @@ def test_the_test_is_the_corrected_one_and_holm_counts_all_methods(bench):
     assert first.adjusted == 2 * min(wanted)
     assert second.adjusted == max(wanted[1], first.adjusted)
     assert first.difference == pytest.approx(np.mean(peer) - np.mean(ours))
-
-
-def test_another_reference_and_rows_that_did_not_run(bench):
-    missing = row(bench, "best", [], status="not available", why="no such space")
-    rows = [missing, row(bench, "a", [0.5, 0.6]), row(bench, "b", [0.6, 0.8])]
-    assert [line.method for line in bench["table"].compare(rows)] == ["a", "b"]
-    a, b = bench["table"].compare(rows, reference="b")
-    assert (a.difference, b.difference) == (pytest.approx(-0.15), 0)
-    assert bench["table"].compare(rows[:1]) == []
-    text = bench["table"].table("title", rows, "b")
-    assert "not available: no such space" in text
-    assert "(compared with)" in next(line for line in text.splitlines() if line.startswith(" b "))
 
 
 def test_one_partition_has_no_spread_and_no_test_and_averages_are_of_methods_with_all_sets(bench):
@@ -298,17 +267,6 @@ def test_what_is_missing_is_said(bench):
             attempt(setting)
 
 
-def test_names_of_methods(bench):
-    chosen_methods, methods = bench["methods"].chosen_methods, bench["methods"].METHODS
-    assert chosen_methods(None) == [m for m in methods if m.kind != "ablation"]
-    assert [m.name for m in chosen_methods("1nn, raw")] == ["raw", "1nn"]
-    assert {m.ours for m in chosen_methods("ours")} == {True}
-    assert len(chosen_methods("ours,peers,ablation")) == len(methods)
-    assert len(chosen_methods("ablation")) == 10
-    with pytest.raises(ValueError, match="--reference got 'hydra', wanted a method of this run: raw, 1nn"):
-        chosen_methods("raw,1nn", "hydra")
-
-
 def test_a_whole_run_prints_a_table_and_writes_json(bench, tmp_path, capsys):
     folder, out = saved(tmp_path, recordings(6, sessions=2)), tmp_path / "out.json"
     assert bench["accuracy"].main([str(folder), "--only", "raw,1nn", "--out", str(out)]) == 0
@@ -350,6 +308,7 @@ def test_bad_input_is_told_before_anything_runs(bench, tmp_path, capsys):
         ([folder, str(tmp_path)], "accuracy.py: "),
         ([folder, folder], "a second data set called set"),
         ([folder, "--partitions", "sessions"], f"{folder}: no recording says which session"),
+        ([folder, "--only", "raw,1nn", "--reference", "hydra"], "wanted a method of this run: raw, 1nn"),
         ([folder, "--only", "rocket"], "--only got 'rocket', wanted names among ours, peers, ablation, best"),
         ([folder, "--out", f"{tmp_path}/no/out.json"], "does not exist"),
         ([folder, "--window-s", "100"], "longer than every recording"),

@@ -9,6 +9,7 @@ from granular_id.cli.method import OneSpace
 from granular_id.cli.options import with_defaults
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
+from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import feature_spaces, fit_pipeline
 from granular_id.spaces.best import BestClassifier
@@ -31,15 +32,25 @@ def recordings(data, tmp_path_factory):
     return saved(data, tmp_path_factory.mktemp("explain") / "recordings")
 
 
-def test_bands_on_the_command_line(recordings, tmp_path):
+@pytest.mark.parametrize("space", ["raw", "multiband"])
+def test_axes_are_called_what_the_recordings_call_them(tmp_path, space):
     pytest.importorskip("matplotlib")
-    words = ("--space", "multiband", "--figure", tmp_path / "bands.png", "--json", tmp_path / "bands.json")
-    printed = ended_well("explain", recordings, "rice", "oat", *words)
-    assert "more energy on fz" in printed
-    assert "Strongest couplings:" in printed
-    assert (tmp_path / "bands.png").stat().st_size > 10_000
-    read = written(tmp_path / "bands.json")
-    assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
+    X, y = louder()
+    axes = ("up", "right", "left")
+    rows = enumerate(zip(X[..., [2, 1, 0]], y, strict=True))
+    data = [
+        Recording(wrench, 500.0, label=str(label), name=f"{k:02d}", axes=axes) for k, (wrench, label) in rows
+    ]
+    save(Dataset(data), tmp_path / "recordings.npz")
+    words = ("--space", space, "--figure", tmp_path / "why.png", "--json", tmp_path / "why.json")
+    printed = ended_well("explain", tmp_path / "recordings.npz", "rice", "oat", *words)
+    assert "axis0" not in printed
+    assert (tmp_path / "why.png").stat().st_size > 10_000
+    if space == "multiband":
+        assert "more energy on up" in printed
+        assert "Strongest couplings:" in printed
+        read = written(tmp_path / "why.json")
+        assert sum(read["by_band"].values()) == pytest.approx(read["difference"])
 
 
 def test_the_model_that_is_explained_is_that_of_train_and_is_named(recordings, tmp_path):

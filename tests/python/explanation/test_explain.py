@@ -258,15 +258,6 @@ def test_codings_without_a_learner_of_the_pair_are_explained_by_the_linear_loss(
     assert added_up(seen) == pytest.approx(seen.difference)
 
 
-def test_ternary_complete_has_a_learner_of_the_pair(data):
-    X, y = data
-    model = make_pipeline(RawHFMH(), ECOCClassifier(coding="ternarycomplete")).fit(X, y)
-    factors = explain(model, "rice", "oat", X, y).factors
-    (learner,) = np.flatnonzero(factors)
-    codes = model[-1].coding_matrix_[:, learner]
-    np.testing.assert_array_equal(codes * factors[learner], [-1, 0, 1])
-
-
 def test_factors_of_several_learners_of_one_pair():
     matrix = np.array([[1, -1, 1], [-1, 1, 0], [0, 0, -1]], dtype=np.int8)
     np.testing.assert_array_equal(pair_factors(matrix, 0, 1, decoding="loss_weighted"), [0.5, -0.5, 0.0])

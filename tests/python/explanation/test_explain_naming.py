@@ -3,11 +3,8 @@
 import pytest
 from sklearn.pipeline import make_pipeline
 
-from cli_cases import ended_well
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
-from granular_id.io import save
-from granular_id.recording import Dataset, Recording
 from granular_id.spaces import HFMH, MultiBand, RawSignal
 from multiband_cases import louder
 
@@ -40,22 +37,3 @@ def test_features_and_units_follow_the_names():
     seen = explain(model, "rice", "oat", X[..., :3], y, axes=("left", "right", "up"))
     assert largest(seen.by_axis()) == "up"
     assert {region.axis for region in seen.regions(3)} <= {"left", "right", "up"}
-
-
-def test_the_command_takes_the_names_of_the_recordings(tmp_path):
-    pytest.importorskip("matplotlib")
-    X, y = louder()
-    rows = zip(X[..., [2, 1, 0]], y, strict=True)
-    data = Dataset(
-        [
-            Recording(wrench, 500.0, label=str(label), name=f"{k:02d}", axes=("up", "right", "left"))
-            for k, (wrench, label) in enumerate(rows)
-        ]
-    )
-    save(data, tmp_path / "recordings.npz")
-    for space in ("raw", "multiband"):
-        words = ("--space", space, "--figure", tmp_path / f"{space}.png")
-        printed = ended_well("explain", tmp_path / "recordings.npz", "rice", "oat", *words)
-        assert "up" in printed
-        assert "axis0" not in printed
-        assert (tmp_path / f"{space}.png").stat().st_size > 10_000

@@ -211,14 +211,3 @@ def test_limits_of_colours_ascend_and_hold_the_largest_and_a_few_do_not_take_all
     values[:, 0] = 50.0
     assert shared_limits(values)[1] == 50.0
     assert shared_limits(values, share=0.97)[1] == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize("most", [5, 6, 24])
-def test_short_names_keep_both_ends(most):
-    name = "abcdefghijklmnopqrstuvwxyz"
-    cut = short(name, most)
-    assert len(cut) == most
-    head, tail = cut.split("…")
-    assert name.startswith(head)
-    assert name.endswith(tail)
-    assert short("abc", most) == "abc"
