@@ -1,6 +1,7 @@
-"""`evaluate` and `demo`: what they print and write."""
+"""`evaluate` and `demo`: what they print and write; an interrupted evaluation goes on from its checkpoint."""
 
 import csv
+import itertools
 import re
 import sys
 from importlib import import_module
@@ -8,8 +9,9 @@ from importlib import import_module
 import numpy as np
 import pytest
 
-from cli_cases import SMALL, ended_well, make, saved, written
+from cli_cases import SMALL, ended_well, make, refused, run, saved, written
 from granular_id.cli.outputs import repeated_command
+from granular_id.evaluation import runner
 from granular_id.rica import descend
 
 NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
@@ -167,3 +169,57 @@ def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypat
     for space in result["spaces"]:
         # wide bands: far above the chance of 9 %, and no claim beyond that
         assert space["protocols"]["paper"]["accuracy_mean"] > 0.25, space["name"]
+
+
+# -- checkpoints
+
+
+RESUMED = (*SMALL, "--no-controls", "--protocol", "paper", "--partitions", "6", "--threads", "1")
+
+
+@pytest.fixture
+def stopping(monkeypatch):
+    """Ctrl-C in the ninth partition, once."""
+    saves = itertools.count()
+    save = runner.Checkpoint.save
+
+    def stopping(self, *args):
+        if next(saves) == 8:
+            raise KeyboardInterrupt
+        save(self, *args)
+
+    monkeypatch.setattr(runner.Checkpoint, "save", stopping)
+
+
+def test_the_same_command_goes_on_from_the_checkpoint(folder, stopping, tmp_path):
+    def predictions(*words):
+        out = ended_well("evaluate", folder, *RESUMED, *words, "--json", tmp_path / "r.json", "--force")
+        return out, [space["protocols"] for space in written(tmp_path / "r.json")["spaces"]]
+
+    kept = ("--checkpoint", tmp_path / "new" / "kept")
+    stopped = run("evaluate", folder, *RESUMED, *kept)
+    assert stopped.exit_code == 130
+    assert stopped.stderr.splitlines()[-1] == (
+        f"Interrupted: 8 finished partitions are kept in {kept[1]}; the same command goes on from there."
+    )
+    out, resumed = predictions(*kept)
+    assert "resumed: 8 partitions were finished by an earlier run" in out
+    out, again = predictions(*kept)
+    assert "resumed: 18 partitions" in out
+    out, afresh = predictions()
+    assert "resumed" not in out
+    assert resumed == again == afresh
+    line = refused("evaluate", folder, *RESUMED, "--seed", 1, *kept)
+    assert line.startswith(f"error: --checkpoint {kept[1]} belongs to another evaluation")
+
+
+def test_without_a_checkpoint_nothing_is_kept_and_the_option_is_named(folder, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("granular_id.evaluation.evaluate", interrupted)
+    stopped = run("evaluate", folder, *RESUMED)
+    assert stopped.exit_code == 130
+    assert stopped.stderr == (
+        "Interrupted: no file was left half-written. A run with --checkpoint FOLDER can be continued.\n"
+    )

@@ -4,6 +4,8 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
 from sklearn.decomposition import PCA
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LogisticRegression
@@ -14,12 +16,15 @@ from sklearn.svm import SVC
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.explanation.difference import pair_factors
+from granular_id.explanation.result import regions_of
 from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
     HFMH,
     BlockUnion,
+    FeatureBlock,
+    MultiBand,
     PrincipalComponents,
     RangeNormalizer,
     RawHFMH,
@@ -28,6 +33,7 @@ from granular_id.spaces import (
     Tare,
     TimePermutation,
 )
+from multiband_cases import louder
 
 
 def recordings(labels=("oat", "peas", "rice"), n_each=12, n_samples=400):
@@ -263,6 +269,89 @@ def test_factors_of_several_learners_of_one_pair():
     np.testing.assert_array_equal(pair_factors(matrix, 0, 1, decoding="loss_weighted"), [0.5, -0.5, 0.0])
 
 
+# -- names of axes
+
+
+ORDER = [2, 1, 0, 3, 4, 5]
+NAMES = ("fz", "fy", "fx", "tx", "ty", "tz")
+
+
+def largest(shares):
+    return max(shares, key=shares.get)
+
+
+@pytest.mark.parametrize("space", [RawSignal(), HFMH(bin_range="auto"), MultiBand()])
+def test_axes_in_another_order_keep_their_names(space):
+    X, y = louder()
+    model = make_pipeline(space, ECOCClassifier()).fit(X[..., ORDER], y)
+    plain = explain(model, "rice", "oat", X[..., ORDER], y)
+    seen = explain(model, "rice", "oat", X[..., ORDER], y, axes=NAMES)
+    assert tuple(seen.by_axis()) == NAMES
+    assert list(seen.by_axis().values()) == list(plain.by_axis().values())
+    assert (largest(plain.by_axis()), largest(seen.by_axis())) == ("fx", "fz")
+    assert "fz" in str(seen).lower()
+
+
+def test_features_and_units_follow_the_names():
+    X, y = louder()
+    model = make_pipeline(MultiBand(), ECOCClassifier()).fit(X[..., ORDER], y)
+    told = explain(model, "rice", "oat", X[..., ORDER], y, axes=NAMES).to_dict()
+    assert any("_fz" in name for name in told["features"]["names"][:12])
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(X[..., :3], y)
+    seen = explain(model, "rice", "oat", X[..., :3], y, axes=("left", "right", "up"))
+    assert largest(seen.by_axis()) == "up"
+    assert {region.axis for region in seen.regions(3)} <= {"left", "right", "up"}
+
+
+# -- stretches that hold most of the contributions, beside a search over all stretches
+
+
+def block(n, kind="time", axes=("fx",), coordinates=None, unit="s"):
+    points = np.arange(float(n)) if coordinates is None else np.asarray(coordinates, dtype=float)
+    return FeatureBlock("b", kind, axes, points, unit, slice(0, n * len(axes)))
+
+
+@given(arrays(np.float64, st.integers(1, 25), elements=st.integers(-5, 5).map(float)))
+def test_the_first_is_the_shortest_that_holds_four_fifths_of_the_best(values):
+    sums = {(i, j): values[i:j].sum() for i in range(len(values)) for j in range(i + 1, len(values) + 1)}
+    best = max(sums.values())
+    first = next(regions_of(block(len(values)), values[None]), None)
+    if best <= 0:
+        assert first is None
+        return
+    shortest = min(j - i for (i, j), total in sums.items() if total >= 0.8 * best)
+    assert first.high - first.low + 1 == shortest
+    assert first.contribution == sums[int(first.low), int(first.high) + 1] >= 0.8 * best
+
+
+@given(arrays(np.float64, (2, 12), elements=st.integers(-5, 5).map(float)))
+def test_stretches_do_not_overlap_and_leave_nothing_positive(values):
+    taken = np.zeros((2, 12), dtype=bool)
+    for region in regions_of(block(12, axes=("fx", "fy")), values):
+        row = ("fx", "fy").index(region.axis)
+        stretch = slice(int(region.low), int(region.high) + 1)
+        assert not taken[row, stretch].any()
+        assert region.contribution == values[row, stretch].sum() > 0
+        taken[row, stretch] = True
+    assert (values[~taken] <= 0).all()
+
+
+def test_bins_around_zero_are_read_by_size():
+    bins = block(4, "magnitude", ("tx",), [-1.5, -0.5, 0.5, 1.5], "N, N m")
+    (first, *_) = regions_of(bins, np.array([[3.0, -1.0, -1.0, 2.0]]))
+    assert (first.low, first.high, first.contribution, first.either_sign) == (1.0, 2.0, 5.0, True)
+    assert str(first) == "tx of b, 1 .. 2 N m of either sign"
+    odd = block(3, "magnitude", ("fx",), [-1.0, 0.0, 1.0], "N, N m")
+    (only,) = regions_of(odd, np.array([[1.0, 7.0, -9.0]]))
+    assert (only.low, only.high, only.contribution, only.unit) == (0.0, 0.5, 7.0, "N")
+
+
+def test_bins_that_are_not_around_zero_keep_their_sign():
+    bins = block(3, "magnitude", ("fz",), [1.0, 2.0, 3.0], "N")
+    (only,) = regions_of(bins, np.array([[0.0, 4.0, 0.0]]))
+    assert (only.low, only.high, only.either_sign) == (1.5, 2.5, False)
+
+
 # -- refusals
 
 
@@ -276,7 +365,7 @@ def fitted():
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("change", "message"),
     [
         ({"second": "sand"}, "second must be one of 'oat', 'peas', 'rice', got 'sand'"),
         ({"second": "oat"}, "first and second must be two materials, got 'oat' twice"),
@@ -294,8 +383,8 @@ def fitted():
         ({"axes": [1, 2, 3, 4, 5, 6]}, "axes must be a sequence of names of axes, got"),
     ],
 )
-def test_bad_arguments(fitted, given, message):
-    arguments = {"first": "oat", "second": "rice", "X": X, "y": Y} | given
+def test_bad_arguments(fitted, change, message):
+    arguments = {"first": "oat", "second": "rice", "X": X, "y": Y} | change
     with pytest.raises((ValueError, TypeError), match=message):
         explain(fitted, **arguments)
 
