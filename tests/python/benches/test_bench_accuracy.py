@@ -11,8 +11,6 @@ import pytest
 
 import granular_id as gid
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import FeatureSpace, RawSignal
-from granular_id.spaces.best import BestClassifier
 from granular_id.statistics import corrected_resampled_t
 
 BENCHES = Path(__file__).resolve().parents[3] / "benches"
@@ -202,7 +200,7 @@ def method_named(bench, name):
 
 @pytest.mark.parametrize(
     "name",
-    ["raw", "raw+hfmh", "1nn", "raw+svm", "dft+svm", "best", "multiband", "only-level", "without-coupling"],
+    ["raw", "raw+hfmh", "1nn", "raw+svm", "dft+svm", "best", "multiband+whitening", "without-coupling"],
 )
 def test_methods_without_further_packages_run(bench, name):
     made = run(bench, method_named(bench, name), recordings(6, n_samples=64))
@@ -211,41 +209,6 @@ def test_methods_without_further_packages_run(bench, name):
     assert all(len(values) == 2 and min(values) > 0 for values in made.seconds.values())
     if name in ("raw", "raw+svm", "1nn"):
         assert made.mean == 1.0
-
-
-class Statistics(RawSignal):
-    """A space of two blocks, with a classifier of its own."""
-
-    @property
-    def block_sizes_(self):
-        return {"mean": self.n_axes_in_, "spread": self.n_axes_in_}
-
-    def transform(self, X):
-        return np.concatenate([np.mean(X, axis=1), np.std(X, axis=1)], axis=1)
-
-
-def test_a_space_with_blocks_and_a_classifier_of_its_own(bench, monkeypatch):
-    """Steps and classifier learn the blocks; the classifier learns the sessions of its training rows too."""
-    told = []
-
-    class Telling(BestClassifier):
-        def fit(self, X, y, sessions=None, order=None):
-            told.append((self.blocks, list(sessions), list(order)))
-            return super().fit(X, y, sessions=sessions, order=order)
-
-    space = FeatureSpace("best", Statistics(), None, classifier=Telling())
-    monkeypatch.setattr(bench["methods"].spaces, "feature_spaces", lambda **_: {"best": space})
-    data = recordings(8, sessions=4)
-    method = bench["methods"].Method("x", "", bench["methods"]._our_space(("best",)), ours=True)
-    made = run(bench, method, data, "sessions")
-    assert (made.status, made.why, made.n_features, made.mean) == ("ok", "", 12, 1.0)
-    assert [blocks for blocks, *_ in told] == [{"mean": 6, "spread": 6}] * 4
-    assert set(told[0][1]) == {"s1", "s2", "s3"}
-    assert sorted(told[0][2]) == list(range(18))
-    scaled, behind = bench["methods"]._our_space(("best", "BlockScaler"))(bench["stages"].Setting(50.0, 20))
-    scaled.fit(data.X, data.y)
-    assert list(scaled.steps[0].block_slices_) == ["mean", "spread"]
-    assert isinstance(behind, gid.ECOCClassifier)  # its own would scale once more
 
 
 def test_what_is_missing_is_said(bench):

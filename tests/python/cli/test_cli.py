@@ -12,6 +12,7 @@ import pytest
 from cli_cases import SMALL, ended_well, make, refused, run, saved, written
 from granular_id.cli.outputs import repeated_command
 from granular_id.evaluation import runner
+from granular_id.report import pictures
 from granular_id.rica import descend
 
 NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
@@ -48,6 +49,7 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
     assert result["command"] == "python -m granular_id evaluate 'my folder'"
     assert out.endswith(f"repeat with: {result['command']} --force\n")
     assert result["data"]["history"][0]["step"] == "load"
+    assert set(NAMES.split()) <= set(pictures.FIGURES), "what is there under these names is looked at first"
     for figure in FIGURES:
         assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
         assert f"wrote {tmp_path / 'new' / 'figures' / figure}" in out
@@ -106,10 +108,9 @@ def test_quiet_prints_accuracies_and_names_files_written_and_skipped(folder, tmp
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
     drawn = []
-    files = import_module("granular_id.report.pictures")
-    for name in (name for name in vars(files) if name.startswith("plot_")):
-        monkeypatch.setattr(files, name, lambda *_, **more: None)
-    monkeypatch.setattr(files, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))
+    for name in (name for name in vars(pictures) if name.startswith("plot_")):
+        monkeypatch.setattr(pictures, name, lambda *_, **more: None)
+    monkeypatch.setattr(pictures, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))
     words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", tmp_path / "r.json")
     out = ended_well("evaluate", folder, *SMALL, *words)
     of_raw = written(tmp_path / "r.json")["spaces"][2]

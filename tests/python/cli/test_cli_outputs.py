@@ -119,13 +119,8 @@ def test_what_commands_write_is_known_again_and_replaced_by_force(folder, tmp_pa
     ],
 )
 def test_the_library_refuses_names_of_other_kinds_of_files(write, own, tmp_path):
-    every = {suffix for known in FORMATS for suffix in known.suffixes} | {
-        *JSON,
-        *PAGES,
-        *TABLES,
-        *MODELS,
-        ".png",
-    }
+    others = (*JSON, *PAGES, *TABLES, *MODELS, ".png")
+    every = {*others, *(suffix for known in FORMATS for suffix in known.suffixes)}
     for suffix in sorted(every - set(own)):
         there = tmp_path / f"there{suffix}"
         there.write_bytes(ARCHIVE)
