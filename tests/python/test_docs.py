@@ -78,17 +78,27 @@ def test_links_lead_somewhere(page):
     assert [link for link in links if not (page.parent / link).exists()] == []
 
 
-@pytest.mark.parametrize("page", EVERY, ids=of)
-def test_commands_exist_with_their_options(page):
+COMMAND = typer.main.get_command(app)
+
+
+def commands_of(group):
+    for command in group.commands.values():
+        yield from commands_of(command) if hasattr(command, "commands") else [command]
+
+
+HELPS = {command.callback.__qualname__: command.help for command in commands_of(COMMAND)}
+
+
+@pytest.mark.parametrize("text", [*map(text_of, EVERY), *HELPS.values()], ids=[*map(of, EVERY), *HELPS])
+def test_commands_exist_with_their_options(text):
     """Every line that begins with granular-id, in a block or between backquotes, names what there is."""
-    text = text_of(page)
     lines = [line for _, block in BLOCK.findall(text) for line in block.splitlines()]
     lines += re.findall(r"`(granular-id [^`]*)`", BLOCK.sub("", text))
     for line in lines:
         if not line.strip().startswith("granular-id "):
             continue
         words = shlex.split(line.partition("#")[0])[1:]
-        command = typer.main.get_command(app)
+        command = COMMAND
         while words and hasattr(command, "commands") and not words[0].startswith("-"):
             assert words[0] in command.commands, line
             command = command.commands[words.pop(0)]
@@ -97,6 +107,11 @@ def test_commands_exist_with_their_options(page):
         }
         used = [word.partition("=")[0] for word in words if re.match(r"--?[a-zA-Z]", word)]
         assert [word for word in used if word not in known | {"--help"}] == [], line
+
+
+def test_every_command_has_examples_in_its_help():
+    assert len(HELPS) > 15
+    assert [name for name, text in HELPS.items() if "Examples:" not in text] == []
 
 
 def test_make_targets_of_the_readme_exist():

@@ -7,9 +7,9 @@ import pty
 import signal
 import subprocess
 import sys
-import threading
 import time
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -236,16 +236,9 @@ def test_signals_of_a_forked_child_do_not_stop_the_parents_robot():
 
 
 def test_other_threads_are_refused():
-    raised = []
-
     def enter():
-        try:
-            with stop_on_signals():
-                raise AssertionError
-        except RuntimeError as error:
-            raised.append(str(error))
+        with stop_on_signals():
+            raise AssertionError
 
-    worker = threading.Thread(target=enter)
-    worker.start()
-    worker.join()
-    assert "main thread" in raised[0]
+    with ThreadPoolExecutor(1) as pool, pytest.raises(RuntimeError, match="main thread"):
+        pool.submit(enter).result()
