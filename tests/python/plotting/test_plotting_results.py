@@ -144,17 +144,13 @@ def test_histograms_of_other_bins_share_nothing(portrait):
     assert panels[0].get_xlim() == panels[1].get_xlim()
 
 
-def test_weights_show_the_share_of_each_axis(portrait):
+def test_weights_show_the_share_of_each_axis_and_leave_out_blocks_without_any(portrait):
     figure = plot_weights(portrait)
     (block,) = portrait.weights
     labels = [panel.get_ylabel() for panel in figure.axes]
     assert labels[0] == f"$F_x$\n{100 * block.shares[0]:.1f} %"
     assert len(labels) == 6
     assert f"linear model of {portrait.looked_at}" in figure.get_suptitle()
-
-
-def test_blocks_that_the_model_does_not_use_are_left_out(portrait):
-    (block,) = portrait.weights
     silent = replace(block, name="level", influence=np.zeros_like(block.influence))
     some = plot_weights(replace(portrait, weights=(silent, block)))
     assert [panel.get_title() for panel in some.axes] == [block.name, *[""] * 5]
