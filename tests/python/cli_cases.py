@@ -1,6 +1,9 @@
 """Small folders of recordings, and the command line run inside the test process."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 from typer.testing import CliRunner
@@ -41,6 +44,14 @@ def run(*words, columns=200):
     return CliRunner().invoke(
         app, [str(word) for word in words], env={"COLUMNS": str(columns), "NO_COLOR": "1"}
     )
+
+
+def started(*words, module="granular_id", code=None, **options):
+    """The command line, or code in its place, as a process of its own."""
+    program = ["-m", module] if code is None else ["-c", code]
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1", "COLUMNS": "120", "TERM": "xterm"}
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": environment}
+    return subprocess.Popen([sys.executable, *program, *map(str, words)], **(piped | options))
 
 
 def ended_well(*words, **more):

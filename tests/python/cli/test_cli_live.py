@@ -1,18 +1,15 @@
 """`record` and `live`, end to end with a simulated sensor."""
 
 import json
-import os
 import re
 import shlex
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import granular_id as gid
-from cli_cases import ended_well, refused, run
+from cli_cases import ended_well, refused, run, started
 
 SIM = "sim:?seed=4"
 
@@ -132,24 +129,13 @@ def test_a_replay_that_is_over_ends_calmly_unless_too_little_was_answered(model,
 # -- ends
 
 
-def process(*words, code=None):
-    start = ["-c", code] if code else ["-m", "granular_id"]
-    return subprocess.Popen(
-        [sys.executable, *start, *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-    )
-
-
 def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(live, tmp_path):
     rows = tmp_path / "answers.jsonl"
     code = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
         "from granular_id.cli import main; main()"
     )
-    session = process(*live, "-q", "--json", rows, code=code)
+    session = started(*live, "-q", "--json", rows, code=code)
     _, error = session.communicate(timeout=120)
     assert session.returncode == 2
     assert error == f"error: cannot write {rows}: File too large\n"
@@ -162,7 +148,7 @@ def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(live, tmp_pat
 
 def interrupted(*words, after):
     """Press Ctrl-C after two lines of output that hold some text; return the rest of it."""
-    session = process(*words)
+    session = started(*words)
     try:
         for _ in range(2):
             assert after in session.stdout.readline()

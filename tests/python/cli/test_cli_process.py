@@ -5,20 +5,17 @@ import re
 import shlex
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
 import typer
 
-from cli_cases import SMALL
+from cli_cases import SMALL, started
 from granular_id import save
 from granular_id.cli.errors import guarded
 from granular_id.synthetic import synthesize
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
-
-ENVIRONMENT = {**os.environ, "PYTHONUNBUFFERED": "1", "NO_COLOR": "1", "COLUMNS": "120"}
 
 RUN = """
 import sys
@@ -36,15 +33,10 @@ def run(*words):
 
 
 def process(code, *words):
-    done = subprocess.run(
-        [sys.executable, "-c", RUN + code, *map(str, words)],
-        capture_output=True,
-        text=True,
-        env=ENVIRONMENT,
-        timeout=60,
-        check=True,
-    )
-    return done.stdout, done.stderr
+    running = started(*words, code=RUN + code)
+    out, errors = running.communicate(timeout=60)
+    assert running.returncode == 0, errors
+    return out, errors
 
 
 def test_help_model_info_and_a_wrong_path_wait_for_nothing_heavy(model):
@@ -91,18 +83,12 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
     assert lines[3].startswith("Accuracy on SYNTHETIC recordings")
 
 
-def started(words, **options):
-    return subprocess.Popen(
-        [sys.executable, "-m", "granular_id.cli", *map(str, words)], text=True, env=ENVIRONMENT, **options
-    )
-
-
 def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
     save(synthesize(n_per_class=20, duration_s=1.0), tmp_path / "x.npz")
     output = tmp_path / "out"
     output.mkdir()
     words = ("train", tmp_path / "x.npz", "-o", output / "m")
-    with started(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as running:
+    with started(*words) as running:
         try:
             assert running.stdout.readline().startswith("220 recordings, 11 materials")
             running.send_signal(signal.SIGINT)
@@ -116,7 +102,7 @@ def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
 
 def test_the_demo_tells_its_steps_and_ctrl_c_leaves_no_empty_folder(tmp_path):
     words = ("demo", "--quick", "-o", tmp_path / "new" / "demo")
-    with started(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as running:
+    with started(*words, stdout=subprocess.DEVNULL) as running:
         try:
             assert running.stderr.readline() == "simulating 132 pushes\n"
             assert re.fullmatch(r"1 of \d+: .+\n", running.stderr.readline())
@@ -141,13 +127,7 @@ class Terminal:
         self.screen, theirs = os.openpty()
         self.shown = ""
         self.words = [str(word) for word in words]
-        self.running = subprocess.Popen(
-            [sys.executable, "-m", "granular_id.cli", *self.words],
-            stdout=subprocess.PIPE,
-            stderr=theirs,
-            text=True,
-            env={**ENVIRONMENT, "TERM": "xterm"},
-        )
+        self.running = started(*self.words, module="granular_id.cli", stderr=theirs)
         os.close(theirs)
 
     def read(self):
