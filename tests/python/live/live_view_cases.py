@@ -1,9 +1,10 @@
 """Sessions to be shown: blocks of simulated pushes, decisions that grow, and the snapshots made of them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from granular_id import Decision
 from granular_id.live import Push, SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
@@ -22,31 +23,13 @@ class Block:
     missed: int = 0
 
 
-@dataclass(frozen=True)
-class Answer:
-    """A decision."""
-
-    label: str
-    ranking: tuple
-    margin: float
-    final: bool
-    seconds: float
-    probability: float | None = None
-    settled: bool = False
-    sure: bool = False
-    n_seen: int = 0
-    warnings: tuple = field(default=())
-    candidates: tuple = ()
-    unknown: bool | None = None
-
-
-def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0, rate_hz=RATE_HZ):
+def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0):
     """Rows `first`, `first` + 1, ... of a stream, behind the gaps that `missing_before` gives by row."""
     wrench = np.asarray(wrench, float)
     gaps = np.zeros(len(wrench), np.uint32)
     for row, n in (missing_before or {}).items():
         gaps[row] = n
-    time_s = (first + np.arange(len(wrench)) + np.cumsum(gaps)) / rate_hz
+    time_s = (first + np.arange(len(wrench)) + np.cumsum(gaps)) / RATE_HZ
     return Block(wrench, time_s, gaps, epoch, missed)
 
 
@@ -62,32 +45,29 @@ def answer(seconds, *, final=False, classes=CLASSES, **options):
     seen = min(1.0, seconds / 3.2)
     rng = np.random.default_rng(3)
     ends = np.sort(rng.uniform(0.25, 0.8, len(classes)))
-    order = np.roll(np.arange(len(classes)), 2)
     ends[0] = 0.09
     wobble = 0.10 * np.sin(6 * seconds + rng.uniform(0, 6, len(classes))) * (1 - seen)
     losses = 0.5 + (ends - 0.5) * seen**0.6 + wobble
-    ranking = tuple(
-        sorted(((classes[k], float(losses[i])) for i, k in enumerate(order)), key=lambda pair: pair[1])
-    )
+    names = [classes[k] for k in np.roll(np.arange(len(classes)), 2)]
+    ranking = tuple(sorted(zip(names, losses.tolist(), strict=True), key=lambda pair: pair[1]))
     margin = ranking[1][1] - ranking[0][1] if len(ranking) > 1 else 0.0
-    return Answer(ranking[0][0], ranking, margin, final, seconds, n_seen=round(500 * seconds), **options)
+    n_seen = round(RATE_HZ * seconds)
+    return Decision(ranking[0][0], ranking, margin, final=final, seconds=seconds, n_seen=n_seen, **options)
 
 
-def listening(seconds=3.2, *, final=None, step=25, classes=CLASSES, **options):
-    """A builder and the last snapshot of a capture that went on for so long."""
+def listening(seconds=3.2, *, step=25, classes=CLASSES, **options):
+    """A builder and the last snapshot of a capture that went on for so long; after 3.2 s it is over."""
     rows, wrench = push()
     builder = SnapshotBuilder(RATE_HZ, classes=classes, source="sim:rice", synthetic=True)
-    rest = len(rows) - len(wrench)
+    rest, n = len(rows) - len(wrench), round(seconds * RATE_HZ)
     builder.rows(block(rows[:rest]))
     builder.begin_capture()
-    n = round(seconds * RATE_HZ)
-    final = seconds >= 3.2 if final is None else final
     for start in range(0, n, step):
         piece = wrench[start : min(start + step, n)]
         builder.rows(block(piece, rest + start))
         builder.captured(piece)
         now = (start + len(piece)) / RATE_HZ
-        over = final and now >= seconds
+        over = now >= 3.2
         decision = answer(now, final=over, classes=classes)
         if over:
             builder.end_capture(Push(decision))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id import Decision, FeatureSpec, extract_features
+from granular_id import FeatureSpec, extract_features
 from granular_id.live import FailureReason, Push, Snapshot, SnapshotBuilder
-from granular_id.live.traces import RecentRows, outline
+from granular_id.live.traces import outline
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from live_view_cases import CLASSES, answer, block, listening, push
 
@@ -20,10 +20,9 @@ SPECS = {
 }
 
 
-@st.composite
-def cuts(draw, n):
+def cuts(n):
     """Borders of the blocks into which n rows are cut; some are empty."""
-    return sorted(draw(st.lists(st.integers(0, n), max_size=30)))
+    return st.lists(st.integers(0, n), max_size=30).map(sorted)
 
 
 @pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
@@ -38,28 +37,37 @@ def test_the_histogram_of_a_whole_capture_is_that_of_its_features(spec, borders)
     assert np.array_equal(counts.ravel(), extract_features(WRENCH, spec=spec)[WRENCH.size :])
 
 
-@given(borders=cuts(len(ROWS)))
-def test_traces_do_not_depend_on_how_the_rows_arrive(borders):
+def high_passed(rows):
+    sections = butter(8, 23, "highpass", fs=500)
+    return sosfilt(sections, rows, axis=0, zi=sosfilt_zi(sections)[:, :, None] * rows[0])[0]
+
+
+@given(cuts(len(ROWS)), st.dictionaries(st.integers(1, len(ROWS) - 1), st.integers(1, 1200), max_size=4))
+def test_traces_do_not_depend_on_how_the_rows_arrive_and_are_interrupted_where_some_never_did(borders, gaps):
     builder = SnapshotBuilder(500.0, view_s=1.0)
     at = 0
     for piece in np.split(ROWS, borders):
-        builder.rows(block(piece, at))
+        inside = {row - at: n for row, n in gaps.items() if at <= row < at + len(piece)}
+        builder.rows(block(piece, at + sum(n for row, n in gaps.items() if row < at), missing_before=inside))
         at += len(piece)
     seen = builder.build("armed")
-    sections = butter(8, 23, "highpass", fs=500)
-    left, _ = sosfilt(sections, ROWS, axis=0, zi=sosfilt_zi(sections)[:, :, None] * ROWS[0])
-    assert np.array_equal(seen.wrench, ROWS[-500:])
-    assert np.array_equal(seen.residual, left[-500:])
+    rows, left = [], []
+    for row, piece in zip([0, *sorted(gaps)], np.split(ROWS, sorted(gaps)), strict=True):
+        nothing = np.full((gaps.get(row, 0), 6), np.nan)
+        rows += [nothing, piece]
+        left += [nothing, high_passed(piece)]  # what lies in a gap nobody saw
+    assert np.array_equal(seen.wrench, np.vstack(rows)[-500:], equal_nan=True)
+    assert np.array_equal(seen.residual, np.vstack(left)[-500:], equal_nan=True)
     assert np.array_equal(seen.latest, ROWS[-1])
-    assert seen.time_s == (len(ROWS) - 1) / 500
+    assert seen.time_s == (len(ROWS) + sum(gaps.values()) - 1) / 500
     assert np.allclose(seen.row_age_s, np.arange(499, -1, -1) / 500)
+    assert seen.lost == seen.counters["missing"] == sum(gaps.values())
 
 
 def test_a_long_view_is_thinned_and_keeps_every_peak():
     builder = SnapshotBuilder(500.0, view_s=20.0)
     rows = np.random.default_rng(0).normal(size=(15_000, 6))
-    rows[9_000] = 50.0
-    rows[9_001] = -60.0
+    rows[9_000], rows[9_001] = 50.0, -60.0
     for start in range(0, len(rows), 1000):
         builder.rows(block(rows[start : start + 1000], start))
     seen = builder.build("armed")
@@ -67,13 +75,7 @@ def test_a_long_view_is_thinned_and_keeps_every_peak():
     assert (seen.wrench.max(0) == 50.0).all()
     assert (seen.wrench.min(0) == -60.0).all()
     assert seen.row_age_s[-1] < 0.1
-    assert np.array_equal(np.sort(seen.row_age_s)[::-1], seen.row_age_s)
-
-
-def test_a_trace_that_moves_on_keeps_its_shape():
-    rows = np.random.default_rng(0).normal(size=(4000, 1))
-    early, late = outline(rows[:3000], 0, 9), outline(rows[500:3500], 500, 9)
-    assert set(early[1][200:-4].ravel()) <= set(late[1].ravel())
+    assert (np.diff(seen.row_age_s) <= 0).all()
 
 
 @given(
@@ -82,6 +84,7 @@ def test_a_trace_that_moves_on_keeps_its_shape():
     st.integers(1, 9),
 )
 def test_outline_is_the_extremes_of_each_piece(values, first, step):
+    """Pieces begin at multiples of `step` in the whole stream: a trace that moves on keeps its shape."""
     rows = np.array(values, float).reshape(-1, 1)
     places, kept = outline(rows, first, step)
     if step == 1:
@@ -101,36 +104,7 @@ def test_outline_is_the_extremes_of_each_piece(values, first, step):
     assert (np.diff(places) >= 0).all()
 
 
-@given(st.lists(st.tuples(st.booleans(), st.integers(0, 25)), max_size=20), st.integers(1, 12))
-def test_recent_rows_are_the_end_of_all_rows(steps, capacity):
-    recent, every = RecentRows(capacity, 1), []
-    for number, (there, n) in enumerate(steps):
-        if there:
-            recent.add(np.full((n, 1), float(number)))
-        else:
-            recent.skip(n)
-        every += [[float(number) if there else np.nan]] * n
-    assert recent.total == len(every)
-    wanted = np.array(every[-capacity:], float).reshape(-1, 1)
-    assert np.array_equal(recent.last(capacity), wanted, equal_nan=True)
-
-
-def test_what_never_came_is_a_gap_and_the_filter_starts_anew_behind_it():
-    builder = SnapshotBuilder(500.0, view_s=1.0)
-    rows = np.vstack([np.zeros((100, 6)), np.full((100, 6), 5.0)])
-    builder.rows(block(rows, missing_before={100: 30}, missed=7))
-    seen = builder.build("armed")
-    assert np.isnan(seen.wrench[100:130]).all()
-    assert np.isfinite(seen.wrench[:100]).all()
-    assert np.isfinite(seen.wrench[130:]).all()
-    assert len(seen.wrench) == 230
-    assert abs(seen.residual[130:]).max() < 1e-9  # the step lies in the gap: nobody saw it
-    assert seen.lost == 37
-    builder.rows(block(rows[:1], missing_before={0: 4_000_000_000}))
-    assert np.isnan(builder.build("armed").wrench[:-1]).all()
-
-
-def test_rows_that_were_overwritten_are_a_gap_and_not_missing():
+def test_rows_that_were_overwritten_are_a_gap_and_not_missing_and_an_epoch_begins_anew():
     builder = SnapshotBuilder(500.0, view_s=1.0)
     builder.rows(block(np.zeros((100, 6))))
     builder.rows(block(np.full((50, 6), 5.0), 140, missed=40))
@@ -139,11 +113,14 @@ def test_rows_that_were_overwritten_are_a_gap_and_not_missing():
     assert np.isfinite(np.delete(seen.wrench, slice(100, 140), axis=0)).all()
     assert abs(seen.residual[140:]).max() < 1e-9
     assert (seen.counters["missing"], seen.counters["missed"], seen.counters["rows"]) == (0, 40, 150)
+    assert seen.lost == 40
     builder.rows(block(np.full((5, 6), -7.0), epoch=1, missed=9))
     seen = builder.build("armed")
     assert len(seen.wrench) == 5, "those were of the epoch before"
     assert abs(seen.residual).max() < 1e-9  # the high-pass begins anew: the step to it is none
     assert seen.counters["epochs"] == 2
+    builder.rows(block(np.ones((1, 6)), missing_before={0: 4_000_000_000}, epoch=1))
+    assert np.isnan(builder.build("armed").wrench[:-1]).all()
 
 
 def test_histogram_and_ranking_stand_until_rows_of_the_next_capture_come():
@@ -163,16 +140,12 @@ def test_histogram_and_ranking_stand_until_rows_of_the_next_capture_come():
     assert seen.counts.sum() > 0
 
 
-def test_a_ranking_that_grows_for_ever_stays_small():
+def test_a_session_that_goes_on_for_ever_stays_small():
     builder = SnapshotBuilder(500.0, classes=CLASSES)
     for i in range(700):
         seen = builder.build("triggered", answer(i / 10))
     assert len(seen.ranking_history[0]) <= 240
     assert seen.ranking_history[0][-1] == pytest.approx(69.9)
-
-
-def test_the_history_is_short_and_counts_all():
-    builder = SnapshotBuilder(500.0, classes=CLASSES)
     assert builder.build("armed").held is None
     pushes = [Push(answer(3.2, final=True)) for _ in range(100)]
     for one in pushes:
@@ -180,31 +153,34 @@ def test_the_history_is_short_and_counts_all():
     seen = builder.build("armed")
     assert [outcome.push for outcome in seen.history] == pushes[-40:]
     assert [outcome.number for outcome in seen.history] == list(range(61, 101))
-    for state in ("idle", "arming", "armed", "ended"):
-        assert builder.build(state).held.push is pushes[-1]
-    for state in ("triggered", "complete", "failed"):
-        assert builder.build(state).held is None
+    held = {state: builder.build(state).held for state in ("idle", "arming", "armed", "ended")}
+    assert all(outcome.push is pushes[-1] for outcome in held.values())
+    assert all(builder.build(state).held is None for state in ("triggered", "complete", "failed"))
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("options", "words"),
     [
-        (lambda: SnapshotBuilder(0.0), "rate_hz must be positive"),
-        (lambda: SnapshotBuilder(1000.0, FeatureSpec()), "rate_hz is 1000, but spec was made for 500 Hz"),
-        (lambda: SnapshotBuilder(500.0, view_s=-1.0), "view_s must be above 0"),
-        (lambda: SnapshotBuilder(500.0, view_s=1e9), "view_s must be above 0 and hold at most"),
-        (lambda: SnapshotBuilder(500.0, n_samples=0), "n_samples must be at least 1"),
-        (lambda: SnapshotBuilder(500.0).rows(block(np.zeros((4, 3)))), r"block.wrench has shape \(4, 3\)"),
-        (
-            lambda: SnapshotBuilder(500.0).captured(np.full((4, 6), np.nan)),
-            "rows holds values that are not finite",
-        ),
-        (lambda: SnapshotBuilder(500.0, classes=["a"]).build("armed", answer(1.0)), "ranks other materials"),
+        ({"rate_hz": 0.0}, "rate_hz must be positive"),
+        ({"rate_hz": 1000.0, "spec": FeatureSpec()}, "rate_hz is 1000, but spec was made for 500 Hz"),
+        ({"view_s": -1.0}, "view_s must be above 0"),
+        ({"view_s": 1e9}, "view_s must be above 0 and hold at most"),
+        ({"n_samples": 0}, "n_samples must be at least 1"),
     ],
 )
-def test_what_does_not_fit_is_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_sessions_that_cannot_be_are_refused(options, words):
+    with pytest.raises(ValueError, match=words):
+        SnapshotBuilder(**{"rate_hz": 500.0} | options)
+
+
+def test_rows_and_answers_that_do_not_fit_are_refused():
+    builder = SnapshotBuilder(500.0, classes=["a"])
+    with pytest.raises(ValueError, match=r"block.wrench has shape \(4, 3\)"):
+        builder.rows(block(np.zeros((4, 3))))
+    with pytest.raises(ValueError, match="rows holds values that are not finite"):
+        builder.captured(np.full((4, 6), np.nan))
+    with pytest.raises(ValueError, match="ranks other materials"):
+        builder.build("armed", answer(1.0))
 
 
 def test_a_slow_source_has_a_lower_cutoff():
@@ -212,75 +188,63 @@ def test_a_slow_source_has_a_lower_cutoff():
 
 
 MIDDLE, END = listening(1.7)[1], listening(3.2)[1]
-PROVISIONAL = "provisional, 1.70 s of 3.20 s"
-LEAD = rf"margin {END.decision.margin:.3f} ahead of cat litter"
-
-
-def middle(state="triggered", **options):
-    return replace(MIDDLE, state=state, decision=answer(1.7, **options))
-
-
-def end(**options):
-    return replace(END, decision=answer(3.2, final=True, **options))
+PROVISIONAL, FINAL = "provisional, 1.70 s of 3.20 s", "final, after 3.20 s"
+LEAD = f"margin {END.decision.margin:.3f} ahead of cat litter"
+EARLY_LEAD = f"margin {MIDDLE.decision.margin:.3f} ahead of {MIDDLE.decision.ranking[1][0]}"
 
 
 @pytest.mark.parametrize(
-    ("snapshot", "kind", "title", "stage", "detail"),
+    ("snapshot", "said"),
     [
-        (Snapshot("idle", hint="press Enter"), "none", "no answer yet", "press Enter", ""),
-        (Snapshot("armed"), "none", "no answer yet", "armed", ""),
-        (Snapshot("complete"), "none", "recorded", "done", ""),
-        (Snapshot("ended", hint="it is over"), "none", "no more pushes", "it is over", ""),
-        (Snapshot("failed", hint="a gap"), "failed", "no answer", "the capture failed", "a gap"),
-        (middle(), "provisional", "fine sugar", PROVISIONAL, "margin"),
-        (middle(sure=True), "provisional", "fine sugar", f"{PROVISIONAL}, sure enough to stop", "margin"),
-        (
-            middle(settled=True),
-            "provisional",
-            "fine sugar",
-            f"{PROVISIONAL}, can no longer change (forces as in training)",
-            "margin",
-        ),
-        (
-            middle("complete", sure=True),
-            "final",
-            "fine sugar",
-            "early, 1.70 s of 3.20 s, sure enough to stop",
-            "margin",
-        ),
-        (end(), "final", "fine sugar", "final, after 3.20 s", LEAD),
-        (end(probability=0.934), "final", "fine sugar", "final, after 3.20 s", f"{LEAD}, probability 93 %"),
-        (end(candidates=("rice",)), "final", "fine sugar", "final, after 3.20 s", LEAD),
-        (end(candidates=("a", "b")), "final", "fine sugar", "final, after 3.20 s", f"{LEAD}, may be a or b"),
-        (
-            end(candidates=CLASSES),
-            "final",
-            "fine sugar",
-            "final, after 3.20 s",
-            f"{LEAD}, may be {' or '.join(CLASSES[:6])} or {len(CLASSES) - 6} more",
-        ),
-        (
-            end(unknown=True),
-            "unknown",
-            "like no known material",
-            "final, after 3.20 s",
-            f"nearest: fine sugar, {LEAD}",
-        ),
+        (Snapshot("idle", hint="press Enter"), ("none", "no answer yet", "press Enter", "")),
+        (Snapshot("armed"), ("none", "no answer yet", "armed", "")),
+        (Snapshot("complete"), ("none", "recorded", "done", "")),
+        (Snapshot("ended", hint="it is over"), ("none", "no more pushes", "it is over", "")),
+        (Snapshot("failed", hint="a gap"), ("failed", "no answer", "the capture failed", "a gap")),
     ],
 )
-def test_answers_in_words(snapshot, kind, title, stage, detail):
+def test_without_an_answer_the_words_say_what_is_going_on(snapshot, said):
     words = snapshot.words
-    assert words.answer[:3] == (kind, title, stage)
-    assert words.answer.detail == detail or (detail == "margin" and words.answer.detail.startswith("margin"))
-    given = f"{words.state}: {title} ({stage}, {words.answer.detail})"
-    hint = f"{words.state}: {snapshot.hint}" if snapshot.hint else words.state
-    assert (hint if kind in ("none", "failed") else given) in words.line
+    assert words.answer == said
+    assert (f"{words.state}: {snapshot.hint}" if snapshot.hint else words.state) in words.line
+
+
+@pytest.mark.parametrize(
+    ("state", "known", "said"),
+    [
+        ("triggered", {}, ("provisional", PROVISIONAL, EARLY_LEAD)),
+        ("triggered", {"sure": True}, ("provisional", f"{PROVISIONAL}, sure enough to stop", EARLY_LEAD)),
+        (
+            "triggered",
+            {"settled": True},
+            ("provisional", f"{PROVISIONAL}, can no longer change (forces as in training)", EARLY_LEAD),
+        ),
+        ("complete", {"sure": True}, ("final", "early, 1.70 s of 3.20 s, sure enough to stop", EARLY_LEAD)),
+        ("complete", {"final": True}, ("final", FINAL, LEAD)),
+        ("complete", {"final": True, "probability": 0.934}, ("final", FINAL, f"{LEAD}, probability 93 %")),
+        ("complete", {"final": True, "candidates": ("rice",)}, ("final", FINAL, LEAD)),
+        ("complete", {"final": True, "candidates": ("a", "b")}, ("final", FINAL, f"{LEAD}, may be a or b")),
+        (
+            "complete",
+            {"final": True, "candidates": CLASSES},
+            ("final", FINAL, f"{LEAD}, may be {' or '.join(CLASSES[:6])} or {len(CLASSES) - 6} more"),
+        ),
+        ("complete", {"final": True, "unknown": True}, ("unknown", FINAL, f"nearest: fine sugar, {LEAD}")),
+    ],
+)
+def test_answers_in_words(state, known, said):
+    decision = answer(3.2 if known.get("final") else 1.7, **known)
+    words = replace(END, state=state, decision=decision).words
+    kind, stage, detail = said
+    title = "like no known material" if kind == "unknown" else "fine sugar"
+    assert words.answer == (kind, title, stage, detail)
+    assert f"{words.state}: {title} ({stage}, {detail})" in words.line
 
 
 def test_a_line_has_all_that_matters():
     seen = replace(END, time_s=2.1, lag_s=0.03, counters={"missing": 3}, warnings=("gap", "the tool slipped"))
     assert seen.words.line == (
-        f"SYNTHETIC  2.100 s  Done: fine sugar (final, after 3.20 s, {LEAD})  |  lag 30.0 ms (!), lost 3 (!)"
+        f"SYNTHETIC  2.100 s  Done: fine sugar ({FINAL}, {LEAD})  |  lag 30.0 ms (!), lost 3 (!)"
         "  |  12 of 12 right  |  warning: gap: missing rows were filled in  |  warning: the tool slipped"
     )
     assert replace(seen, n_correct=None).words.score == "12 captures"
@@ -303,34 +267,24 @@ def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
     assert words.spoken == "Push 2. no answer, 12 rows are missing"
 
 
-def decided(**options):
-    return Decision("rice", (("rice", 0.1), ("salt", 0.3)), 0.2, seconds=3.2, final=True, **options)
-
-
-@pytest.mark.parametrize(
-    ("push", "said"),
-    [
-        (Push(decided()), ""),
-        (Push(decided(), truth="rice"), "  right"),
-        (Push(decided(), truth="salt"), "  WRONG, it was salt"),
-        (Push(decided(), truth="macaroni"), "  WRONG, it was macaroni, which the model does not know"),
-        (
-            Push(decided(unknown=True), truth="macaroni"),
-            "  right, it was macaroni, which the model does not know",
-        ),
-        (Push(decided(unknown=True), truth="rice"), "  WRONG, it was rice"),
-    ],
-)
-def test_a_push_in_one_line(push, said):
-    assert str(push) == f"{push.decision}{said}"
-    assert push.to_dict() == {"decision": push.decision.to_dict(), "failure": None, "truth": push.truth}
-
-
-def test_a_push_without_an_answer():
-    push = Push(None, FailureReason.GAP, "12 rows are missing")
-    assert str(push) == "no answer: 12 rows are missing"
-    assert push.to_dict() == {
+def test_a_push_in_one_line():
+    answered, refused = answer(3.2, final=True), answer(3.2, final=True, unknown=True)
+    elsewhere = "it was macaroni brine, which the model does not know"
+    for decision, truth, said in [
+        (answered, None, ""),
+        (answered, "fine sugar", "  right"),
+        (answered, "rice", "  WRONG, it was rice"),
+        (answered, "macaroni brine", f"  WRONG, {elsewhere}"),
+        (refused, "macaroni brine", f"  right, {elsewhere}"),
+        (refused, "rice", "  WRONG, it was rice"),
+    ]:
+        one = Push(decision, truth=truth)
+        assert str(one) == f"{decision}{said}"
+        assert one.to_dict() == {"decision": decision.to_dict(), "failure": None, "truth": truth}
+    failed = Push(None, FailureReason.GAP, "12 rows are missing")
+    assert str(failed) == "no answer: 12 rows are missing"
+    assert failed.to_dict() == {
         "decision": None,
-        "failure": {"reason": "gap", "text": push.text},
+        "failure": {"reason": "gap", "text": failed.text},
         "truth": None,
     }
