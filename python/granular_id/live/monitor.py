@@ -34,8 +34,6 @@ _LOOPBACK = "127.0.0.1"
 _HOSTS = frozenset((_LOOPBACK, "localhost"))
 """Names under which a browser may think that it reached this machine; with any port, as tunnels change it."""
 
-_REQUEST_S = 5.0  # a browser needs milliseconds
-_STALLED_S = 30.0  # a browser that has not taken a frame for so long is dropped
 _QUIET_S = 1.0  # after this long without a snapshot, pages are told so
 _END_S = 0.5  # at the end; who has not taken the last frame by then is not waited for
 # A few frames: a browser that comes back must not first see old ones for seconds.
@@ -134,7 +132,7 @@ class _Server(ThreadingHTTPServer):
         self._changed = Condition()
         self._number, self._frame, self._since_s = 0, b"", time.monotonic()
         self._farewell: bytes | None = None
-        self._streams = 0
+        self.n_streams = 0
         super().__init__((_LOOPBACK, port), _Handler)
 
     def server_bind(self) -> None:
@@ -150,7 +148,7 @@ class _Server(ThreadingHTTPServer):
         with self._changed:
             self._farewell = farewell
             self._changed.notify_all()
-            self._changed.wait_for(lambda: not self._streams, _END_S)
+            self._changed.wait_for(lambda: not self.n_streams, _END_S)
         self.shutdown()
         self.server_close()
 
@@ -158,7 +156,7 @@ class _Server(ThreadingHTTPServer):
         """Yield the newest frame whenever there is another, until the end; now and then, that there is none."""
         seen, farewell = 0, None
         with self._changed:
-            self._streams += 1
+            self.n_streams += 1
         try:
             while farewell is None:
                 with self._changed:
@@ -170,7 +168,7 @@ class _Server(ThreadingHTTPServer):
                 yield data + (farewell or b"")
         finally:
             with self._changed:
-                self._streams -= 1
+                self.n_streams -= 1
                 self._changed.notify_all()
 
     def _has_news(self, seen: int) -> Callable[[], bool]:
@@ -185,7 +183,8 @@ class _Handler(BaseHTTPRequestHandler):
     """What a browser asks for, and whether it may have it."""
 
     protocol_version = "HTTP/1.1"
-    timeout = _REQUEST_S
+    timeout = 5.0  # for a request; a browser needs milliseconds
+    stalled_s = 30.0  # a browser that has not taken a frame for so long is dropped
     server: _Server
 
     def do_GET(self) -> None:
@@ -211,7 +210,7 @@ class _Handler(BaseHTTPRequestHandler):
     do_HEAD = do_GET  # noqa: N815
 
     def _stream(self) -> None:
-        self.connection.settimeout(_STALLED_S)
+        self.connection.settimeout(self.stalled_s)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         self._answer(HTTPStatus.OK, "text/event-stream")
         if self.command == "HEAD":

@@ -1,15 +1,24 @@
-"""Sessions to be shown: blocks of simulated pushes, decisions that grow, and the snapshots made of them."""
+"""A small model; sessions to be shown: blocks of simulated pushes, decisions that grow, snapshots made of them."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from granular_id import Decision
+from granular_id import Decision, Identifier
 from granular_id.live import Push, SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
 CLASSES = tuple(material.name for material in PAPER_MATERIALS)
 RATE_HZ = 500.0
+
+
+@cache
+def pushes_and_model():
+    """Pushes of one second, as a recorder would have them (0.1 s of rest, then the motion), and what learnt them."""
+    data = synthesize(["rice", "fine sugar"], n_per_class=12, duration_s=1.3, seed=5)
+    pushes = data.align(trigger="recorded", lead_s=0.1, n_samples=500)
+    return pushes, Identifier.fit(pushes, "hfmh", estimate=False)
 
 
 @dataclass

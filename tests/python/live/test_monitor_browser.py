@@ -1,4 +1,4 @@
-"""The monitor's page in a real browser: quiet, true to what was published, readable everywhere."""
+"""The monitor's page in a real browser: quiet, true to what was published, readable everywhere. One page is opened."""
 
 from dataclasses import replace
 from urllib.parse import urlsplit
@@ -20,23 +20,26 @@ HOSTILE = (
     "رمل ناعم مغسول من الشاطئ الشمالي للمدينة القديمة",
 )
 BUILDER, FINISHED = listening(3.2)
+LABEL = FINISHED.decision.label
+LISTENING = listening(1.7)[1]
 for k in range(50):
     failed = Push(None, FailureReason.GAP, "12 rows are missing")
     decision = replace(FINISHED.decision, unknown=k % 3 == 2, warnings=("lag",) * (k % 2))
     BUILDER.end_capture(failed if k % 7 == 0 else Push(decision, truth="rice"))
+NAMED = listening(3.2, classes=HOSTILE)[1]
 CASES = {
     "idle": Snapshot("idle", source="rdt://192.168.1.1", classes=CLASSES),
-    "listening": listening(1.7)[1],
+    "listening": LISTENING,
     "finished": FINISHED,
     "in trouble": replace(
-        listening(1.7)[1],
+        LISTENING,
         warnings=("gap", "saturation"),
         lag_s=0.043,
         counters={"missing": 14, "gaps": 2, "saturated": 3},
     ),
     "waiting": BUILDER.build("armed", hint="push now"),
-    "stranger": replace(FINISHED, decision=replace(FINISHED.decision, unknown=True)),
-    "unearthly": replace(
+    "like none": replace(FINISHED, decision=replace(FINISHED.decision, unknown=True)),
+    "huge": replace(
         FINISHED,
         latest=np.full(6, -1e300),
         wrench=FINISHED.wrench * 1e300,
@@ -46,94 +49,89 @@ CASES = {
         lag_s=1e300,
     ),
     "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
-    "hostile names": replace(listening(3.2, classes=HOSTILE)[1], source=HOSTILE[0], warnings=HOSTILE),
+    "hostile names": replace(NAMED, source=HOSTILE[0], warnings=HOSTILE),
 }
 
 
-@pytest.fixture
-def monitor():
-    with MonitorServer() as running:
-        yield running
+class Watched:
+    """The page, whatever it says or asks for, and the session that it shows."""
+
+    def __init__(self, browser):
+        self.monitor = MonitorServer()
+        self.page = browser.new_page(viewport={"width": 1280, "height": 800})
+        watch(self.page)
+        self.page.goto(self.monitor.url, wait_until="load")
+
+    def close(self):
+        self.page.close()
+        self.monitor.close()
+
+    def show(self, snapshot):
+        """Publish a snapshot and wait until the page has it."""
+        before = self.monitor._number
+        self.monitor.publish(snapshot)
+        self.page.wait_for_function(f"() => Number(document.body.dataset.number ?? 0) > {before}")
+        return self.page
+
+    def look(self, width=1280, scheme="light"):
+        self.page.set_viewport_size({"width": width, "height": 800})
+        self.page.emulate_media(color_scheme=scheme)
+
+
+@pytest.fixture(scope="module")
+def opened_once(browser):
+    opened = Watched(browser)
+    yield opened
+    opened.close()
 
 
 @pytest.fixture
-def opened(browser, monitor):
-    """Return a function that shows a snapshot; everything the page says or asks for is collected."""
-    contexts = []
-
-    def open_page(snapshot, width=1280, scheme="light", **options):
-        monitor.publish(snapshot)
-        context = browser.new_context(
-            viewport={"width": width, "height": 800}, color_scheme=scheme, **options
-        )
-        contexts.append(context)
-        page = context.new_page()
-        watch(page)
-        page.goto(monitor.url, wait_until="load")
-        page.wait_for_selector("body[data-number]")
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
+def watched(opened_once):
+    opened_once.look()
+    return opened_once
 
 
-def shows(page, number):
-    page.wait_for_selector(f"body[data-number='{number}']")
-
-
-@pytest.mark.parametrize(
-    ("width", "scheme"), [(1280, "light"), (1280, "dark"), (768, "light"), (360, "dark")]
-)
 @pytest.mark.parametrize("case", CASES)
-def test_the_page_is_quiet_breaks_no_rule_and_can_be_read(opened, monitor, case, width, scheme):
-    page = opened(CASES[case], width, scheme)
-    page.wait_for_selector("#axes .axis")
+def test_the_page_is_quiet_breaks_no_rule_and_can_be_read(watched, case):
+    page = watched.show(CASES[case])
+    for width, scheme in [(1280, "light"), (1280, "dark"), (768, "light"), (360, "dark")]:
+        watched.look(width, scheme)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, dt'")) == []
     assert page.said == []
     assert page.evaluate("window.violations") == []
     hosts = {urlsplit(url).netloc for url in page.asked if not url.startswith("data:")}
-    assert hosts == {f"127.0.0.1:{monitor.port}"}
+    assert hosts == {f"127.0.0.1:{watched.monitor.port}"}
     assert "owned" not in page.title().replace("<script>document.title", "")
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
-    assert page.evaluate(CONTRAST.replace("svg text'", "svg text, span, button, dt'")) == []
 
 
-def test_axis_values_are_those_published(opened, monitor):
-    page = opened(CASES["listening"])
-    for number, case in enumerate(("listening", "finished"), 1):
-        monitor.publish(CASES[case])
-        shows(page, number + 1)
-        seen = page.locator(".axis .value").all_inner_texts()
-        wanted = [f"{value:.{3 + i // 3}f}" for i, value in enumerate(CASES[case].latest)]
-        assert [text.replace("\u2212", "-") for text in seen] == wanted
-
-
-def test_the_ranking_is_that_published(opened):
-    snapshot = CASES["finished"]
-    page = opened(snapshot)
-    page.wait_for_selector("#ranking text.first")
-    wanted = [f"{name}, {loss:.3f}" for name, loss in snapshot.decision.ranking]
-    assert page.locator("#ranking-list li").all_text_contents() == wanted
+@pytest.mark.parametrize("case", ["listening", "finished"])
+def test_values_and_ranking_are_those_published(watched, case):
+    snapshot = CASES[case]
+    page = watched.show(snapshot)
+    seen = page.locator(".axis .value").all_inner_texts()
+    wanted = [f"{value:.{3 + i // 3}f}" for i, value in enumerate(snapshot.latest)]
+    assert [text.replace("\u2212", "-") for text in seen] == wanted
+    told = [(name, f"{loss:.3f}") for name, loss in snapshot.decision.ranking]
+    assert page.locator("#ranking-list li").all_text_contents() == [", ".join(pair) for pair in told]
     drawn = page.locator("#ranking text:not(.tick)").all_text_contents()
-    assert set(drawn) == {text for name, loss in snapshot.decision.ranking for text in (name, f"{loss:.3f}")}
+    assert set(drawn) == {text for pair in told for text in pair}
     lines = page.eval_on_selector_all("#ranking polyline:not(.tie)", "all => all.map((p) => p.points.length)")
     assert lines == [len(snapshot.ranking_history[0])] * len(CLASSES)
 
 
-def test_curves_are_drawn_and_paused(opened, monitor):
+def test_curves_are_drawn_and_paused(watched):
     ink = """() => [...document.querySelectorAll('canvas')].map((c) => {
         const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
         let sum = 0; for (let i = 3; i < d.length; i += 4) sum += d[i] * (i % 9973); return sum; })"""
-    page = opened(CASES["listening"])
-    page.wait_for_selector("#ranking text.first")
-    page.wait_for_timeout(300)
+    page = watched.show(LISTENING)
+    page.wait_for_timeout(300)  # drawings follow the words
     before = page.evaluate(ink)
     assert len(before) == 18
     assert min(before) > 0
     page.click("#pause")
     assert page.get_attribute("#pause", "aria-pressed") == "true"
-    monitor.publish(CASES["finished"])
-    shows(page, 2)
+    watched.show(FINISHED)
     assert page.evaluate(ink) == before
     assert page.inner_text("#stage").startswith("final")  # the answer is never held back
     page.click("#pause")
@@ -141,9 +139,9 @@ def test_curves_are_drawn_and_paused(opened, monitor):
 
 
 @pytest.mark.parametrize(("width", "case"), [(360, "in trouble"), (400, "finished"), (1280, "in trouble")])
-def test_answer_lag_and_loss_are_always_in_sight(opened, width, case):
-    page = opened(CASES[case], width)
-    assert page.evaluate("document.documentElement.scrollWidth") <= width
+def test_answer_lag_and_loss_are_always_in_sight(watched, width, case):
+    watched.look(width)
+    page = watched.show(CASES[case])
     page.evaluate("window.scrollTo(0, document.body.scrollHeight)")
     for place in ("#title", "#figures", "#state"):
         box = page.locator(place).bounding_box()
@@ -156,73 +154,64 @@ def test_answer_lag_and_loss_are_always_in_sight(opened, width, case):
     assert "SYNTHETIC" in page.inner_text("#source")
 
 
-@pytest.mark.parametrize("width", [390, 1280])
 @pytest.mark.parametrize("longest", range(len(HOSTILE)))
-def test_long_names_leave_room_for_their_values_and_for_the_rest_of_the_page(opened, width, longest):
-    shown = CASES["hostile names"]
-    ranking = sorted(shown.decision.ranking, key=lambda pair: pair[0] != HOSTILE[longest])
-    decision = replace(shown.decision, label=HOSTILE[longest], ranking=tuple(ranking), candidates=HOSTILE)
-    page = opened(replace(shown, decision=decision, warnings=()), width)
-    page.wait_for_selector("#ranking text.first")
-    assert page.locator("#top").bounding_box()["height"] < 300
-    texts = page.locator("#ranking text:not(.tick)").all()
-    boxes = [(text.text_content(), text.bounding_box()) for text in texts]
-    for (name, left), (value, right) in zip(boxes[::2], boxes[1::2], strict=True):
-        assert float(value) >= 0
-        assert left["x"] + left["width"] <= right["x"], name
-        assert right["x"] + right["width"] <= width
+def test_long_names_leave_room_for_their_values_and_for_the_rest_of_the_page(watched, longest):
+    ranking = sorted(NAMED.decision.ranking, key=lambda pair: pair[0] != HOSTILE[longest])
+    decision = replace(NAMED.decision, label=HOSTILE[longest], ranking=tuple(ranking), candidates=HOSTILE)
+    for width in (390, 1280):
+        watched.look(width)
+        page = watched.show(replace(NAMED, source=HOSTILE[0], decision=decision))
+        assert page.locator("#top").bounding_box()["height"] < 300
+        texts = page.locator("#ranking text:not(.tick)").all()
+        boxes = [(text.text_content(), text.bounding_box()) for text in texts]
+        assert len(boxes) == 2 * len(HOSTILE)
+        for (name, left), (value, right) in zip(boxes[::2], boxes[1::2], strict=True):
+            assert float(value) >= 0
+            assert left["x"] + left["width"] <= right["x"], name
+            assert right["x"] + right["width"] <= width
 
 
-SPOKEN = """() => { window.spoken = [];
-    const place = document.getElementById('spoken');
-    new MutationObserver(() => window.spoken.push(place.textContent)).observe(place, { childList: true }); }"""
-
-
-def test_what_came_of_a_push_is_spoken_once_and_provisional_answers_never(opened, monitor):
-    page = opened(CASES["idle"])
+def test_what_came_of_a_push_is_spoken_once_and_provisional_answers_never(watched):
+    page = watched.show(CASES["idle"])
     assert page.get_attribute("#spoken", "aria-live") == "polite"
-    page.evaluate(SPOKEN)
-    builder, _ = listening(1.0)
-    label = FINISHED.decision.label
-    for number in (1, 2):
-        for k in range(40):  # two seconds: longer than states are silent
-            monitor.publish(builder.build("triggered", answer(1.0 + k / 20)))
+    page.evaluate("""() => { window.spoken = [];
+        const place = document.getElementById('spoken');
+        new MutationObserver(() => window.spoken.push(place.textContent)).observe(place, { childList: true }); }""")
+    builder, _ = listening(0.1)
+    for n_moments in (40, 4):
+        for k in range(n_moments):  # two seconds at first: longer than states are silent
+            watched.monitor.publish(builder.build("triggered", answer(1.0 + k / 20)))
             page.wait_for_timeout(50)
-        assert page.inner_text("#title") == label
+        assert page.inner_text("#title") == LABEL
         assert "italic" in page.eval_on_selector("#title", "(n) => getComputedStyle(n).fontStyle")
         builder.end_capture(Push(FINISHED.decision))  # the same answer twice is news
         for _ in range(2):
-            monitor.publish(builder.build("complete", FINISHED.decision))
-            page.wait_for_function(f"() => window.spoken.some((s) => s.startsWith('Push {number}. Final'))")
+            watched.show(builder.build("complete", FINISHED.decision))
     said = page.evaluate("window.spoken")
-    assert [text for text in said if label in text] == [
-        f"Push {number}. Final answer: {label}, margin {FINISHED.decision.margin:.3f} ahead of cat litter"
+    assert [text for text in said if LABEL in text] == [
+        f"Push {number}. Final answer: {LABEL}, margin {FINISHED.decision.margin:.3f} ahead of cat litter"
         for number in (1, 2)
     ]
-    assert set(said) - {text for text in said if label in text} <= {"Listening"}
-    assert page.evaluate(
-        "[...document.querySelectorAll('canvas, svg')].every((n) => n.getAttribute('aria-label'))"
-    )
+    assert {text for text in said if LABEL not in text} <= {"Listening"}
+    labelled = "[...document.querySelectorAll('canvas, svg')].every((n) => n.getAttribute('aria-label'))"
+    assert page.evaluate(labelled)
 
 
-def test_the_answer_stays_and_the_history_grows_while_the_next_push_is_awaited(opened, monitor):
+def test_the_answer_stays_and_the_history_grows_while_the_next_push_is_awaited(watched):
+    watched.show(CASES["idle"])
     builder, finished = listening(3.2)
-    page = opened(finished)
-    page.wait_for_selector("#history li")
-    number = 1
+    page = watched.show(finished)
     for state in ("arming", "armed"):
         builder.begin_capture()
-        monitor.publish(builder.build(state, hint="push now"))
-        number += 1
-        shows(page, number)
-        assert page.inner_text("#title") == FINISHED.decision.label
+        watched.show(builder.build(state, hint="push now"))
+        assert page.inner_text("#title") == LABEL
         assert page.get_attribute("#top", "data-kind") == "final"
         assert page.inner_text("#state").endswith(": push now")
         assert page.locator("#ranking-list li").count() == len(CLASSES)
         assert page.locator("#ranking polyline.first").count() == 1
         assert page.locator("#history li").count() == 1
-    monitor.publish(CASES["waiting"])
-    page.wait_for_function("() => document.querySelectorAll('#history li').length === 40")
+    watched.show(CASES["waiting"])
+    assert page.locator("#history li").count() == 40
     assert "the last 40 of 51" in page.inner_text("#history-note")
     first = page.locator("#history li").nth(0).inner_text().split("\n")
     assert first[0].startswith("51 ")
@@ -233,51 +222,42 @@ def test_the_answer_stays_and_the_history_grows_while_the_next_push_is_awaited(o
     assert "lag: rows were read late" in page.locator("#history li").nth(2).inner_text()
 
 
-def test_a_stranger_is_not_called_by_the_nearest_name(opened):
-    page = opened(CASES["stranger"])
+def test_what_is_like_none_is_not_called_by_the_nearest_name(watched):
+    page = watched.show(CASES["like none"])
     assert page.inner_text("#title") == "like no known material"
-    assert page.inner_text("#detail").startswith(f"nearest: {FINISHED.decision.label}, margin ")
+    assert page.inner_text("#detail").startswith(f"nearest: {LABEL}, margin ")
     assert page.get_attribute("#top", "data-kind") == "unknown"
 
 
-def test_reduced_motion_is_respected(opened, monitor):
-    page = opened(CASES["listening"], reduced_motion="reduce")
-    page.wait_for_selector("#ranking text.first")
+def test_reduced_motion_is_respected(watched):
+    page = watched.show(LISTENING)
+    page.emulate_media(reduced_motion="reduce")
     assert page.evaluate("document.getAnimations().length") == 0
-    monitor.publish(CASES["finished"])
-    shows(page, 2)
-    page.wait_for_function(
-        f"() => document.querySelector('#ranking text.first').textContent === {CASES['finished'].decision.label!r}"
-    )
+    watched.show(FINISHED)
+    best = "document.querySelector('#ranking text.first').textContent"
+    page.wait_for_function(f"() => {best} === {LABEL!r}")
+    page.emulate_media(reduced_motion="no-preference")
 
 
-def test_a_lost_connection_is_shown_and_made_again(monitor, opened, monkeypatch):
+def test_silence_a_lost_connection_and_the_end_of_the_session_are_shown_and_the_answer_stays(
+    watched, monkeypatch
+):
     def broken(*_):
         raise ConnectionResetError
 
-    page = opened(CASES["listening"])
-    path = urlsplit(monitor.url).path
+    page = watched.show(LISTENING)
+    page.wait_for_selector("body[data-link=quiet]")
+    assert "nothing new for" in page.inner_text("#quiet")
     monkeypatch.setattr("granular_id.live.monitor._event", broken)
     page.wait_for_selector("#trouble:not([hidden])")
     assert "lost" in page.inner_text("#trouble")
     monkeypatch.undo()
-    assert page.inner_text("#title") == CASES["listening"].decision.label
+    assert page.inner_text("#title") == LISTENING.decision.label
     page.wait_for_selector("#trouble", state="hidden", timeout=15_000)
-    monitor.publish(CASES["finished"])
-    shows(page, 2)
-    assert path in page.url
-
-
-def test_the_end_of_the_session_is_shown_and_the_answer_stays(opened, monitor):
-    page = opened(CASES["finished"])
-    monitor.close()
+    watched.show(FINISHED)
+    page.said.clear()
+    watched.monitor.close()
     page.wait_for_selector("body[data-link=ended]")
+    assert page.said == [], "the line does not break, it ends"
     assert "ended" in page.inner_text("#trouble")
-    assert page.inner_text("#title") == CASES["finished"].decision.label
-    assert page.said == []
-
-
-def test_a_silent_session_is_shown(opened):
-    page = opened(CASES["idle"])
-    page.wait_for_selector("body[data-link=quiet]")
-    assert "nothing new for" in page.inner_text("#quiet")
+    assert page.inner_text("#title") == LABEL
