@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+from contextlib import contextmanager
 from dataclasses import asdict
 
 import numpy as np
@@ -10,15 +10,16 @@ import numpy as np
 from granular_id._core import WrenchBuffer
 from granular_id.live.rdt import RdtSource
 from granular_id.testing import FakeNetft, Faults
+from sink_cases import eventually
 
 RATE_HZ, TICK_HZ = 2000.0, 8000.0
+STOP, START, BUFFERED, BIAS, LATCH = (
+    b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 3, 0x42, 0x41)
+)
 COMPARED = (
     "lost", "duplicates", "reordered", "stale", "malformed", "implausible", "out_of_range", "bad_status",
     "saturated", "warnings", "restarts", "rows",
 )  # fmt: skip
-
-
-TWICE = "the machine is so busy that the stream had to be asked for twice"
 
 
 def signal(n=700, seed=0):
@@ -35,39 +36,34 @@ def buffer_of(source, seconds=10.0, **options):
     return WrenchBuffer(seconds, rate_hz=source.info.rate_hz, tick_hz=source.info.tick_hz, **options)
 
 
-def until(condition, timeout_s=20.0):
-    """Wait for something that must happen, however busy the machine is."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.005)
+def n_rows(source):
+    return source.health().counters["rows"]
 
 
-def run(faults=None, **options):
+@contextmanager
+def streaming(box, *, seconds=10.0, reorder_depth=0, source=None, **options):
+    """A source that writes into a buffer, stopped at the end."""
+    source = source_of(box, **options) if source is None else source
+    buffer = buffer_of(source, seconds, reorder_depth=reorder_depth)
+    source.start(buffer)
+    try:
+        yield source, buffer
+    finally:
+        source.stop()
+
+
+def run(faults=None, *, n_records=700, options=None, reorder_depth=64, **box_options):
     """Receive a whole stream. Returns source, buffer, its reader and the box."""
-    expected = 1 + (faults.deaf if faults else 0)
-    for _ in range(5):
-        source, buffer, reader, box = run_once(faults, **options)
-        # on a busy machine the first record may take longer than the client's patience
-        if source.health().counters["requests"] == expected:
-            return source, buffer, reader, box
-    raise AssertionError(TWICE)
-
-
-def run_once(faults, *, n_records=700, reorder_depth=64, options=None, **box_options):
-    """Receive a stream that may have been asked for twice."""
     settings = {"rate_hz": RATE_HZ, "tick_hz": TICK_HZ, "seed": 3, **box_options}
-    with FakeNetft(signal(), faults=faults, n_records=n_records, **settings) as box:
-        source = source_of(box, **(options or {}))
-        buffer = buffer_of(source, reorder_depth=reorder_depth)
-        reader = buffer.reader(from_oldest=True)
-        source.start(buffer)
-        try:
-            assert box.wait(60)
-        finally:
-            source.stop()
-        until(lambda: box.requests[-1][2:4] == b"\0\0")
-    return source, buffer, reader, box
+    for _ in range(5):
+        with FakeNetft(signal(), faults=faults, n_records=n_records, **settings) as box:
+            with streaming(box, reorder_depth=reorder_depth, **(options or {})) as (source, buffer):
+                assert box.wait(60)
+            eventually(lambda: box.requests[-1] == STOP)
+        # on a busy machine the first record may take longer than the client's patience
+        if source.health().counters["requests"] == 1 + (faults.deaf if faults else 0):
+            return source, buffer, buffer.reader(from_oldest=True), box
+    raise AssertionError("the machine is so busy that the stream had to be asked for twice")
 
 
 def counted(source):
@@ -81,7 +77,7 @@ def injected(box):
 
 
 def every_fault(share):
-    return Faults(
-        loss=share, duplicate=share, reorder=share, stale=share, garbage=share, forged=share, absurd=share,
-        bad_status=share, saturation=share, warning=share,
+    names = (
+        "loss", "duplicate", "reorder", "stale", "garbage", "forged", "absurd", "bad_status", "saturation", "warning",
     )  # fmt: skip
+    return Faults(**dict.fromkeys(names, share))

@@ -9,9 +9,8 @@ import sys
 import pytest
 
 from granular_id.testing import FakeNetft
-from rdt_cases import until
-
-START, STOP = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (2, 0))
+from rdt_cases import START, STOP
+from sink_cases import eventually
 
 BEGIN = """
 import os, signal, sys, time
@@ -66,24 +65,29 @@ def program(box, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "code"),
-    [("raise ValueError('mine')", 1), ("import gc; source = None; gc.collect(); time.sleep(0.2)", 0)],
+    ("text", "interrupt", "code", "said"),
+    [
+        ("raise ValueError('mine')", False, 1, "ValueError: mine"),
+        ("import gc; source = None; gc.collect(); time.sleep(0.2)", False, 0, ""),
+        (
+            "print('ready', flush=True)\nwhile True:\n    time.sleep(0.05)",
+            True,
+            -signal.SIGINT,
+            "KeyboardInterrupt",
+        ),
+    ],
+    ids=["an exception", "forgotten", "Ctrl-C"],
 )
-def test_a_program_that_ends_stops_the_stream(box, text, code):
+def test_a_program_that_ends_stops_the_stream(box, text, interrupt, code, said):
     process = program(box, text)
+    if interrupt:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == code, errors
-    until(lambda: box.requests[-1] == STOP)
+    assert said in errors
+    eventually(lambda: box.requests[-1] == STOP)
     assert box.requests[0] == START
-
-
-def test_ctrl_c_stops_the_stream(box):
-    process = program(box, "print('ready', flush=True)\nwhile True:\n    time.sleep(0.05)")
-    assert process.stdout.readline() == "ready\n"
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert "KeyboardInterrupt" in errors
-    until(lambda: box.requests[-1] == STOP)
 
 
 def test_a_forked_child_leaves_the_stream_alone(box):
@@ -93,4 +97,4 @@ def test_a_forked_child_leaves_the_stream_alone(box):
     assert set(box.requests) == {START}
     _, errors = process.communicate("\n", timeout=60)
     assert process.returncode == 0, errors
-    until(lambda: box.requests[-1] == STOP)
+    eventually(lambda: box.requests[-1] == STOP)

@@ -7,7 +7,8 @@ import pytest
 
 from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS
 from granular_id.testing import FakeNetft, Faults
-from rdt_cases import RATE_HZ, TICK_HZ, run, signal, until
+from rdt_cases import RATE_HZ, STOP, TICK_HZ, run, signal
+from sink_cases import eventually
 
 pynetft = pytest.importorskip("pynetft")
 
@@ -30,36 +31,26 @@ def theirs(faults=None, **options):
         with pynetft.Client(config, queue_size=4 * N_RECORDS, callback=samples.append) as client:
             assert box.wait(30)
             sent = len(box.send_stamps)
-            until(lambda: (h := client.health()).received_count + h.malformed_count >= sent)
-            until(lambda: len(samples) >= client.health().delivered_count)
-        health = (
-            client.health()
-        )  # a record is received before it is delivered: counts agree when its thread has ended
-        until(lambda: box.requests[-1][2:4] == b"\0\0")
+            eventually(lambda: (h := client.health()).received_count + h.malformed_count >= sent)
+            eventually(lambda: len(samples) >= client.health().delivered_count)
+        # a record is received before it is delivered: counts agree when its thread has ended
+        health = client.health()
+        eventually(lambda: box.requests[-1] == STOP)
     return samples, health, box
 
 
-def test_requests_are_the_same_bytes():
-    _, _, box = theirs()
-    _, _, _, ours = run(n_records=N_RECORDS)
+@pytest.mark.parametrize(("force", "torque"), [("N", "Nm"), ("lbf", "lbf-in")])
+def test_requests_are_the_same_bytes_and_values_theirs_times_the_unit(force, torque):
+    units = {"force_unit": force, "torque_unit": torque}
+    samples, _, box = theirs(**units)
+    _, _, reader, ours = run(n_records=N_RECORDS, **units)
     assert ours.requests == [box.requests[0], box.requests[-1]] == box.requests
-
-
-def test_values_are_the_same_bits():
-    samples, _, _ = theirs()
-    _, _, reader, _ = run(n_records=N_RECORDS)
     block = reader.read()
-    np.testing.assert_array_equal([sample.wrench for sample in samples], block.wrench)
     np.testing.assert_array_equal([sample.ft_sequence for sample in samples], block.ticks)
-
-
-def test_values_in_other_units_are_theirs_times_the_unit():
-    units = {"force_unit": "lbf", "torque_unit": "lbf-in"}
-    samples, _, _ = theirs(**units)
-    _, _, reader, _ = run(n_records=N_RECORDS, **units)
-    factors = np.repeat([float(FORCE_UNITS["lbf"]), float(TORQUE_UNITS["lbf-in"])], 3)
+    factors = np.repeat([float(FORCE_UNITS[force]), float(TORQUE_UNITS[torque])], 3)
     expected = np.array([sample.wrench for sample in samples]) * factors
-    np.testing.assert_allclose(reader.read().wrench, expected, rtol=4e-16, atol=0)
+    # to the last bit, where there is nothing to convert
+    np.testing.assert_allclose(block.wrench, expected, rtol=0 if force == "N" else 4e-16, atol=0)
 
 
 @pytest.mark.parametrize(
